@@ -84,14 +84,13 @@ QUICK = {
 
 def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -> dict[str, Any]:
     """Design a skin and return its summary."""
-    made = KINDS[kind]
-    config: Any = (made.coarse(made.config) if coarse else made.config).updated(**changes)
-    if hasattr(config, "curve_pressure"):
-        config = config.updated(curve_pressure=None)
-    action = made.design or made.simulate
-    assert action is not None
+    scene: Any = KINDS[kind]()
+    scene = (scene.coarse() if coarse else scene).updated(**changes)
+    if "curve_pressure" in scene.described():
+        scene = scene.updated(curve_pressure=None)
+    run = scene.run_design if hasattr(scene, "run_design") else scene.run_simulation
     with tempfile.TemporaryDirectory() as folder:
-        return action.run(MPI.COMM_SELF, Path(folder), config)
+        return dict(run(MPI.COMM_SELF, Path(folder)))
 
 
 def value_of(summary: Mapping[str, Any], key: str) -> Any:

@@ -12,20 +12,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_from_command_line
-from toros_fem.products.actuators.run import summary_sentence
-from toros_fem.products.tubes.bend_twist import BendTwistScene, run
-from toros_fem.products.tubes.tube import coarse_tube
+from toros_fem.cli.command_line.scripts import run_scene_script
+from toros_fem.products.tubes.bend_twist import BendTwistScene
 
 if __name__ == "__main__":
-    sys.exit(
-        run_from_command_line(
-            MPI.COMM_WORLD,
-            __doc__,
-            BendTwistScene(),
-            run,
-            Path("output/bend_twist"),
-            coarse=coarse_tube,
-            sentence=summary_sentence,
-        )
-    )
+    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, BendTwistScene(), Path("output/bend_twist")))

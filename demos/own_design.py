@@ -14,6 +14,7 @@ this script and change what differs in your case: every step is one call. Withou
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -56,8 +57,8 @@ def run(
     comm: MPI.Comm,
     output: Path | str,
     config: OwnDesignConfig | None = None,
+    files: Mapping[str, Path] | None = None,
     *,
-    file: Path | None = None,
     verbose: bool = False,
 ) -> dict[str, Any]:
     """Design the skin in a mesh file and write the results; return the summary.
@@ -66,12 +67,12 @@ def run(
         comm: Communicator.
         output: Folder for the results.
         config: Numbers of this script.
-        file: Closed triangle surface whose long axis is z; None takes the finger.
+        files: A closed triangle surface whose long axis is z, as "file"; the finger without it.
         verbose: Whether to print every Newton step.
     """
     c = config or OwnDesignConfig()
     reporter, journal = tf.DesignReporter(comm, output), journal_of(output)
-    surface = tf.meshes.read_surface(comm, file or FINGER, scale=c.scale)
+    surface = tf.meshes.read_surface(comm, (files or {}).get("file", FINGER), scale=c.scale)
     pattern = tf.meshes.unwrap(comm, surface).pattern
     axis = body_axis(pattern, "z", "x", 0.0, None)
     height = axis.local(pattern.points)[:, 2]
@@ -80,8 +81,7 @@ def run(
         for name in pattern.panel_names
         if np.ptp(height[pattern.vertices_of(name)]) < 1e-3 * axis.length
     ]
-    design = tf.ShapeDesign(
-        comm,
+    case = tf.Case(
         pattern,
         # A skin under pressure does not shorten, so the inner side of the bend keeps its length.
         target=axis.deformer(np.radians(c.angle), None, None, neutral=axis.half_width),
@@ -89,9 +89,9 @@ def run(
         pressure=c.pressure,
         pressure_bounds=(1e3, c.pressure_max),
         printed_panels=flat,
-        filter_radius=c.filter_radius,
-        log=(lambda step: print(step, flush=True)) if verbose and comm.rank == 0 else None,
     )
+    log = (lambda step: print(step, flush=True)) if verbose and comm.rank == 0 else None
+    design = tf.ShapeDesign(comm, case, tf.Regularisation(c.filter_radius), log=log)
     stages = (tf.Stage(c.iterations), tf.Stage(c.constrained_iterations, constrained=True))
     finer = tf.DesignOptions((tf.Stage(c.level_iterations, constrained=True),), pressure_move=0.02)
     options = [tf.DesignOptions(stages), *[finer] * (c.levels - 1)]

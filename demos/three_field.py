@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,13 +28,14 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend
-from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
-from toros_fem.products.tubes.tube import TubeScene, bend_metric, coarse_tube, tube_case
+from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.writer import write_comparison, write_pictures
 
 # β of almost 0 makes the projection the identity.
@@ -57,13 +59,11 @@ class ThreeFieldScene(TubeScene):
     design: Designing = Designing(levels=1, polish_iterations=0, perimeter_weight=1e-4)
     results: Results = Results(curve_pressure=None)
 
-
-def case(comm: MPI.Comm, config: ThreeFieldScene) -> ActuatorCase:
-    """Return the tube and its target."""
-    target = bend(
-        np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral
-    )
-    return tube_case(comm, config, target, [bend_metric(config.target.angle)])
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the tube and its target."""
+        asked = self.target
+        deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
+        return self.tip_case(comm, level, deform, [bend_metric(asked.angle)])
 
 
 def variants(config: ThreeFieldScene) -> dict[str, ThreeFieldScene]:
@@ -94,6 +94,7 @@ def run(
     comm: MPI.Comm,
     output: Path | str,
     config: ThreeFieldScene | None = None,
+    files: Mapping[str, Path] | None = None,
     *,
     verbose: bool = False,
 ) -> dict[str, Any]:
@@ -103,6 +104,7 @@ def run(
         comm: Communicator.
         output: Folder for table and picture strip, and a folder for each variant.
         config: Numbers of this comparison; None takes the defaults.
+        files: It takes none.
         verbose: Whether to print every Newton step.
     """
     output, config = Path(output), config or ThreeFieldScene()
@@ -115,7 +117,7 @@ def run(
         with warnings.catch_warnings():
             # The radius of the first variant is too small on purpose.
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
-            made = design_actuator(comm, folder, case, variant, verbose=verbose)
+            made = design_actuator(comm, folder, variant, verbose=verbose)
         rows.append(row(name, made.summary))
         pattern = made.printed.pattern
         wall = made.printed.contours[pattern.panel_index("wall")]
@@ -206,7 +208,6 @@ if __name__ == "__main__":
             ThreeFieldScene(),
             run,
             Path("output/three_field"),
-            coarse=coarse_tube,
             sentence=lambda summary: f"{len(summary['rows'])} variants designed",
         )
     )

@@ -20,18 +20,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_from_command_line
-from toros_fem.products.tile_design.tile import TileScene, coarse, run, sentence
+from toros_fem.cli.command_line.scripts import run_scene_script
+from toros_fem.products.tile_design.tile import TileScene
 
 if __name__ == "__main__":
-    sys.exit(
-        run_from_command_line(
-            MPI.COMM_WORLD,
-            __doc__,
-            TileScene(),
-            run,
-            Path("output/tile"),
-            coarse=coarse,
-            sentence=sentence,
-        )
-    )
+    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, TileScene(), Path("output/tile")))

@@ -17,19 +17,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_from_command_line
-from toros_fem.products.tiles.pulled_sheet import TileSheetScene, coarse, run, sentence
+from toros_fem.cli.command_line.scripts import run_scene_script
+from toros_fem.products.tiles.pulled_sheet import TileSheetScene
 
 if __name__ == "__main__":
-    sys.exit(
-        run_from_command_line(
-            MPI.COMM_WORLD,
-            __doc__,
-            TileSheetScene(),
-            run,
-            Path("output/tile_sheet"),
-            coarse=coarse,
-            sentence=sentence,
-            files={"tile": "output folder of demos/tile.py; none: a simple tile"},
-        )
-    )
+    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, TileSheetScene(), Path("output/tile_sheet")))

@@ -24,9 +24,11 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.robust import WidthTolerance
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -47,7 +49,7 @@ from toros_fem.measures.metrics import (
     swelling,
     twist_angle,
 )
-from toros_fem.measures.shape import ShapeObjective, SumObjective
+from toros_fem.measures.shape import ShapeObjective, ShapePart, SumObjective
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.mechanics.contact.settings import Contact, Ground
@@ -97,6 +99,7 @@ __all__ = [
     "Bending",
     "Bladder",
     "Body",
+    "Case",
     "Chambers",
     "Composite",
     "Condition",
@@ -132,11 +135,13 @@ __all__ = [
     "PrintLimits",
     "PrintedDesign",
     "Projection",
+    "Regularisation",
     "RelaxedOptions",
     "RelaxedResult",
     "RigidBody",
     "ShapeDesign",
     "ShapeObjective",
+    "ShapePart",
     "ShapeProblem",
     "Stage",
     "SumObjective",

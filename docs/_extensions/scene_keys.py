@@ -9,23 +9,24 @@ from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
+from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
-from toros_fem.products.kinds import KINDS, Kind
+from toros_fem.products.kinds import KINDS
 
 
-def page_of(kind: Kind) -> list[str]:
+def page_of(kind: type[Scene]) -> list[str]:
     """Return heading and tables of a kind in Markdown."""
-    lines = [f"## {kind.name}", "", f"{kind.about[0].upper()}{kind.about[1:]}.", ""]
-    for section, of in kind.config.tables().items():
+    lines = [f"## {kind.KIND}", "", f"{kind.ABOUT[0].upper()}{kind.ABOUT[1:]}.", ""]
+    for section, of in kind.tables().items():
         lines += [f"**[{section}]** {of.holds()}", "", "| key | meaning | default |"]
         lines.append("|---|---|---|")
-        for role in roles_of(kind.config) if section == TABLE else ():
+        for role in roles_of(kind) if section == TABLE else ():
             lines.append(f"| `{role}` | name of a {KIND_OF[role]}, for its numbers | none |")
         for key, one in of.described().items():
-            default = one.written(kind.config.value(key)).strip('"').replace(" ", "&nbsp;")
+            default = one.written(kind().value(key)).strip('"').replace(" ", "&nbsp;")
             lines.append(f"| `{key}` | {one.help.replace('|', '&#124;')} | {default} |")
         lines.append("")
-    for name, of in kind.config.entries().items():
+    for name, of in kind.entries().items():
         lines += [f"**[{name}]** {of.holds()}; may stand several times", "", "| key | meaning |"]
         lines += [
             "|---|---|",

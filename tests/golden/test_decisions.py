@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.designs import problem_of
 from helpers.scenes import shared
 from mpi4py import MPI
 
@@ -20,7 +21,6 @@ from benchmarks.stability.drawn import draw
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import plane_centroids, walker
 from toros_fem.meshes.mirror import mirrored
-from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.gripper import gripper
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.walker import walker as walking
@@ -74,8 +74,9 @@ def choices(folder: Path) -> dict[str, Any]:
 
 
 def check_design(comm: MPI.Comm, name: str, folder: Path, pinned: Callable[..., None]) -> None:
-    kind, values = KINDS[DESIGNS[name][0]], DESIGNS[name][1]
-    kind.design.run(comm, folder, kind.config.updated(**values))
+    kind, values = DESIGNS[name]
+    scene: Any = KINDS[kind].of(**values)
+    scene.run_design(comm, folder)
     comm.barrier()
     pinned(f"decisions/{name}", choices(folder))
 
@@ -150,9 +151,9 @@ def test_lift(pinned: Callable[..., None]) -> None:
         edge_length=3e-3, filter_radius=4.6e-3, stem_length=0.045, slip_limit=5e-4,
         lift_distance=5e-4, mass=0.02,
     )  # fmt: skip
-    case = gripper.case(MPI.COMM_SELF, config)
-    problem = actuator_problem(MPI.COMM_SELF, case, config)
-    density = (case.pattern.panel == case.pattern.panel_index("top")).astype(np.float64)
+    problem = problem_of(MPI.COMM_SELF, config)
+    pattern = problem.skin.pattern
+    density = (pattern.panel == pattern.panel_index("top")).astype(np.float64)
     grip = gripper._grip(MPI.COMM_SELF, problem, config)
     made = gripper._lifted(grip, density, [15e3], config)
     figures = {

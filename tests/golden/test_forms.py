@@ -30,13 +30,11 @@ def scene(name: str, families: int | None = None, **changes: Any) -> Maker:
     """Return what makes the solver of a kind of scene, or that of its relaxed design."""
 
     def make(comm: MPI.Comm) -> EquilibriumSolver:
-        kind = KINDS[name]
-        assert kind.cases is not None
-        maker, config = kind.cases(comm, kind.config.updated(edge_length=EDGE, **changes))
-        case = maker(comm, config)
+        of: Any = KINDS[name].of(edge_length=EDGE, **changes)
+        case = of.case(comm, of.finest_level)
         return EquilibriumSolver(
             sew(comm, case.pattern),
-            config.material.composite,
+            case.composite,
             case.supports,
             chambers=case.chambers,
             contact=case.contact,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.designs import problem_of as scene_problem
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
@@ -24,7 +25,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, Equilibriu
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import sew
 from toros_fem.meshes.skin import Skin
-from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
 from toros_fem.products.tile_design import tile
@@ -42,30 +43,24 @@ TUBE: dict[str, Any] = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 STAR: dict[str, Any] = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
 FINGER: dict[str, Any] = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
 HELD = own_mesh.Held(where="z < 4 mm")
-# Configuration of each scene, and what makes its case.
-ACTUATORS: dict[str, tuple[Callable[..., Any], Any]] = {
-    "bend": (bend.case, bend.BendScene.of(**TUBE)),
-    "bend whole": (bend.case, bend.BendScene.of(**TUBE, whole=True, design_pressure=True)),
-    "bend robust": (bend.case, bend.BendScene.of(**TUBE, width_tolerance=4e-4)),
-    "bend wrinkling": (
-        bend.case,
-        bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
+ACTUATORS: dict[str, ActuatorScene] = {
+    "bend": bend.BendScene.of(**TUBE),
+    "bend whole": bend.BendScene.of(**TUBE, whole=True, design_pressure=True),
+    "bend robust": bend.BendScene.of(**TUBE, width_tolerance=4e-4),
+    "bend wrinkling": bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
+    "bend knit bladder": bend.BendScene.of(
+        **TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"
     ),
-    "bend knit bladder": (
-        bend.case,
-        bend.BendScene.of(**TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"),
+    "contract": contract.ContractScene.of(**TUBE),
+    "twist": twist.TwistScene.of(**TUBE),
+    "twist length": twist.TwistScene.of(**TUBE, keep_length=True),
+    "bend-twist": bend_twist.BendTwistScene.of(**TUBE),
+    "walker": walking.WalkerScene.of(**STAR),
+    "walker stride": walking.WalkerScene.of(
+        **STAR, motion="crawl", aim="stride", design_pressure=True
     ),
-    "contract": (contract.case, contract.ContractScene.of(**TUBE)),
-    "twist": (twist.case, twist.TwistScene.of(**TUBE)),
-    "twist length": (twist.case, twist.TwistScene.of(**TUBE, keep_length=True)),
-    "bend-twist": (bend_twist.case, bend_twist.BendTwistScene.of(**TUBE)),
-    "walker": (walking.case, walking.WalkerScene.of(**STAR)),
-    "walker stride": (
-        walking.case,
-        walking.WalkerScene.of(**STAR, motion="crawl", aim="stride", design_pressure=True),
-    ),
-    "gripper": (gripper.case, gripper.GripperScene.of(**FINGER)),
-    "gripper box": (gripper.case, gripper.GripperScene.of(**FINGER, shape="box")),
+    "gripper": gripper.GripperScene.of(**FINGER),
+    "gripper box": gripper.GripperScene.of(**FINGER, shape="box"),
 }
 RELAXED: dict[str, FixedDirections | FreeDirections] = {
     "contract": FixedDirections(),
@@ -82,8 +77,7 @@ def waves(skin: Skin) -> np.ndarray:
 
 
 def problem_of(comm: MPI.Comm, name: str) -> ShapeProblem:
-    case, config = ACTUATORS[name]
-    return actuator_problem(comm, case(comm, config), config)
+    return scene_problem(comm, ACTUATORS[name])
 
 
 def state_figures(skin: Skin, found: EquilibriumResult) -> dict[str, Any]:
@@ -166,9 +160,9 @@ def test_relaxed(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None
 
 
 def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
-    config = own_mesh.OwnMeshScene.of(scale=1e-3, held=(HELD,), bend=60.0, cross_sections=6)
-    case, config = own_mesh.cases(comm, config, mesh=ROOT / "demos" / "surfaces" / "finger.stl")
-    problem = actuator_problem(comm, case(comm, config), config)
+    scene = own_mesh.OwnMeshScene.of(scale=1e-3, held=(HELD,), bend=60.0, cross_sections=6)
+    mesh = ROOT / "demos" / "surfaces" / "finger.stl"
+    problem = scene_problem(comm, scene.with_files(comm, {"mesh": mesh}))
     density = waves(problem.skin)
     at = problem.differentiate(problem.simulate(density))
     pinned("evaluation/own_mesh", figures_of(problem, at))

@@ -4,20 +4,38 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.design.density.cone import ConeFilter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.regularisation import Regularisation
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import Skin, bend
+from toros_fem.meshes import Pattern, Skin, bend
+from toros_fem.products.actuators.scene import ActuatorScene
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the
 # refined mesh: tests/products/actuators looks at them.
 DESIGN_ALONE: dict[str, Any] = {"curve_pressure": None, "estimate_error": False}
+
+
+def problem_of(comm: MPI.Comm, scene: ActuatorScene) -> ShapeDesign:
+    """The problem of a scene on its finest mesh."""
+    level = scene.finest_level
+    return scene.problem(comm, scene.case(comm, level), level)
+
+
+def shape_design(comm: MPI.Comm, pattern: Pattern, **given: Any) -> ShapeDesign:
+    """A design from the fields of its case and those of its regularisation."""
+    names = {field.name for field in dataclasses.fields(Regularisation)}
+    chain = Regularisation(**{name: given.pop(name) for name in names & set(given)})
+    return ShapeDesign(comm, Case(pattern, **given), chain)
 
 
 def make_problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:

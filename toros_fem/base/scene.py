@@ -5,6 +5,7 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 from toros_fem.base.errors import ParameterError
@@ -16,6 +17,8 @@ ORDER = (
     "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "contact",
     "pull", "objective", "design", "lines", "print", "results",
 )  # fmt: skip
+# Marks a field of a scene that is no table of its file.
+NO_TABLE: Mapping[str, bool] = MappingProxyType({"outside": True})
 
 
 @dataclass(frozen=True)
@@ -25,19 +28,43 @@ class Scene:
     A key stands in one table only, so that its name is enough where values are given.
 
     Attributes:
+        KIND: Name of its kind in scene files.
+        ABOUT: What it is, in one line.
         FEW: Keys that a new user changes.
+        DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
+            name, with their help.
+        EXAMPLE_FILES: Files that a new scene file names.
 
     Raises:
         ParameterError: A field is no table of its type.
     """
 
+    KIND: ClassVar[str] = ""
+    ABOUT: ClassVar[str] = ""
     FEW: ClassVar[tuple[str, ...]] = ()
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {}
+    EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {}
 
     def __post_init__(self) -> None:
         for name, of in self.tables().items():
             object.__setattr__(self, name, _table(name, getattr(self, name), of))
         for name, of in self.entries().items():
             object.__setattr__(self, name, _entries(name, getattr(self, name), of))
+
+    @classmethod
+    def example(cls) -> Self:
+        """Return what a new scene file holds: the defaults, if a kind says nothing else."""
+        return cls()
+
+    @classmethod
+    def files(cls) -> dict[str, str]:
+        """Return the files that a design or a simulation can take, with their help."""
+        return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
+
+    def coarse(self) -> Self:
+        """Return the quick variant: a coarse mesh and few steps."""
+        raise NotImplementedError(f"{type(self).__name__} has no quick variant.")
 
     @classmethod
     def of(cls, **values: Any) -> Self:
@@ -122,7 +149,8 @@ def _layout(scene: type[Scene]) -> _Layout:
     """
     if scene not in _LAYOUTS:
         hints = typing.get_type_hints(scene)
-        names = sorted((one.name for one in fields(scene)), key=ORDER.index)
+        tables = [one.name for one in fields(scene) if not one.metadata.get("outside")]
+        names = sorted(tables, key=ORDER.index)
         parts = {name: typing.get_args(hints[name]) for name in names}
         once = {name: hints[name] for name in names if not parts[name]}
         several = {name: parts[name][0] for name in names if parts[name]}

@@ -15,7 +15,7 @@ from toros_fem.measures.metrics import (
     twist_angle,
 )
 from toros_fem.measures.mirrored import MirroredObjective
-from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
+from toros_fem.measures.shape import Nodes, Objective, Part, ShapeObjective, ShapePart, SumObjective
 
 __all__ = [
     "AlignedObjective",
@@ -28,7 +28,9 @@ __all__ = [
     "MirroredObjective",
     "Nodes",
     "Objective",
+    "Part",
     "ShapeObjective",
+    "ShapePart",
     "SumObjective",
     "bend_angle",
     "distance",

@@ -69,6 +69,10 @@ class CrossSections:
     position_weights: Floats
     orientation_weights: Floats
 
+    def __call__(self, nodes: Nodes, target: Floats) -> CrossSectionObjective:
+        """Return the objective, as a part of a case asks for it (collective)."""
+        return CrossSectionObjective(nodes, target, self)
+
     def __post_init__(self) -> None:
         labels = whole_numbers("labels", self.labels, "one for each vertex, −1 for none")
         object.__setattr__(self, "labels", labels)

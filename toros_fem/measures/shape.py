@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from mpi4py import MPI
@@ -12,6 +14,7 @@ from toros_fem.base.errors import ParameterError, TargetError
 from toros_fem.base.mpi import dot, sum_over_ranks
 from toros_fem.base.validation import real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 
 # Largest size of a target, and distance from the skin, over the skin's size.
 FAR = 10.0
@@ -139,6 +142,31 @@ class ShapeObjective:
         assert self._relative is not None
         mean = sum_over_ranks(self._comm, (self._relative * gap).sum(axis=0)) / self._relative_sum
         return np.asarray(self._relative * (gap - mean))
+
+
+# Makes a part of the objective from vertices of a skin and their target positions, (n, 3), in m.
+Part: TypeAlias = Callable[[Nodes, Floats], Objective]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapePart:
+    """The distance of the whole shape from its target, by `ShapeObjective`.
+
+    Attributes:
+        weights, relative: Factors on each vertex, as of `ShapeObjective`.
+    """
+
+    weights: Floats | None = None
+    relative: Floats | None = None
+
+    def __call__(self, nodes: Nodes, target: Floats) -> Objective:
+        """Return the objective (collective)."""
+        return ShapeObjective(nodes, target, self.weights, self.relative)
+
+    def refined(self, finer: Refinement) -> ShapePart:
+        """Return the same part on a refined pattern."""
+        given = (self.weights, self.relative)
+        return ShapePart(*(None if w is None else finer.at_vertices(np.asarray(w)) for w in given))
 
 
 def require_nodes(skin: Any) -> None:

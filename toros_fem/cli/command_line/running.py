@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from mpi4py import MPI
 
@@ -17,30 +18,63 @@ from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scripts import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
-from toros_fem.products.kinds import KINDS, Action
+from toros_fem.products.kinds import KINDS
 from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
 
 log = logging.getLogger(__name__)
 
 
+class Run(Protocol):
+    """Designs or simulates a scene: a method of it, `run_design` or `run_simulation`."""
+
+    def __call__(
+        self, comm: MPI.Comm, output: Path, files: Mapping[str, Path], *, verbose: bool
+    ) -> dict[str, Any]:
+        """Write into the folder and return the summary (collective)."""
+
+
+@dataclass(frozen=True)
+class Action:
+    """What is done with a scene.
+
+    Attributes:
+        run: Does it.
+        told: Returns the result in a sentence, from the summary.
+        files: Names of the files that it can take.
+    """
+
+    run: Run
+    told: Callable[[dict[str, Any]], str]
+    files: Collection[str]
+
+
+# Names of the methods of a scene that do and tell what a command asks for.
+_METHODS = {
+    "design": ("run_design", "told_design"),
+    "simulate": ("run_simulation", "told_simulation"),
+}
+
+
 def action_of(scene: SceneFile, name: str) -> Action:
-    """Return an action of a scene's kind.
+    """Return an action of a scene.
 
     Args:
         scene: The scene.
         name: "design" or "simulate".
 
     Raises:
-        UsageError: The kind has no such action.
+        UsageError: Its kind has no such action.
     """
-    action: Action | None = getattr(scene.kind, name)
-    if action is None:
-        known = ", ".join(other for other in KINDS if getattr(KINDS[other], name) is not None)
+    run, told = _METHODS[name]
+    if not hasattr(scene.kind, run):
+        known = ", ".join(kind for kind, of in KINDS.items() if hasattr(of, run))
         raise UsageError(
-            f"toros {name}: scenes of the kind {scene.kind.name!r} have no {name}; those of these "
+            f"toros {name}: scenes of the kind {scene.kind.KIND!r} have no {name}; those of these "
             f"kinds have one: {known}."
         )
-    return action
+    of = scene.kind
+    files = of.DESIGN_FILES if name == "design" else of.SIMULATION_FILES
+    return Action(getattr(scene.config, run), getattr(scene.config, told), tuple(files))
 
 
 def run_scene(
@@ -73,12 +107,11 @@ def run_scene(
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
     text = scene_text(scene.kind, scene.config, files, scene.materials)
     run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
-    given: dict[str, Path | None] = {key: files.get(key) for key in action.files}
     with run:
         if resume:
             log.info("the run in %s goes on", folder)
-        summary = action.run(comm, folder, scene.config, verbose=verbose, **given)
-    return Answer(f"{action.sentence(summary)}; see {folder}/", summary)
+        summary = action.run(comm, folder, files, verbose=verbose)
+    return Answer(f"{action.told(summary)}; see {folder}/", summary)
 
 
 def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> Answer:
@@ -110,7 +143,7 @@ def _inputs(scene: SceneFile, name: str, files: Mapping[str, Path]) -> dict[str,
     """Return all inputs, as JSON has them; files by their content, folders by their place."""
     found: dict[str, Any] = {
         "command": name,
-        "kind": scene.kind.name,
+        "kind": scene.kind.KIND,
         "config": scene.config.as_dict(),
         "files": {key: _content(path) for key, path in files.items()},
     }

@@ -83,32 +83,26 @@ def run_from_command_line(
     run: Callable[..., dict[str, Any]],
     output: Path,
     *,
-    coarse: Callable[[C], C] | None = None,
     sentence: Callable[[dict[str, Any]], str],
     files: Mapping[str, str] | None = None,
-    arguments: Mapping[str, str] | None = None,
 ) -> int:
     """Run a script with the values that the command line gives; return the exit code.
 
     Args:
         comm: Communicator.
         about: Help text.
-        config: The configuration with its defaults.
-        run: `run(comm, output, config, verbose=…)`, with a further argument for each name in
-            `files` and `arguments`; returns the summary.
+        config: The configuration with its defaults. That of a scene has `--coarse`, whose values
+            other options override.
+        run: `run(comm, output, config, files, verbose=…)` with the paths that were given; returns
+            the summary.
         output: Default folder.
-        coarse: Returns the quick variant of a configuration, for `--coarse`; None if there is
-            none. Other options override its values.
         sentence: Returns the result in a sentence, from the summary.
-        files: Further options that name a file or folder, with their help; by default None.
-        arguments: Files that are named without an option, in this order, with their help; those
-            that are not given are None.
+        files: Further options that name a file or folder, with their help.
     """
-    names = "".join(f" [{name}]" for name in arguments or {})
     parser = SuggestingParser(
-        first_rank=comm.rank == 0, usage=f"%(prog)s [options]{names}", description=about
+        first_rank=comm.rank == 0, usage="%(prog)s [options]", description=about
     )
-    if coarse is not None:
+    if isinstance(config, Scene):
         parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
     parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
@@ -119,8 +113,6 @@ def run_from_command_line(
     )
     for name, text in (files or {}).items():
         parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
-    for name, text in (arguments or {}).items():
-        parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
     add_options(parser, config)
     _add_material_options(parser, config)
     try:
@@ -130,26 +122,55 @@ def run_from_command_line(
     folder, verbose, quick, resume = (
         given.pop(name, False) for name in ("output", "verbose", "coarse", "resume")
     )
-    paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
+    paths = {name: given.pop(name) for name in files or {}}
     library = given.pop(FILE, None)
 
     def action() -> str:
-        start = coarse(config) if quick and coarse is not None else config
+        start = config.coarse() if quick and isinstance(config, Scene) else config
         chosen = start.updated(**_with_materials(comm, config, start, given, library))
         inputs = {
             "about": about.partition("\n")[0],
             "config": chosen.as_dict(),
             "files": {name: None if path is None else str(path) for name, path in paths.items()},
         }
-        named = {role: given[role] for role in KIND_OF if role in given}
-        if named:
-            inputs["materials"] = named
+        roles = {role: given[role] for role in KIND_OF if role in given}
+        if roles:
+            inputs["materials"] = roles
         again = "the same command and --resume"
         with open_run(comm, folder, inputs, resume=resume, again=again):
-            summary = run(comm, folder, chosen, verbose=verbose, **paths)
+            named = {name: path for name, path in paths.items() if path is not None}
+            summary = run(comm, folder, chosen, named, verbose=verbose)
         return f"{sentence(summary)}; see {folder}/"
 
     return run_guarded(comm, action)
+
+
+def run_scene_script(comm: MPI.Comm, about: str, scene: Scene, output: Path) -> int:
+    """Design the scene of a script, or simulate what cannot be designed; return the exit code.
+
+    Args:
+        comm: Communicator.
+        about: Help text.
+        scene: The scene with its defaults.
+        output: Default folder.
+    """
+    of: Any = scene
+    action = "design" if hasattr(of, "run_design") else "simulation"
+
+    def run(
+        comm: MPI.Comm, output: Path, scene: Any, files: Mapping[str, Path], *, verbose: bool
+    ) -> dict[str, Any]:
+        return dict(getattr(scene, f"run_{action}")(comm, output, files, verbose=verbose))
+
+    return run_from_command_line(
+        comm,
+        about,
+        scene,
+        run,
+        output,
+        sentence=getattr(of, f"told_{action}"),
+        files=scene.DESIGN_FILES if action == "design" else scene.SIMULATION_FILES,
+    )
 
 
 def _add_material_options(parser: argparse.ArgumentParser, config: Table | Scene) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import logging
 import time
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,6 @@ from mpi4py import MPI
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.scene_options import add_scene_options, meshes_allowed, scene_of
 from toros_fem.cli.commands.doctor import memory_gib
-from toros_fem.cli.scene_files.reading import SceneFile
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
 from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
@@ -24,11 +25,12 @@ from toros_fem.products.actuators.cost import (
     Probe,
     cost,
     probe,
-    probe_config,
+    probe_level,
     probe_problem,
     simple_cost,
     sized,
 )
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tile_design.case import tile_problem
 from toros_fem.products.tile_design.tile import TileScene, tile_case
 from toros_fem.products.tubes.inflate import InflateScene
@@ -54,19 +56,19 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     scene = scene_of(comm, given)
     figures: dict[str, Any] = {
         "file": scene.path,
-        "kind": scene.kind.name,
+        "kind": scene.kind.KIND,
         "coarse": given.coarse,
         "inputs": scene.config.as_dict(),
         "materials": {role: entry.name for role, entry in scene.materials.items()},
     }
-    lines = [f"{scene.path} is in order: {scene.kind.about}."]
+    lines = [f"{scene.path} is in order: {scene.kind.ABOUT}."]
     lines += [
         f"{role:15s}{entry.name}: {entry.title} ({entry.trust})"
         for role, entry in scene.materials.items()
     ]
     with meshes_allowed(given):
-        if scene.kind.cases is not None:
-            found, tried = _of_actuator(comm, scene, probing=not given.no_probe)
+        if isinstance(scene.config, ActuatorScene):
+            found, tried = _of_actuator(comm, scene.config, scene.files, probing=not given.no_probe)
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
         elif isinstance(scene.config, TileScene):
@@ -78,21 +80,19 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
         else:
-            lines.append(f"The cost of scenes of the kind {scene.kind.name!r} is not estimated.")
+            lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
     return Answer("\n".join(lines), figures)
 
 
-def _of_actuator(comm: MPI.Comm, scene: SceneFile, *, probing: bool) -> tuple[Cost, Probe | None]:
+def _of_actuator(
+    comm: MPI.Comm, scene: ActuatorScene, files: Mapping[str, Path], *, probing: bool
+) -> tuple[Cost, Probe | None]:
     """Return the cost of a design, and the probe that its time comes from (collective)."""
-    assert scene.kind.cases is not None
-    assert scene.kind.design is not None
-    files = {name: scene.files.get(name) for name in scene.kind.design.files}
-    maker, config = scene.kind.cases(comm, scene.config, **files)
-    coarse = probe_config(config)
-    made = sized(comm, maker, coarse, config)
+    scene = scene.with_files(comm, files)
+    made = sized(comm, scene, probe_level(scene))
     # What is too large for a quick look is too large for a probe.
-    tried = probe(comm, made.case, coarse) if probing and made.case is not None else None
-    return cost(config, made, comm.size), tried
+    tried = probe(comm, scene, made.case) if probing and made.case is not None else None
+    return cost(scene, made, comm.size), tried
 
 
 def _of_tile(comm: MPI.Comm, config: TileScene, *, probing: bool) -> tuple[Cost, Probe | None]:

@@ -27,16 +27,16 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     del comm
     name = given.key.rpartition(".")[2]
     kinds = [KINDS[given.kind]] if given.kind else list(KINDS.values())
-    tables = {kind.name: {**kind.config.tables(), **kind.config.entries()} for kind in kinds}
+    tables = {kind.KIND: {**kind.tables(), **kind.entries()} for kind in kinds}
     found: dict[tuple[str, str], dict[str, str]] = {}
     for kind in kinds:
-        for table, of in tables[kind.name].items():
+        for table, of in tables[kind.KIND].items():
             if name in of.described():
                 key = of.described()[name]
-                once = table in kind.config.tables()
-                value = kind.config.value(name) if once else key.default
+                once = table in kind.tables()
+                value = kind().value(name) if once else key.default
                 place = found.setdefault((table, key.help), {})
-                place[kind.name] = key.written(value).strip('"')
+                place[kind.KIND] = key.written(value).strip('"')
     if not found:
         every = {k for all_of in tables.values() for of in all_of.values() for k in of.described()}
         raise UsageError(f"toros explain: unknown key {name!r}; {nearest(name, sorted(every))}")

@@ -28,7 +28,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
         choices=tuple(KINDS),
         metavar="KIND",
         help="kind of the scene, one of: "
-        + "; ".join(f"{kind.name} ({kind.about})" for kind in KINDS.values()),
+        + "; ".join(f"{kind.KIND} ({kind.ABOUT})" for kind in KINDS.values()),
     )
     parser.add_argument(
         "file", type=Path, metavar="FILE", help="file to write, mine.toml for instance"
@@ -59,8 +59,8 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     names = {role: name for role in OPTIONS if (name := getattr(given, role)) is not None}
     if given.all and names:
         raise UsageError("toros new: --all writes the numbers of materials; give no names with it.")
-    if unknown := set(names) - set(roles_of(kind.config)):
-        raise UsageError(f"toros new: scenes of the kind {kind.name!r} have no {min(unknown)}.")
+    if unknown := set(names) - set(roles_of(kind)):
+        raise UsageError(f"toros new: scenes of the kind {kind.KIND!r} have no {min(unknown)}.")
     library = read_library(comm=comm) if names else {}
     for role, name in names.items():
         named(library, name, KIND_OF[role])
@@ -74,8 +74,8 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     if there and not given.force:
         raise UsageError(f"toros new: {there[0]} is there already; give another name, or --force.")
     write_together(comm, path.parent, lambda: _write(texts))
-    figures = {"file": path, "kind": kind.name}
-    return Answer(f"{path}: {kind.about}. Next: toros check {path}", figures)
+    figures = {"file": path, "kind": kind.KIND}
+    return Answer(f"{path}: {kind.ABOUT}. Next: toros check {path}", figures)
 
 
 def _write(texts: Mapping[Path, str]) -> None:

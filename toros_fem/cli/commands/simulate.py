@@ -38,7 +38,7 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     if given.pattern is not None:
         if "pattern" not in action.files:
             raise UsageError(
-                f"toros simulate: scenes of the kind {scene.kind.name!r} take no --pattern."
+                f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
             )
         scene = replace(scene, files={**scene.files, "pattern": given.pattern})
     with meshes_allowed(given):

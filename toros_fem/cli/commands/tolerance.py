@@ -33,9 +33,8 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     config = given_config(given, ToleranceConfig())
     output = given.output or given.run
     with triangle_limit(None):  # what was designed was allowed
-        kind, whole, files = scene_of_run(comm, given.run)
-        assert kind.cases is not None
-        found = tolerances_of_run(comm, given.run, kind.cases, whole, files, config)
+        scene, files = scene_of_run(comm, given.run)
+        found = tolerances_of_run(comm, given.run, scene, files, config)
     write_tolerances(comm, output, found)
     drawn, own = (
         ", ".join(f"{m.name} {shown(m, values[m.key])}" for m in found.metrics if m.key in values)

@@ -49,7 +49,7 @@ SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 OFFSET = "print_offset"
 
 
-def roles_of(config: Table | Scene) -> tuple[str, ...]:
+def roles_of(config: Table | Scene | type[Scene]) -> tuple[str, ...]:
     """Return the roles that materials have in a configuration; none where it has no materials."""
     return tuple(role for role, names in FIELDS.items() if next(iter(names)) in config.described())
 

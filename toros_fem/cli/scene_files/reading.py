@@ -18,7 +18,7 @@ from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import Place, line_of
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
 from toros_fem.materials.library import LibraryMaterial, read_library
-from toros_fem.products.kinds import KINDS, Kind
+from toros_fem.products.kinds import KINDS
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SceneFile:
     """
 
     path: Path
-    kind: Kind
+    kind: type[Scene]
     config: Scene
     files: Mapping[str, Path]
     lines: Mapping[str, int]
@@ -106,11 +106,11 @@ class _Reader(Document):
 
     def scene(self, coarse: bool, changes: Sequence[str]) -> SceneFile:
         kind = self.kind()
-        roles = roles_of(kind.config)
-        sections = {name: tuple(of.described()) for name, of in kind.config.tables().items()}
+        roles = roles_of(kind)
+        sections = {name: tuple(of.described()) for name, of in kind.tables().items()}
         if roles:
             sections[TABLE] = (*roles, *sections[TABLE])
-        tables = (*sections, *kind.config.entries(), "files", "coarse")
+        tables = (*sections, *kind.entries(), "files", "coarse")
         self.known(self.content, ("kind", *tables), (), sections)
         files = self.files(kind)
         self.materials = NamedMaterials(self.library(kind, roles, changes))
@@ -120,17 +120,17 @@ class _Reader(Document):
             for name, value in self.table(section).items():
                 self.known([name], names, (section,), sections)
                 places[name] = (section, name)
-                values[name] = self.value(kind.config, name, value, (section, name))
-        for name, of in kind.config.entries().items():
+                values[name] = self.value(kind(), name, value, (section, name))
+        for name, of in kind.entries().items():
             places[name] = (name,)
             values[name] = self.entries(name, of)
         self.check_names(values, places)
-        config = self.updated(kind, kind.config, values, places)
+        config = self.updated(kind, kind(), values, places)
         over: dict[str, Any] = {}
         every = [name for names in sections.values() for name in names]
         for name, value in self.table("coarse").items():
             self.known([name], every, ("coarse",), {})
-            over[name] = self.value(kind.config, name, value, ("coarse", name))
+            over[name] = self.value(kind(), name, value, ("coarse", name))
         places = {n: ("coarse", n) for n in over}
         self.check_names(over, places)
         if coarse:
@@ -141,7 +141,7 @@ class _Reader(Document):
         return replace(scene, materials=self.materials.entries)
 
     def library(
-        self, kind: Kind, roles: Sequence[str], changes: Sequence[str]
+        self, kind: type[Scene], roles: Sequence[str], changes: Sequence[str]
     ) -> Mapping[str, LibraryMaterial]:
         """Return the materials that names are looked up in (collective)."""
         if not roles:
@@ -190,7 +190,7 @@ class _Reader(Document):
                 self.fail((*at, caught.key or "") if caught.key in table else at, str(caught))
         return tuple(found)
 
-    def kind(self) -> Kind:
+    def kind(self) -> type[Scene]:
         if "kind" not in self.content:
             known = ", ".join(KINDS)
             raise SceneError(
@@ -244,7 +244,7 @@ class _Reader(Document):
 
     def updated(
         self,
-        kind: Kind,
+        kind: type[Scene],
         config: Scene,
         values: Mapping[str, Any],
         places: Mapping[str, Place],
@@ -252,16 +252,16 @@ class _Reader(Document):
     ) -> Scene:
         """Return a variant of a configuration with other values, which may not fit each other."""
         try:
-            return variant(config).updated(**self.materials.resolve(config, kind.config, values))
+            return variant(config).updated(**self.materials.resolve(config, kind(), values))
         except ParameterError as caught:
             if (place := places.get(caught.key or "")) is not None:
                 self.fail(place, str(caught))
             raise SceneError(f"{self.path}: {caught}", self.path, key=caught.key) from None
 
-    def files(self, kind: Kind) -> dict[str, Path]:
-        known = (*kind.files, FILE) if roles_of(kind.config) else tuple(kind.files)
+    def files(self, kind: type[Scene]) -> dict[str, Path]:
+        known = (*kind.files(), FILE) if roles_of(kind) else tuple(kind.files())
         self.known(self.table("files"), known, ("files",), {})
-        found = {name: self.file_path(name) for name in kind.files}
+        found = {name: self.file_path(name) for name in kind.files()}
         return {name: self.path.parent / path for name, path in found.items() if path is not None}
 
     def file_path(self, name: str) -> str | None:
@@ -287,8 +287,8 @@ class _Reader(Document):
             if section == "files":
                 if name == FILE and TABLE in sections:
                     continue  # `library` has read it
-                if name not in scene.kind.files:
-                    _refuse(change, nearest(name, tuple(scene.kind.files)), name)
+                if name not in scene.kind.files():
+                    _refuse(change, nearest(name, tuple(scene.kind.files())), name)
                 value = _path(change, text, key)
                 if value == NONE:
                     files.pop(name, None)
@@ -323,7 +323,7 @@ class _Reader(Document):
             except (ParameterError, LibraryError) as caught:
                 _refuse(change, str(caught), key)
         try:
-            resolved = self.materials.resolve(scene.config, scene.kind.config, values)
+            resolved = self.materials.resolve(scene.config, scene.kind(), values)
             config = scene.config.updated(**resolved)
         except ParameterError as caught:
             raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None

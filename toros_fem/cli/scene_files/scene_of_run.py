@@ -10,13 +10,13 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.kinds import KINDS, Kind
+from toros_fem.products.kinds import KINDS
 from toros_fem.products.tolerance.of_run import finished_summary
 from toros_fem.results.runs.folder import SCENE, SUMMARY
 
 
-def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorScene, dict[str, Path]]:
-    """Return kind, configuration and files of a design (collective).
+def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[str, Path]]:
+    """Return scene and files of a design (collective).
 
     A script leaves no scene file: its kind is the one with the same numbers.
 
@@ -33,18 +33,18 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorScene, 
         given = summary.get("inputs") or {}
         names = set(given)
         # A run of an older version may lack numbers that have come since.
-        known = [k for k in KINDS.values() if names and names <= set(k.config.as_dict())]
+        known = [k for k in KINDS.values() if names and names <= set(k().as_dict())]
         if not known:
             raise OutputError(
                 f"{folder} does not say which scene it is of: {SCENE} is missing, and the inputs "
                 f"in {SUMMARY} are those of no kind. Design it by `toros design`, or call "
                 "toros_fem.tolerances from your own script."
             )
-        kind = min(known, key=lambda k: len(k.config.as_dict()))
-        config, files = kind.config.updated(**given), {}
-    if kind.cases is None or not isinstance(config, ActuatorScene):
+        kind = min(known, key=lambda k: len(k().as_dict()))
+        config, files = kind().updated(**given), {}
+    if not isinstance(config, ActuatorScene):
         raise OutputError(
-            f"{folder} is a run of the kind {kind.name!r}; tolerances are those of designs of "
-            f"{', '.join(k.name for k in KINDS.values() if k.cases is not None)}."
+            f"{folder} is a run of the kind {kind.KIND!r}; tolerances are those of designs of "
+            f"{', '.join(name for name, k in KINDS.items() if issubclass(k, ActuatorScene))}."
         )
-    return kind, config, files
+    return config, files

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from toros_fem.base.keys import NONE, Key, Table
+from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, roles_of
-from toros_fem.products.kinds import Kind
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
@@ -22,12 +22,12 @@ BOUNDS: Mapping[str, str] = {
 }
 
 
-def scene_schema(kind: Kind) -> dict[str, Any]:
+def scene_schema(kind: type[Scene]) -> dict[str, Any]:
     """Return the JSON schema (2020-12) of scene files of a kind.
 
     Bounds of a value with a unit are left to the reader: JSON schema knows no units.
     """
-    scene = kind.config
+    scene = kind()
     tables = {name: _table(of) for name, of in scene.tables().items()}
     every = {name: one for of in scene.tables().values() for name, one in _keys(of).items()}
     names = {role: {"type": "string", "description": f"name of a {KIND_OF[role]}"}
@@ -37,11 +37,11 @@ def scene_schema(kind: Kind) -> dict[str, Any]:
     for name, of in scene.entries().items():
         one = _table(of)
         tables[name] = {"description": of.holds(), "anyOf": [one, {"type": "array", "items": one}]}
-    paths = {name: {"type": "string", "description": text} for name, text in kind.files.items()}
+    paths = {name: {"type": "string", "description": text} for name, text in kind.files().items()}
     paths |= {FILE: {"type": "string", "description": "a file of materials"}} if names else {}
     tables["files"] = _object("Files and folders, relative to the scene file", paths)
     tables["coarse"] = _object("Values of the quick variant, --coarse", every | names)
-    found = _object(kind.about, {"kind": {"const": kind.name}, **tables})
+    found = _object(kind.ABOUT, {"kind": {"const": kind.KIND}, **tables})
     return {"$schema": DIALECT, **found, "required": ["kind"]}
 
 

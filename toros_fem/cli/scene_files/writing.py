@@ -11,7 +11,6 @@ from toros_fem.base.keys import Table, quoted
 from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import TABLE, roles_of
 from toros_fem.materials.library import LibraryMaterial
-from toros_fem.products.kinds import Kind
 
 WIDTH = 96
 # Tables that a new file shows with their values; those of the others are shown as comments.
@@ -33,7 +32,7 @@ EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dr
 
 
 def scene_text(
-    kind: Kind,
+    kind: type[Scene],
     config: Scene | None = None,
     files: Mapping[str, str | Path] | None = None,
     materials: Mapping[str, LibraryMaterial] | None = None,
@@ -54,15 +53,15 @@ def scene_text(
         ParameterError: The configuration is not that of the kind, or a file is unknown.
     """
     if config is None:
-        config, files = kind.example, {**kind.example_files, **(files or {})}
-    if type(config) is not type(kind.config):
+        config, files = kind.example(), {**kind.EXAMPLE_FILES, **(files or {})}
+    if type(config) is not kind:
         raise ParameterError(
-            f"config is a {type(config).__name__}; a scene of the kind {kind.name!r} has a "
-            f"{type(kind.config).__name__}."
+            f"config is a {type(config).__name__}; a scene of the kind {kind.KIND!r} has a "
+            f"{kind.__name__}."
         )
-    unknown = sorted(set(files or {}) - set(kind.files))
+    unknown = sorted(set(files or {}) - set(kind.files()))
     if unknown:
-        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files)}.")
+        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files())}.")
     lines = _opening(kind, HEAD, files or {})
     keys = config.described()
     for section, of in config.tables().items():
@@ -70,7 +69,7 @@ def scene_text(
         if section == TABLE:
             lines += _materials(config, materials or {})
         for name in of.described():
-            value, default = config.value(name), kind.config.value(name)
+            value, default = config.value(name), kind().value(name)
             hidden = section not in SHOWN and value == default
             lines += _comment(keys[name].help)
             lines.append(f"{'#' * hidden}{name} = {keys[name].written(value)}")
@@ -79,7 +78,7 @@ def scene_text(
                 lines += _entries(name, several, getattr(config, name))
     lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
     lines.append("[coarse]")
-    quick = kind.coarse(config)
+    quick = config.coarse()
     lines += [
         f"#{name} = {keys[name].written(quick.value(name))}"
         for name in keys
@@ -88,15 +87,15 @@ def scene_text(
     return "\n".join(lines) + "\n"
 
 
-def short_scene_text(kind: Kind, names: Mapping[str, str] | None = None) -> str:
+def short_scene_text(kind: type[Scene], names: Mapping[str, str] | None = None) -> str:
     """Return a scene file with the few keys that a new user changes.
 
     Args:
         kind: The kind.
         names: Names of materials by their roles; without, those of the default numbers.
     """
-    config = kind.example
-    lines = _opening(kind, SHORT, kind.example_files)
+    config = kind.example()
+    lines = _opening(kind, SHORT, kind.EXAMPLE_FILES)
     # The default print is one sheet with the default fabric; on another one it is a layer.
     default = EXAMPLES if "fabric" in (names or {}) else DEFAULTS
     roles = [role for role in DEFAULTS if role in roles_of(config)]
@@ -115,12 +114,12 @@ def short_scene_text(kind: Kind, names: Mapping[str, str] | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _opening(kind: Kind, text: str, files: Mapping[str, str | Path]) -> list[str]:
+def _opening(kind: type[Scene], text: str, files: Mapping[str, str | Path]) -> list[str]:
     """Return what a file begins with: its kind and its files, after a comment."""
-    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(text), ""]
-    lines.append(f'kind = "{kind.name}"')
-    lines += ["", "[files]"] if kind.files else []
-    for name, text in kind.files.items():
+    lines = [*_comment(f"{kind.ABOUT[0].upper()}{kind.ABOUT[1:]}."), *_comment(text), ""]
+    lines.append(f'kind = "{kind.KIND}"')
+    lines += ["", "[files]"] if kind.files() else []
+    for name, text in kind.files().items():
         path = files.get(name)
         lines += _comment(text)
         lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -73,6 +73,16 @@ class LengthScale:
             require_between(0.5, 1.0, solid_threshold=self.solid_threshold)
         if self.void_threshold is not None:
             require_between(0.0, 0.5, void_threshold=self.void_threshold)
+
+    def scaled(self, factor: float) -> LengthScale:
+        """Return the same constraints on lengths that are larger by a factor."""
+        line, gap, decay = self.line_width, self.gap_width, self.decay
+        return replace(
+            self,
+            line_width=None if line is None else factor * line,
+            gap_width=None if gap is None else factor * gap,
+            decay=None if decay is None else factor**2 * decay,
+        )
 
     @classmethod
     def paper(cls, skin: Skin) -> LengthScale:

@@ -129,12 +129,6 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         other.robust = None
         return other
 
-    def with_objective(self, objective: Objective) -> Self:
-        """Return the same problem with another objective; all other parts are shared."""
-        other = copy.copy(self)
-        other.objective = objective
-        return other
-
     @property
     def pressures(self) -> tuple[float, ...]:
         """Pressure of each chamber in Pa, the first guess where it is designed."""
@@ -394,7 +388,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     ) -> Evaluation[EquilibriumResult]:
         """Add the gradients as `DesignProblem.differentiate` does, with those of the variants."""
         found, robust = super().differentiate(evaluation), self.robust
-        if robust is None:
+        if robust is None or not evaluation.variants:  # a print has none
             return found
         begin, e = time.perf_counter(), found
         assert e.gradient is not None
@@ -426,7 +420,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         """
         e = evaluation
         by_position = self.objective.backward(e.equilibrium.positions)
-        if self.robust is not None:
+        if self.robust is not None and e.variants:
             slope, _, _ = self.robust.spread_slopes(self.objective, e.equilibrium, e.variants)
             by_position = by_position + self.robust.tolerance.weight * slope
         return self._adjoint(self.solver, e.equilibrium, by_position)

@@ -1,18 +1,16 @@
 """Skins that move under pressure, designed from start to files."""
 
-from toros_fem.products.actuators.case import ActuatorCase, Touching
 from toros_fem.products.actuators.pressure_curve import PressureCurve, trace_pressure_curve
-from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.actuators.run import ActuatorResult, design_actuator
-from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.actuators.simulate import simulate_actuator
 
 __all__ = [
-    "ActuatorCase",
     "ActuatorResult",
     "ActuatorScene",
+    "Level",
     "PressureCurve",
-    "Touching",
-    "actuator_problem",
     "design_actuator",
+    "simulate_actuator",
     "trace_pressure_curve",
 ]

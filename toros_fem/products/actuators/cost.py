@@ -7,22 +7,22 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeshSizeError
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.triangle_limit import expected_triangles, lowered_limit, require_affordable
-from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.pressure_curve import HALVINGS
-from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.products.actuators.scene import MESH_LENGTHS, ActuatorScene
+
+if TYPE_CHECKING:  # a scene checks its cost before it is designed
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 log = logging.getLogger(__name__)
-C = TypeVar("C", bound=ActuatorScene)
 
 # Memory in bytes, measured on designs of 1.5 to 73 thousand simulated triangles: of a rank with all
 # libraries, and for each triangle of a design and of the refined mesh of the error estimate.
@@ -118,34 +118,30 @@ class Probe:
         return self.seconds / self.newton_steps
 
 
-def probe_config(config: C) -> C:
-    """Return the configuration of a mesh that is coarse enough for a probe.
+def probe_level(scene: ActuatorScene) -> Level:
+    """Return a mesh that is coarse enough for a probe.
 
     It is the design's own mesh where that is coarse, or given.
     """
-    edge, longest = _edge(config), config.coarsest_edge
+    edge, longest = scene.edge_length, scene.coarsest_edge
     if edge is None or longest is None:
-        return config.at_level(0)
-    factor = max(1.0, longest / PROBE_FINER / edge)
-    known = config.described()
-    lengths = {name: config.value(name) for name in MESH_LENGTHS if name in known}
-    scaled = {name: factor * h for name, h in lengths.items() if h is not None}
-    return config.updated(levels=1, **scaled)
+        return scene.levels[0]
+    return scene.finest_level.scaled(max(1.0, longest / PROBE_FINER / edge))
 
 
-def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorScene) -> Probe:
+def probe(comm: MPI.Comm, scene: ActuatorScene, made: Case) -> Probe:
     """Make a few steps of a design from noise and take their time (collective).
 
     Args:
         comm: Communicator.
-        case: The case on the mesh of `probe_config`.
-        config: The configuration of that mesh.
+        scene: What is designed.
+        made: Its case on the mesh of `probe_level`.
 
     Raises:
         NoEquilibriumError: The start has no equilibrium.
     """
-    problem = actuator_problem(comm, case, config)
-    return probe_problem(problem, len(case.pattern.panel), config.design.seed)
+    problem = scene.problem(comm, made, probe_level(scene))
+    return probe_problem(problem, len(made.pattern.panel), scene.design.seed)
 
 
 def probe_problem(problem: DesignProblem, triangles: int, seed: int) -> Probe:
@@ -186,8 +182,8 @@ def cost(config: ActuatorScene, made: Sized, ranks: int) -> Cost:
     """Return the expected cost of a design.
 
     Args:
-        config: The configuration of the whole design.
-        made: Area, and the mesh of `probe_config`, by `sized`.
+        config: What is designed.
+        made: Area, and the mesh of `probe_level`, by `sized`.
         ranks: Number of ranks.
     """
     area, count = made.area, made.triangles
@@ -213,74 +209,53 @@ class Sized:
 
     area: float
     triangles: int
-    case: ActuatorCase | None
+    case: Case | None
 
 
-def sized(comm: MPI.Comm, case: CaseMaker[C], mesh: C, config: C) -> Sized:
+def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> Sized:
     """Return the area of a skin, and check that no mesh of its design is too fine (collective).
 
     Args:
         comm: Communicator.
-        case: Makes the case of a configuration.
-        mesh: Configuration of a mesh that is made, if it is not too large for a quick look.
-        config: Configuration of the whole design.
+        scene: What is designed.
+        level: A mesh that is made, if it is not too large for a quick look.
 
     Raises:
         MeshSizeError: A mesh would have more triangles than `triangle_limit` allows.
     """
     try:
         with lowered_limit(QUICK):
-            made = case(comm, mesh)
+            made = scene.case(comm, level)
     except MeshSizeError as error:  # raised by all ranks
         found = Sized(error.area, 0, None)
     else:
         found = Sized(float(made.pattern.areas.sum()), len(made.pattern.panel), made)
-    for edge in _edges(config):
+    for edge in _edges(scene):
         require_affordable(found.area, edge)
     return found
 
 
-def affordable(case: CaseMaker[C], config: C) -> CaseMaker[C]:
-    """Return a maker of cases that first checks all meshes of a design.
+def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
+    """Check all meshes of a design by the area of the coarsest one (collective).
 
-    Args:
-        case: Makes the case of a configuration.
-        config: The configuration of the whole design.
-
-    Returns:
-        It raises MeshSizeError with the first case if a mesh of the design would have more
-        triangles than `triangle_limit` allows.
+    Raises:
+        MeshSizeError: One would have more triangles than `triangle_limit` allows.
     """
-    checked = False
-
-    def make(comm: MPI.Comm, of: C) -> ActuatorCase:
-        nonlocal checked
-        if checked:
-            return case(comm, of)
-        first = sized(comm, case, of, config)
-        checked = True
-        if comm.rank == 0:
-            log.info("about %d triangles on the finest mesh", _finest_triangles(config, first))
-        return case(comm, of) if first.case is None else first.case
-
-    return make
+    if not _edges(scene):
+        return
+    lines = scene.design.start == "relaxed"
+    first = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
+    if comm.rank == 0:
+        log.info("about %d triangles on the finest mesh", _finest_triangles(scene, first))
 
 
-def _edge(config: ActuatorScene) -> float | None:
-    """Return the edge length of the finest mesh of densities; None where the mesh is given."""
-    edge: float | None = (
-        config.value("edge_length") if "edge_length" in config.described() else None
-    )
-    return edge
-
-
-def _edges(config: ActuatorScene) -> Sequence[float]:
+def _edges(scene: ActuatorScene) -> Sequence[float]:
     """Return the edge lengths of the finest meshes of a design; none where the mesh is given."""
-    edge = _edge(config)
+    edge = scene.edge_length
     if edge is None:
         return ()
-    if config.design.start == "relaxed":
-        return (config.lines.relaxed_edge_length, config.lines.print_edge_length)
+    if scene.design.start == "relaxed":
+        return (scene.lines.relaxed_edge_length, scene.lines.print_edge_length)
     return (edge,)
 
 

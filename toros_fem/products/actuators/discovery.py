@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -18,6 +18,7 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -28,12 +29,8 @@ from toros_fem.making.as_printed.printed_lines import clean_print, printed_lines
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.measures.metrics import Metric
-from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.line_widths import mended_widths
-from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
@@ -44,13 +41,11 @@ from toros_fem.products.actuators.space_mapping import (
 )
 from toros_fem.results.console import print_line
 
+if TYPE_CHECKING:  # a scene is designed here, and says so
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
+
 # Below this error lines stay where they are, and corrections change their widths first.
 NEAR = 0.3
-
-C = TypeVar("C", bound=ActuatorScene)
-
-# Least ratio of edge lengths of two meshes whose difference tells an error.
-COARSER = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,7 @@ class Discovery:
 
     rounds: tuple[Round, ...]
     best: Round
-    case: ActuatorCase
+    case: Case
     regions: list[BaseGeometry]
     problem: ShapeDesign
     seconds: Mapping[str, float]
@@ -148,15 +143,14 @@ class _Simulated(NamedTuple):
     """A round, the case and the lines on its mesh, and its problem."""
 
     round: Round
-    case: ActuatorCase
+    case: Case
     regions: list[BaseGeometry]
     problem: ShapeDesign
 
 
 def discover(
     comm: MPI.Comm,
-    case: CaseMaker[C],
-    config: C,
+    scene: ActuatorScene,
     callback: Callback | None = None,
     *,
     verbose: bool = False,
@@ -167,13 +161,12 @@ def discover(
     The relaxed design is laid as lines, which are simulated as printed. What the print misses by
     far is asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a
     relaxed design costs a fraction of a simulated print. What it misses by little is mended by the
-    widths of its lines (`mended_widths`). Where a target is in no field of the configuration
+    widths of its lines (`mended_widths`). Where a target is in no field of the scene
     (`TARGETS`), there is one round only.
 
     Args:
         comm: Communicator.
-        case: Makes what to design, of the communicator and a configuration.
-        config: All numbers.
+        scene: What to design.
         callback: Called after each step of the relaxed designs, on every rank.
         verbose: Whether to print every Newton step.
         journal: Keeps the relaxed designs and the prints; None keeps nothing.
@@ -182,7 +175,7 @@ def discover(
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
         TorosError: A number is out of its bounds.
     """
-    search = _Search(comm, case, config, callback, verbose, journal)
+    search = _Search(comm, scene, callback, verbose, journal)
     lines = search.ask()
     while lines is not None:
         search.print(lines)
@@ -190,23 +183,22 @@ def discover(
     return search.found()
 
 
-class _Search(Generic[C]):
+class _Search:
     """The rounds of one search, and what the next one goes on from; all methods are collective."""
 
     def __init__(
         self,
         comm: MPI.Comm,
-        case: CaseMaker[C],
-        config: C,
+        scene: ActuatorScene,
         callback: Callback | None,
         verbose: bool,
         journal: Journal | None,
     ) -> None:
-        self.comm, self.case, self.config = comm, case, config
+        self.comm, self.scene = comm, scene
         self.callback, self.verbose, self.journal = callback, verbose, journal
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
-        self.plain = case(comm, config.of_print)  # the mesh that is moved onto lines
-        self.aims = aims_of(self.plain.metrics)
+        self.plain = scene.case(comm, scene.print_level)  # the mesh that is moved onto lines
+        self.aims = aims_of(self.plain.judged)
         self.asked = {key: aim.target for key, aim in self.aims.items()}
         self.rounds: list[Round] = []
         self.relaxed: RelaxedResult | None = None
@@ -225,21 +217,22 @@ class _Search(Generic[C]):
         Raises:
             NoEquilibriumError: The random start has no equilibrium.
         """
-        comm, config = self.comm, self.config
+        comm, scene = self.comm, self.scene
         begin = time.perf_counter()
         try:
-            # First the configuration's own targets, which may be in none of its fields.
-            coarse = config.of_relaxed.asked(self.asked if self.rounds else {})
+            # First the scene's own targets, which may be in none of its fields.
+            asked = scene.asked(self.asked if self.rounds else {})
         except ParameterError:  # beyond what the targets' fields allow
             return None
-        case = self.case(comm, coarse)
-        design = actuator_problem(comm, case, coarse, verbose=self.verbose)
-        options = config.relaxed_options
+        level = scene.relaxed_level
+        case = asked.case(comm, level)
+        design = scene.problem(comm, case, level, verbose=self.verbose)
+        options = scene.relaxed_options
         try:
             self.relaxed = find_lines(
                 design,
                 options,
-                seed=config.design.seed,
+                seed=scene.design.seed,
                 callback=self.callback,
                 after=self.relaxed,
                 journal=self.journal,
@@ -249,7 +242,7 @@ class _Search(Generic[C]):
                 raise
             return None
         middle = time.perf_counter()
-        lines = _laid(comm, case, self.relaxed.field, config.line_options, self.like)
+        lines = _laid(comm, case, self.relaxed.field, scene.line_options, self.like)
         self.near, self.widened = (case.pattern, self.relaxed.positions), False
         self.seconds["relaxed"] += middle - begin
         self.seconds["lines"] += time.perf_counter() - middle
@@ -265,11 +258,10 @@ class _Search(Generic[C]):
         assert near is not None
         fine, regions, problem, printed = _printed(
             self.comm,
+            self.scene,
+            self.scene.print_level,
             self.plain,
-            self.config,
-            near,
-            lines,
-            relaxed.pressures or None,
+            _Lines(lines, near, relaxed.pressures or None),
             self.verbose,
             self.journal,
         )
@@ -296,9 +288,9 @@ class _Search(Generic[C]):
         made, error = last.round, last.round.error
         fitting = best.round.error < FINE
         if (
-            len(self.rounds) > self.config.design.corrections
+            len(self.rounds) > self.scene.design.corrections
             or error < CLOSE
-            or not set(self.aims) <= set(self.config.TARGETS)
+            or not set(self.aims) <= set(self.scene.TARGETS)
             or (made.printed.evaluation is None and not made.widened)
             or (fitting and self.fruitless > 1)
         ):
@@ -343,38 +335,28 @@ class _Search(Generic[C]):
 
 
 def metrics_on_coarser_mesh(
-    comm: MPI.Comm, case: CaseMaker[C], config: C, found: Discovery
+    comm: MPI.Comm, scene: ActuatorScene, found: Discovery
 ) -> tuple[float, Mapping[str, float]]:
     """Return how much longer edges can be, at most 2 times, and the best print's metrics then.
 
-    Edges are no longer than lines are wide. It is collective.
+    It is collective.
 
     Args:
         comm: Communicator.
-        case: Makes what was designed.
-        config: As of `discover`.
-        found: What it returned.
+        scene: What was designed.
+        found: What `discover` returned.
 
     Raises:
         NoEquilibriumError: The print has no equilibrium on that mesh.
-        ParameterError: Edges are nearly as long as lines are wide already.
+        ParameterError: There is no coarser mesh.
     """
-    given = config.lines.print_edge_length
-    ratio = min(2.0, min(config.laid_widths) / given)
-    if ratio < COARSER:
-        raise ParameterError(
-            f"print_edge_length = {given} m is so near to the width of the lines, "
-            f"{min(config.laid_widths)} m, that there is no coarser mesh to compare with. Give "
-            "shorter edges."
-        )
-    best = found.best
-    evaluation = best.printed.evaluation
+    ratio, level = scene.coarser_print_level()
+    best, evaluation = found.best, found.best.printed.evaluation
     assert evaluation is not None
-    coarser = config.updated(print_edge_length=ratio * given)
     near = found.case.pattern, found.problem.shape_of(evaluation.equilibrium)
-    pressures = evaluation.equilibrium.pressures
-    plain = case(comm, coarser.of_print)
-    _, _, problem, printed = _printed(comm, plain, coarser, near, best.laid, pressures, False)
+    lines = _Lines(best.laid, near, evaluation.equilibrium.pressures)
+    plain = scene.case(comm, level)
+    _, _, problem, printed = _printed(comm, scene, level, plain, lines, verbose=False)
     if printed.evaluation is None:
         raise NoEquilibriumError(printed.failure)
     return ratio, problem.metrics_of(printed.evaluation.equilibrium)
@@ -382,7 +364,7 @@ def metrics_on_coarser_mesh(
 
 def densities_last(
     comm: MPI.Comm,
-    config: ActuatorScene,
+    scene: ActuatorScene,
     found: Discovery,
     callback: Callback | None = None,
     *,
@@ -395,14 +377,14 @@ def densities_last(
 
     Args:
         comm: Communicator.
-        config: As of `discover`.
-        found: What it returned.
+        scene: What was designed.
+        found: What `discover` returned.
         callback: Called after each step, on every rank.
         verbose: Whether to print every Newton step.
         journal: As of `optimize`.
     """
     best = found.best
-    problem = actuator_problem(comm, found.case, config.of_densities, verbose=verbose)
+    problem = scene.problem(comm, found.case, scene.density_level, verbose=verbose)
     lines = best.printed.evaluation
     assert lines is not None
     # Another problem may share out the triangles otherwise.
@@ -416,19 +398,19 @@ def densities_last(
     )
     try:
         result = optimize(
-            problem, config.density_options, callback=callback, after=warm, journal=journal
+            problem, scene.density_options, callback=callback, after=warm, journal=journal
         )
     except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
         return None
     printed = as_printed(
-        problem, result, config.print.limits, island_area=config.print.island_area, journal=journal
+        problem, result, scene.print.limits, island_area=scene.print.island_area, journal=journal
     )
     return result, printed
 
 
 def _laid(
     comm: MPI.Comm,
-    case: ActuatorCase,
+    case: Case,
     field: LineField,
     options: LineOptions,
     like: LaidLines | None,
@@ -436,43 +418,51 @@ def _laid(
     """Return the lines of a field on the triangles that are designed (collective)."""
     printed = None if case.passive is None else case.passive > 0.5
     return on_first_rank(
-        comm, lambda: lay_lines(field, options, printed=printed, planes=case.symmetry, like=like)
+        comm,
+        lambda: lay_lines(field, options, printed=printed, planes=tuple(case.symmetry), like=like),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Lines to simulate, and the shape and the pressures that this starts from."""
+
+    laid: LaidLines
+    near: tuple[Pattern, Floats]
+    pressure: Sequence[float] | None
 
 
 def _printed(
     comm: MPI.Comm,
-    case: ActuatorCase,
-    config: ActuatorScene,
-    near: tuple[Pattern, Floats],
-    laid: LaidLines,
-    pressure: Sequence[float] | None,
+    scene: ActuatorScene,
+    level: Level,
+    case: Case,
+    lines: _Lines,
     verbose: bool,
     journal: Journal | None = None,
-) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
+) -> tuple[Case, list[BaseGeometry], ShapeDesign, PrintedDesign]:
     """Return the case on a mesh that follows the lines, these, the problem and the print.
 
     It is collective.
     """
-    part = case.pattern
+    part, laid, printer = case.pattern, lines.laid, scene.print
 
     def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
-        whole = mirrored(part, case.symmetry) if case.symmetry else None
         found = regions_on(laid.pattern, laid.regions, part)
-        cleaned = clean_print(part, whole, found, config.print.limits, config.print.island_area)
+        cleaned = clean_print(part, case.whole, found, printer.limits, printer.island_area)
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(comm, cleaning)
     fine = case.following(comm, regions)
-    problem = actuator_problem(comm, fine, config.of_print, verbose=verbose)
+    problem = scene.problem(comm, fine, level, verbose=verbose)
     printed = printed_lines(
         problem,
         part,
         regions,
-        config.print.limits,
+        printer.limits,
         cleaned=cleaned,
-        near=near,
-        pressure=pressure,
+        near=lines.near,
+        pressure=lines.pressure,
         journal=journal,
     )
     return fine, regions, problem, printed

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumResult
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
-from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.results.frames.record import shown_skin, write_path
 from toros_fem.results.writer import if_plotting
+
+if TYPE_CHECKING:  # a scene's curve is followed here, and says so
+    from toros_fem.products.actuators.scene import ActuatorScene
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -14,6 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.files import write_together
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult, optimize
@@ -30,15 +31,14 @@ from toros_fem.making.as_printed.as_printed import (
 )
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
-from toros_fem.measures.metrics import UNITS, Measurement, Metric
+from toros_fem.measures.metrics import UNITS, Metric
 from toros_fem.mechanics.equilibrium.solver import (
     EquilibriumError,
     EquilibriumResult,
     EquilibriumSolver,
 )
 from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.cost import affordable
+from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import (
     Discovery,
     densities_last,
@@ -46,8 +46,6 @@ from toros_fem.products.actuators.discovery import (
     metrics_on_coarser_mesh,
 )
 from toros_fem.products.actuators.pressure_curve import curve_figures
-from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
@@ -59,6 +57,9 @@ from toros_fem.products.actuators.space_mapping import (
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import journal_of, run_of
 from toros_fem.results.writer import write_results
+
+if TYPE_CHECKING:  # a scene is designed here, and says so
+    from toros_fem.products.actuators.scene import ActuatorScene
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,6 @@ class ActuatorResult:
     problem: ShapeDesign
 
 
-C = TypeVar("C", bound=ActuatorScene)
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
@@ -90,22 +90,20 @@ ORDER_OF_LINES = 1.5
 def design_actuator(
     comm: MPI.Comm,
     output: Path | str,
-    case: CaseMaker[C],
-    config: C,
+    scene: ActuatorScene,
     reporter: DesignReporter | None = None,
     *,
-    measured: Sequence[Measurement] = (),
     verbose: bool = False,
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
 
-    The design goes from coarse to fine over the levels of the configuration. On each, free islands
+    The design goes from coarse to fine over the levels of the scene. On each, free islands
     of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
     design is continued for `polish_iterations` steps. With several starts the best one takes the
     place of the first level; its islands are left to the next. What the print misses is asked of
     the design on top, `corrections` times.
 
-    With `config.design.start` = "relaxed" line families are designed and laid as lines instead, by
+    With `scene.design.start` = "relaxed" line families are designed and laid as lines instead, by
     `discover`, and densities come last.
 
     At the end the metrics of the print are followed over the pressure, by `curve_figures`.
@@ -113,49 +111,47 @@ def design_actuator(
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
-        case: Makes what to design, of the communicator and the configuration of one level.
-        config: All numbers.
+        scene: What to design.
         reporter: Reports the progress; None makes one for `output`. One that is made earlier also
             counts the time of the set-up.
-        measured: Measured values of the metrics, drawn beside the curves.
         verbose: Whether to print every Newton step.
 
     Raises:
         TorosError: A number is out of its bounds, the start has no equilibrium, or the folder
             cannot be written to.
     """
-    reporter, case = reporter or DesignReporter(comm, output), affordable(case, config)
-    journal = journal_of(output)
-    if config.design.start == "relaxed":
-        return _from_lines(comm, output, case, config, reporter, measured, verbose, journal)
-    levels = [config.at_level(level) for level in range(config.level_count)]
-    options = config.options
+    reporter, journal = reporter or DesignReporter(comm, output), journal_of(output)
+    require_affordable_meshes(comm, scene)
+    if scene.design.start == "relaxed":
+        return _from_lines(comm, output, scene, reporter, verbose, journal)
+    levels, options, design = scene.levels, scene.options, scene.design
     best: BestStart | None = None
-    if config.design.starts > 1:
-        coarsest, seeds = (
-            levels[0],
-            range(config.design.seed, config.design.seed + config.design.starts),
-        )
-        best = best_start(
-            comm,
-            lambda alone: actuator_problem(alone, case(alone, coarsest), coarsest),
-            options[0],
-            seeds,
-            journal,
-        )
+    if design.starts > 1:
+
+        def on_coarsest(alone: MPI.Comm) -> ShapeDesign:
+            return scene.problem(alone, scene.case(alone, levels[0]), levels[0])
+
+        seeds = range(design.seed, design.seed + design.starts)
+        best = best_start(comm, on_coarsest, options[0], seeds, journal)
         for row in best.design.history:
             reporter.report(row)
         # With one mesh alone all ranks finish the best design on it.
-        levels, options = levels[1:] or levels, options[1:] or (config.design.finer_options,)
-    problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
+        levels, options = levels[1:] or levels, options[1:] or (design.finer_options,)
+    problems = (
+        scene.problem(comm, scene.case(comm, level), level, verbose=verbose) for level in levels
+    )
     with reporter:
-        result, printed = _printed_design(problems, options, config, reporter, best, journal)
-        best_print = _corrected(comm, case, levels[-1], config, result, printed, reporter, journal)
+        result, printed = _printed_design(problems, options, scene, reporter, best, journal)
+
+        def goal(other: ActuatorScene) -> Case:
+            return other.case(comm, levels[-1])
+
+        best_print = _corrected(scene, goal, result, printed, reporter, journal)
     result, printed = best_print.result, best_print.printed
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {
-        "seed": config.design.seed if best is None else best.seed,
+        "seed": design.seed if best is None else best.seed,
         "start": "random" if problem.start is None else "pattern",
         "rounds": best_print.rounds,
     }
@@ -165,54 +161,48 @@ def design_actuator(
             for seed, value in best.objectives.items()
         }
     figures.update(_robust_figures(best_print))
-    return _written(output, result, printed, config, figures, reporter, measured)
+    return _written(output, result, printed, scene, figures, reporter)
 
 
 def _from_lines(
     comm: MPI.Comm,
     output: Path | str,
-    case: CaseMaker[C],
-    config: C,
+    scene: ActuatorScene,
     reporter: DesignReporter,
-    measured: Sequence[Measurement],
     verbose: bool,
     journal: Journal | None,
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
-    more = config.relaxed_options.more_iterations
-    reporter.expect(2 * config.lines.relaxed_iterations + config.design.corrections * more)
+    more, lines = scene.relaxed_options.more_iterations, scene.lines
+    reporter.expect(2 * lines.relaxed_iterations + scene.design.corrections * more)
     with reporter:
-        found = discover(comm, case, config, reporter, verbose=verbose, journal=journal)
-        better = None
-        if config.lines.density_iterations:
-            reporter.expect(
-                found.best.relaxed.history[-1].iteration + config.lines.density_iterations
-            )
-            better = _densities(comm, case, config, found, reporter, verbose, journal)
-    figures: dict[str, Any] = {"seed": config.design.seed, "start": "random", **found.figures()}
+        found = discover(comm, scene, reporter, verbose=verbose, journal=journal)
+        relaxed, better = found.best.relaxed, None
+        if lines.density_iterations:
+            reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
+            better = _densities(comm, scene, found, reporter, verbose, journal)
+    figures: dict[str, Any] = {"seed": scene.design.seed, "start": "random", **found.figures()}
     figures["rounds"] = len(found.rounds) - 1
     figures["densities_kept"] = better is not None
-    relaxed = found.best.relaxed
     if better is not None:
         result, printed = better.result, better.printed
         figures.update(_robust_figures(better))
-        return _written(output, result, printed, config, figures, reporter, measured, relaxed)
+        return _written(output, result, printed, scene, figures, reporter, relaxed)
     result, printed = found.result(), found.best.printed
 
     def estimate() -> dict[str, Any]:
-        return _error_of_lines(comm, case, config, found)
+        return _error_of_lines(comm, scene, found)
 
-    return _written(output, result, printed, config, figures, reporter, measured, relaxed, estimate)
+    return _written(output, result, printed, scene, figures, reporter, relaxed, estimate)
 
 
 def _written(
     output: Path | str,
     result: DesignResult,
     printed: PrintedDesign,
-    config: ActuatorScene,
+    scene: ActuatorScene,
     figures: dict[str, Any],
     reporter: DesignReporter,
-    measured: Sequence[Measurement],
     relaxed: RelaxedResult | None = None,
     estimate: Callable[[], dict[str, Any]] | None = None,
 ) -> ActuatorResult:
@@ -221,7 +211,7 @@ def _written(
     What took longest to find is on disk first.
 
     Args:
-        output, result, printed, config, reporter, measured: As they are known by now.
+        output, result, printed, scene, reporter: As they are known by now.
         figures: Further entries of the summary.
         relaxed: The relaxed design that the lines come from; None without lines.
         estimate: Returns the error of the print's metrics; None takes that of a refined mesh.
@@ -234,7 +224,7 @@ def _written(
             output,
             result,
             printed,
-            config=config,
+            config=scene,
             figures=figures,
             seconds=reporter.seconds,
             field=None if relaxed is None else relaxed.field,
@@ -247,8 +237,8 @@ def _written(
         return {} if made is None else _error_of_print(problem, made)
 
     run = run_of(output)
-    steps = [lambda: curve_figures(output, problem, printed, config, measured)]
-    if config.results.estimate_error:
+    steps = [lambda: curve_figures(output, problem, printed, scene, scene.MEASURED)]
+    if scene.results.estimate_error:
         steps.insert(0, estimate or of_refined_mesh)
     write(pictures=False)
     for step in steps:
@@ -265,32 +255,7 @@ def _written(
     return ActuatorResult(summary, result, printed, problem)
 
 
-def design_run(
-    case: CaseMaker[C], default: C, measured: Sequence[Measurement] = ()
-) -> Callable[..., dict[str, Any]]:
-    """Return a demo's run, which designs an actuator, writes all results and returns the summary.
-
-    It is called as `run(comm, output, config, verbose=…)`, with the arguments of `design_actuator`;
-    without a configuration it takes the default.
-
-    Args:
-        case: Makes what to design, as of `design_actuator`.
-        default: The configuration with its defaults.
-        measured: Measured values of the metrics, as of `design_actuator`.
-    """
-
-    def run(
-        comm: MPI.Comm, output: Path | str, config: C | None = None, *, verbose: bool = False
-    ) -> dict[str, Any]:
-        made = design_actuator(
-            comm, output, case, config or default, measured=measured, verbose=verbose
-        )
-        return made.summary
-
-    return run
-
-
-def summary_sentence(summary: dict[str, Any]) -> str:
+def summary_sentence(summary: Mapping[str, Any]) -> str:
     """Return the result of a design in one sentence, from its summary."""
     # Where a relaxed design is laid as lines, no design by densities stands beside the print.
     laid = "lines" in summary and not summary["densities_kept"]
@@ -362,9 +327,7 @@ def _error_of_print(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
     return error_figures(problem.solver, made.projected, made.equilibrium, problem.metrics)
 
 
-def _error_of_lines(
-    comm: MPI.Comm, case: CaseMaker[C], config: C, found: Discovery
-) -> dict[str, Any]:
+def _error_of_lines(comm: MPI.Comm, scene: ActuatorScene, found: Discovery) -> dict[str, Any]:
     """Return each metric of laid lines on a coarser mesh and its estimated error (collective).
 
     The mesh of a print of lines is so fine already that a refined one would take longer than the
@@ -373,7 +336,7 @@ def _error_of_lines(
     """
     metrics, begin = found.problem.metrics, time.perf_counter()
     try:
-        ratio, other = metrics_on_coarser_mesh(comm, case, config, found)
+        ratio, other = metrics_on_coarser_mesh(comm, scene, found)
     except (NoEquilibriumError, ParameterError) as caught:  # raised by all ranks or by none
         keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("coarser", "error")]
         return {**dict.fromkeys(keys), "coarser": str(caught)}
@@ -389,7 +352,7 @@ def _error_of_lines(
 def _printed_design(
     problems: Iterable[ShapeDesign],
     options: Sequence[DesignOptions],
-    config: ActuatorScene,
+    scene: ActuatorScene,
     reporter: DesignReporter,
     best: BestStart | None,
     journal: Journal | None,
@@ -398,7 +361,7 @@ def _printed_design(
 
     Each has a polishing stage if its print has free islands.
     """
-    limits = config.print.limits
+    limits = scene.print.limits
     rules_of = dict(enumerate(options, 0 if best is None else 1))
     steps = sum(level.iterations for level in options)
     printed: PrintedDesign | None = None
@@ -408,12 +371,12 @@ def _printed_design(
         problem = result.problem
         assert isinstance(problem, ShapeDesign)
         printed = as_printed(
-            problem, result, limits, island_area=config.print.island_area, journal=journal
+            problem, result, limits, island_area=scene.print.island_area, journal=journal
         )
-        if not config.design.polish_iterations or not printed.before.free_islands:
+        if not scene.design.polish_iterations or not printed.before.free_islands:
             return result
         rules = rules_of[result.history[-1].level]
-        last = replace(rules.stages[-1], iterations=config.design.polish_iterations)
+        last = replace(rules.stages[-1], iterations=scene.design.polish_iterations)
         start = _without_free_islands(problem, result, printed)
         steps += last.iterations
         reporter.expect(steps)
@@ -426,7 +389,7 @@ def _printed_design(
             journal=journal,
         )
         printed = as_printed(
-            problem, result, limits, island_area=config.print.island_area, journal=journal
+            problem, result, limits, island_area=scene.print.island_area, journal=journal
         )
         return result
 
@@ -434,7 +397,7 @@ def _printed_design(
     result = optimize_levels(
         problems,
         options,
-        seed=config.design.seed,
+        seed=scene.design.seed,
         callback=reporter,
         finish=polished,
         after=None if best is None else best.design,
@@ -446,22 +409,21 @@ def _printed_design(
 
 def _densities(
     comm: MPI.Comm,
-    case: CaseMaker[C],
-    config: C,
+    scene: ActuatorScene,
     found: Discovery,
     reporter: DesignReporter,
     verbose: bool,
     journal: Journal | None,
 ) -> _Corrected | None:
     """Design and correct densities from lines; None if the print is not better (collective)."""
-    designed = densities_last(comm, config, found, reporter, verbose=verbose, journal=journal)
+    designed = densities_last(comm, scene, found, reporter, verbose=verbose, journal=journal)
     if designed is None:
         return None
 
-    def following(comm: MPI.Comm, other: C) -> ActuatorCase:
-        return case(comm, other).following(comm, found.regions)
+    def goal(other: ActuatorScene) -> Case:
+        return other.case(comm, scene.density_level).following(comm, found.regions)
 
-    made = _corrected(comm, following, config.of_densities, config, *designed, reporter, journal)
+    made = _corrected(scene, goal, *designed, reporter, journal)
     if made.printed.evaluation is None:
         return None
     better = largest_error(made.metrics, aims_of(found.problem.metrics)) < found.best.error
@@ -493,10 +455,8 @@ def _robust_figures(made: _Corrected) -> dict[str, Any]:
 
 
 def _corrected(
-    comm: MPI.Comm,
-    case: CaseMaker[C],
-    finest: C,
-    config: C,
+    scene: ActuatorScene,
+    goal: Callable[[ActuatorScene], Case],
     result: DesignResult,
     printed: PrintedDesign,
     reporter: DesignReporter,
@@ -508,11 +468,17 @@ def _corrected(
     whose target no field holds only count for which print is best. Near the targets a correction
     that hardly helps is the last. A robust design is told how far its prints are apart; of those
     that are close to the targets the one with the least spread is best.
+
+    Args:
+        scene: What was designed.
+        goal: Returns the case of a scene of other targets on the finest mesh (collective).
+        result, printed: The design there, and its print.
+        reporter, journal: As of the whole design.
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     aims = aims_of(problem.metrics)
-    free = {key: aim for key, aim in aims.items() if key in config.TARGETS}
+    free = {key: aim for key, aim in aims.items() if key in scene.TARGETS}
 
     def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
         found = made.evaluation
@@ -535,24 +501,23 @@ def _corrected(
 
     robust = problem.robust
     rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
-    for _ in range(config.design.corrections if free else 0):
+    for _ in range(scene.design.corrections if free else 0):
         last = rounds[-1]
         close = largest_error(last.metrics, aims) < CLOSE and clean(last)
         if not last.metrics or (close and robust is None):
             break
         asked = dict(last.asked) if close else asked_next(rounds, free)
         try:
-            other = finest.asked(asked)
+            other = scene.asked(asked)
         except ParameterError:  # beyond what the targets' fields allow
             break
-        objective = case(comm, other).objective(problem.skin)
-        reporter.expect(last.result.history[-1].iteration + config.design.level_iterations)
-        asking = problem.with_objective(objective)
+        reporter.expect(last.result.history[-1].iteration + scene.design.level_iterations)
+        asking = problem.towards(goal(other))
         if last.spread is not None:
             asking = asking.with_printed_spread(last.spread.half, last.result.final)
         found = optimize(
             asking,
-            config.design.finer_options,
+            scene.design.finer_options,
             callback=reporter,
             after=last.result,
             journal=journal,
@@ -560,8 +525,8 @@ def _corrected(
         made = as_printed(
             problem,
             found,
-            config.print.limits,
-            island_area=config.print.island_area,
+            scene.print.limits,
+            island_area=scene.print.island_area,
             journal=journal,
         )
         final = replace(

@@ -3,27 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Self
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
-from toros_fem.base.validation import require_between
+from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.regularisation import Regularisation
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
+from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.measures.metrics import Measurement
+from toros_fem.products.actuators.run import design_actuator, summary_sentence
+from toros_fem.products.actuators.simulate import FILES, simulate_actuator, simulation_sentence
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
+from toros_fem.results.console import print_step
 
-# Lengths that follow the mesh.
-MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
 DENSITY_FILTER_EDGES = 1.5
+# Least ratio of edge lengths of two meshes whose difference tells an error.
+COARSER = 1.15
+
+
+@dataclass(frozen=True)
+class Level:
+    """A mesh of a scene, and the regularisation of densities on it.
+
+    Attributes:
+        edge_length: In m; None where the mesh is given.
+        regularisation: Filter, projection, widths and perimeter.
+        refinements: How often each triangle of a given mesh is divided into four.
+    """
+
+    edge_length: float | None
+    regularisation: Regularisation
+    refinements: int = 0
+
+    def scaled(self, factor: float) -> Level:
+        """Return a mesh with longer edges; those of a given mesh grow by powers of 2."""
+        edge = self.edge_length
+        return Level(
+            None if edge is None else factor * edge,
+            self.regularisation.scaled(factor),
+            self.refinements if edge is not None else self.refinements - round(np.log2(factor)),
+        )
 
 
 @dataclass(frozen=True)
@@ -74,8 +108,11 @@ class ActuatorScene(Scene):
                     "width_tolerance",
                 )
 
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     # Field that holds the target of a metric, by the metric's key.
     TARGETS: ClassVar[Mapping[str, str]] = {}
+    # Measured values of the metrics, which are drawn beside the curves.
+    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
 
     def asked(self, targets: Mapping[str, float]) -> Self:
         """Return the scene of other targets.
@@ -92,6 +129,100 @@ class ActuatorScene(Scene):
                 raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
         return self.updated(**{self.TARGETS[metric]: value for metric, value in targets.items()})
 
+    def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
+        """Return the scene with what its files hold (collective).
+
+        Args:
+            comm: Communicator.
+            files: Paths, by the names in `DESIGN_FILES`; this scene has none.
+
+        Raises:
+            TorosError: A file cannot be read, or does not fit.
+        """
+        del comm, files
+        return self
+
+    def run_design(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Design the pattern, write all results and return the summary (collective).
+
+        Args:
+            comm: Communicator.
+            output: Folder for the results.
+            files: Paths, by the names in `DESIGN_FILES`; None for none.
+            verbose: Whether to print every Newton step.
+
+        Raises:
+            TorosError: As of `design_actuator`.
+        """
+        scene = self.with_files(comm, files or {})
+        return design_actuator(comm, output, scene, verbose=verbose).summary
+
+    def told_design(self, summary: Mapping[str, Any]) -> str:
+        """Return the result of a design in words."""
+        return summary_sentence(summary)
+
+    def run_simulation(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Inflate the plain skin, or a given print, and return the summary (collective).
+
+        Args:
+            comm: Communicator.
+            output: Folder for the results.
+            files: Paths, by the names in `SIMULATION_FILES`; None for none.
+            verbose: Whether to print every Newton step.
+
+        Raises:
+            TorosError: As of `simulate_actuator`.
+        """
+        given = files or {}
+        scene, pattern = self.with_files(comm, given), given.get("pattern")
+        return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
+
+    def told_simulation(self, summary: Mapping[str, Any]) -> str:
+        """Return the result of a simulation in words."""
+        return simulation_sentence(summary)
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return skin, loads and target on the mesh of a level (collective).
+
+        Raises:
+            TorosError: Numbers do not fit each other.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no case.")
+
+    def problem(
+        self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False
+    ) -> ShapeDesign:
+        """Return the design problem of a case on the mesh of a level (collective).
+
+        Raises:
+            TorosError: A number is out of its bounds, or does not fit the case.
+        """
+        require_island_area(case.pattern, self.print.island_area)
+        log = print_step(comm) if verbose else None
+        return ShapeDesign(comm, case, level.regularisation, log=log)
+
+    @property
+    def edge_length(self) -> float | None:
+        """Edge length in m of the finest mesh of densities; None where the mesh is given."""
+        edge: float | None = (
+            self.value("edge_length") if "edge_length" in self.described() else None
+        )
+        return edge
+
     @property
     def coarsest_edge(self) -> float | None:
         """Longest edge length in m of a useful mesh; None: the mesh is given, at one level only."""
@@ -99,74 +230,88 @@ class ActuatorScene(Scene):
 
     @property
     def level_count(self) -> int:
-        """Number of meshes."""
+        """Number of meshes of a design of densities."""
         return self._most_levels if self.design.levels is None else self.design.levels
 
     @property
     def _most_levels(self) -> int:
-        bound = self.coarsest_edge
-        if bound is None:
+        bound, edge = self.coarsest_edge, self.edge_length
+        if bound is None or edge is None:
             return 1
-        edge: float = self.value("edge_length")
         return 1 + max(0, int(np.floor(np.log2(bound / edge))))
 
-    def at_level(self, level: int) -> Self:
-        """Return the scene of one mesh alone.
+    @property
+    def finest_level(self) -> Level:
+        """The finest mesh of a design of densities."""
+        return Level(self.edge_length, self.design.regularisation)
 
-        All lengths of mesh and filter are those of the finest one, doubled for each level before.
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """The meshes of a design of densities, the coarsest first: all lengths halve each time."""
+        return tuple(self.finest_level.scaled(2.0**k) for k in reversed(range(self.level_count)))
 
-        Args:
-            level: Number of the mesh, from 0, the coarsest.
+    @property
+    def relaxed_level(self) -> Level:
+        """The mesh of the relaxed design."""
+        return self._of_lines(self.lines.relaxed_edge_length)
+
+    @property
+    def print_level(self) -> Level:
+        """The mesh that printed lines are simulated on."""
+        return self._of_lines(self.lines.print_edge_length)
+
+    @property
+    def density_level(self) -> Level:
+        """The mesh of the densities that start from printable lines."""
+        level, design = self.print_level, self.design
+        radius = DENSITY_FILTER_EDGES / FILTER_EDGES * level.regularisation.filter_radius
+        return replace(
+            level,
+            regularisation=replace(
+                level.regularisation,
+                filter_radius=radius,
+                length_scale=LengthScale() if self.lines.density_iterations else None,
+                perimeter_weight=design.perimeter_weight,
+                perimeter_window=design.perimeter_window * radius,
+                width_tolerance=design.robust_against,
+            ),
+        )
+
+    def coarser_print_level(self) -> tuple[float, Level]:
+        """Return how much longer edges of the print's mesh can be, at most 2 times, and that mesh.
+
+        Edges are no longer than lines are wide.
 
         Raises:
-            ParameterError: There is no such level.
+            ParameterError: They are nearly as long as lines are wide already.
         """
-        require_between(0, self.level_count - 1, level=level)
-        factor = 2.0 ** (self.level_count - 1 - level)
-        lengths = {name: self.value(name) for name in MESH_LENGTHS if name in self.described()}
-        scaled = {name: factor * h for name, h in lengths.items() if h is not None}
-        return self.updated(levels=1, **scaled)
-
-    @property
-    def of_relaxed(self) -> Self:
-        """The scene of the relaxed design, on its mesh."""
-        return self._on_one_mesh(self.lines.relaxed_edge_length)
-
-    @property
-    def of_print(self) -> Self:
-        """The scene of the mesh that printed lines are simulated on."""
-        return self._on_one_mesh(self.lines.print_edge_length)
-
-    @property
-    def of_densities(self) -> Self:
-        """The scene of the densities that start from printable lines."""
-        return self.of_print.updated(
-            width_tolerance=self.design.width_tolerance,
-            filter_radius=DENSITY_FILTER_EDGES * self.lines.print_edge_length,
-            constrained_iterations=self.lines.density_iterations,
-            perimeter_weight=self.design.perimeter_weight,
-        )
+        given = self.lines.print_edge_length
+        ratio = min(2.0, min(self.laid_widths) / given)
+        if ratio < COARSER:
+            raise ParameterError(
+                f"print_edge_length = {given} m is so near to the width of the lines, "
+                f"{min(self.laid_widths)} m, that there is no coarser mesh to compare with. Give "
+                "shorter edges."
+            )
+        return ratio, self._of_lines(ratio * given)
 
     @property
     def density_options(self) -> DesignOptions:
         """Options of the design loop for densities that start from printable lines."""
         return self.design.options_of(Stage(self.lines.density_iterations, constrained=True))
 
-    def _on_one_mesh(self, edge: float) -> Self:
-        """Return the scene on a mesh of its own, without widths and perimeter.
-
-        Where the mesh is given it stays.
-        """
-        lengths = {"edge_length": edge} if "edge_length" in self.described() else {}
-        return self.updated(
-            levels=1,
-            filter_radius=FILTER_EDGES * edge,
-            line_width=None,
-            gap_width=None,
-            constrained_iterations=0,
-            perimeter_weight=None,
-            width_tolerance=None,
-            **lengths,
+    def _of_lines(self, edge: float) -> Level:
+        """Return a mesh without widths, perimeter and tolerance."""
+        design = self.design
+        return Level(
+            edge,
+            Regularisation(
+                FILTER_EDGES * edge,
+                design.filter,
+                design.projection,
+                length_scale=None,
+                perimeter_sharpness=design.perimeter_sharpness,
+            ),
         )
 
     def require_symmetric_knit(self, planes: tuple[int, ...]) -> None:
@@ -214,11 +359,19 @@ class ActuatorScene(Scene):
         Raises:
             ParameterError: A width is under `print_width`, or under the edge length of the print.
         """
-        if self.lines.print_edge_length > min(self.laid_widths):
+        self.require_fine_print()
+        return LineOptions(widths=self.laid_widths, print_width=self.print.print_width)
+
+    def require_fine_print(self) -> None:
+        """Check that the mesh of the print is fine enough for the lines that are laid.
+
+        Raises:
+            ParameterError: Its edges are longer than lines are wide.
+        """
+        edge, width = self.lines.print_edge_length, min(self.laid_widths)
+        if edge > width:
             raise ParameterError(
-                f"print_edge_length = {self.lines.print_edge_length} m is over "
-                f"{min(self.laid_widths)} m, the width of the lines: their print cannot be "
-                "simulated. Give shorter edges.",
+                f"print_edge_length = {edge} m is over {width} m, the width of the lines: their "
+                "print cannot be simulated. Give shorter edges.",
                 "print_edge_length",
             )
-        return LineOptions(widths=self.laid_widths, print_width=self.print.print_width)

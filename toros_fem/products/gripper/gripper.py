@@ -17,20 +17,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import write_json, write_together
 from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Positive, Table, key
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.measures.gap import SHAPES, Body
+from toros_fem.measures.gap import SHAPES, Body, GapObjective
 from toros_fem.measures.metrics import Metric
-from toros_fem.measures.shape import Nodes, Objective
+from toros_fem.measures.shape import Nodes, Objective, Part
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_mesh
@@ -39,10 +39,9 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
-from toros_fem.products.actuators.case import ActuatorCase, Touching
 from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
-from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
-from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.actuators.run import ActuatorResult, design_actuator
+from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
@@ -155,6 +154,8 @@ class GripperScene(ActuatorScene):
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 
+    KIND: ClassVar[str] = "gripper"
+    ABOUT: ClassVar[str] = "a gripper whose fingers close on an object"
     FEW: ClassVar[tuple[str, ...]] = (
         "shape",
         "size",
@@ -240,40 +241,165 @@ class GripperScene(ActuatorScene):
             distance=self.contact.contact_distance,
         )
 
-    @property
-    def touching(self) -> tuple[float, float]:
-        """First and last distance in m from the root at which the inner panel is to touch."""
+    def touching(self, edge: float) -> tuple[float, float]:
+        """Return from where to where the inner panel is to touch, in m from the root.
+
+        Args:
+            edge: Edge length of the mesh in m, which a short way is not under.
+        """
         if self.object.shape == "sphere":
             return self.bend_start, self.skin.finger_length - self.skin.finger_width / 4
         middle = self.bend_start + np.radians(self.target.edge_angle) * self.bend_radius
         # An arc leaves another one of radius r by s²/2 (1/r − 1/R) at the distance s.
         sharper = 1 / self.body.radius - 1 / self.bend_radius
-        half = max(np.sqrt(2 * TOUCHING_GAP / sharper), self.skin.edge_length)
+        half = max(np.sqrt(2 * TOUCHING_GAP / sharper), edge)
         return float(middle - half), float(middle + half)
 
+    def coarse(self) -> Self:
+        """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+        return self.updated(
+            edge_length=2.4e-3,
+            filter_radius=3.7e-3,
+            levels=1,
+            iterations=60,
+            constrained_iterations=40,
+        )
 
-def coarse(config: GripperScene) -> GripperScene:
-    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
-    return config.updated(
-        edge_length=2.4e-3,
-        filter_radius=3.7e-3,
-        levels=1,
-        iterations=60,
-        constrained_iterations=40,
-    )
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return half a finger and its target (collective)."""
+        assert level.edge_length is not None
+        self.require_symmetric_knit((1,))
+        root, goal = self.skin.root_length, self.objective
+        pattern = finger(
+            comm,
+            level.edge_length,
+            length=self.skin.finger_length,
+            width=self.skin.finger_width,
+            root=root,
+            planes=(1,),
+        )
+        target, tip_angle = self._bent(pattern)
+        inner = pattern.panel == pattern.panel_index("top")
+        off_middle = np.abs(plane_centroids(pattern)[:, 1])
+        supports = Supports(mounted(pattern, self)) | symmetry_plane(pattern, 1)
+        sections = leg_cross_sections(
+            pattern,
+            ALONG,
+            root,
+            goal.cross_sections,
+            goal.centreline_weight,
+            goal.orientation_length,
+        )
+        return Case(
+            pattern,
+            target,
+            supports,
+            self.pressure.pressure,
+            self.pressure.bounds,
+            self.material.composite,
+            parts=[sections, *self._touching_and_holding(pattern, level.edge_length, supports)],
+            metrics=(gap_metric(self, level.edge_length), tip_angle),
+            passive=np.where(inner & (off_middle < self.skin.backbone_width / 2), 1.0, np.nan),
+            # The outer panel is to stretch; without this hint the start is the same in and out.
+            start=np.where(inner, 0.65, 0.35),
+            symmetry=(1,),
+            contact=self.held_contact,
+        )
+
+    def _bent(self, pattern: Pattern) -> tuple[Floats, Metric]:
+        """Return the target positions of half a finger, and the angle of its tip."""
+        tip_angle = tip_angle_metric(
+            0.0, ALONG, TOWARD, self.skin.root_length, outer_count=TIP_TWELFTHS
+        )
+
+        def around(turn: float) -> Floats:
+            deform = curl(
+                turn,
+                self.bend_angle * self.bend_radius,
+                origin=(self.bend_start, 0, self.target.inflated_depth / 2),
+                along=ALONG,
+                toward=TOWARD,
+            )
+            return deform(pattern.points)
+
+        target = around(self.bend_angle)
+        tip = tip_angle.measure(pattern, target)
+        if self.target.tip_angle is not None:
+            # The outer quarter turns by a fixed part of the whole angle; the object stays.
+            target, tip = (
+                around(self.bend_angle * self.target.tip_angle / tip),
+                self.target.tip_angle,
+            )
+        return target, replace(tip_angle, target=tip)
+
+    def _touching_and_holding(
+        self, pattern: Pattern, edge: float, supports: Supports
+    ) -> tuple[Part, Part]:
+        """Return the distance from the object and the missing force as parts of the objective."""
+        weights = touching_vertices(pattern, self, edge).astype(np.float64)
+        contact, goal = self.held_contact, self.objective
+        sizes = contact.sizes(self.material.composite)
+        # Upwards, and towards the object's axis as far as friction makes use of it.
+        direction = (self.contact.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
+        force = goal.holding_factor * self.object.mass * GRAVITY / (2 * self.fingers)
+
+        def touching(nodes: Nodes, target: Floats) -> Objective:
+            return GapObjective(nodes, self.body, weights, goal.contact_weight)
+
+        def holding(nodes: Nodes, target: Floats) -> Objective:
+            return HoldingObjective(
+                nodes, contact, sizes, supports.fixed, direction, force, goal.holding_weight
+            )
+
+        return touching, holding
+
+    def run_design(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Design the finger and lift the object; return the summary (collective).
+
+        The figures of the lift are in its entry "load".
+        """
+        output = Path(output)
+        made = design_actuator(comm, output, self, verbose=verbose)
+        if self.object.lift_distance is None:
+            return made.summary
+        load = lift(comm, output, self, made)
+        summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}
+        write_together(comm, output, lambda: write_json(output / "summary.json", summary))
+        return summary
+
+    def told_design(self, summary: Mapping[str, Any]) -> str:
+        """Return the result of a design in words."""
+        load = summary.get("load")
+        if load is None:
+            return super().told_design(summary)
+        slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
+        lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
+        if slip is None and held is None and load["failure"]:
+            lifted = f"are not lifted: {load['failure']}"
+        found = f"{super().told_design(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
+        if held is not None:
+            found += f", at most {1e3 * held:.0f} g are held"
+        return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
 
 
-def touching_vertices(pattern: Pattern, config: GripperScene) -> npt.NDArray[np.bool_]:
+def touching_vertices(pattern: Pattern, config: GripperScene, edge: float) -> Bools:
     """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
     inner = np.zeros(len(pattern.points), dtype=bool)
     inner[pattern.vertices_of("top")] = True
     x, y, _ = pattern.points.T
-    begin, end = config.touching
+    begin, end = config.touching(edge)
     middle = np.abs(y) < TOUCHING_WIDTH * config.skin.finger_width / 2
     return np.asarray(inner & (x > begin) & (x < end) & middle)
 
 
-def mounted(pattern: Pattern, config: GripperScene) -> npt.NDArray[np.bool_]:
+def mounted(pattern: Pattern, config: GripperScene) -> Bools:
     """Return the components of the vertices that the mount holds, (n, 3): root and stem."""
     held = pattern.points[:, 0] <= config.skin.root_length * (1 + 1e-9)
     inner = pattern.vertices_of("top")
@@ -281,88 +407,16 @@ def mounted(pattern: Pattern, config: GripperScene) -> npt.NDArray[np.bool_]:
     return np.repeat(held[:, None], 3, axis=1)
 
 
-def gap_metric(config: GripperScene) -> Metric:
+def gap_metric(config: GripperScene, edge: float) -> Metric:
     """Return the mean distance in mm of the touching strip from the object, inside or outside."""
     body = config.body
 
-    def measure(pattern: Pattern, positions: npt.NDArray[np.float64]) -> float:
-        touching = touching_vertices(pattern, config)
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        touching = touching_vertices(pattern, config, edge)
         distance, _ = body.distance(positions[touching])
         return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
 
     return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.object.size)
-
-
-def case(comm: MPI.Comm, config: GripperScene) -> ActuatorCase:
-    """Return half a finger and its target."""
-    config.require_symmetric_knit((1,))
-    root, angle = config.skin.root_length, config.bend_angle
-    pattern = finger(
-        comm,
-        config.skin.edge_length,
-        length=config.skin.finger_length,
-        width=config.skin.finger_width,
-        root=root,
-        planes=(1,),
-    )
-    tip_angle = tip_angle_metric(0.0, ALONG, TOWARD, root, outer_count=TIP_TWELFTHS)
-
-    def around(turn: float) -> npt.NDArray[np.float64]:
-        deform = curl(
-            turn,
-            angle * config.bend_radius,
-            origin=(config.bend_start, 0, config.target.inflated_depth / 2),
-            along=ALONG,
-            toward=TOWARD,
-        )
-        return deform(pattern.points)
-
-    target = around(angle)
-    tip = tip_angle.measure(pattern, target)
-    if config.target.tip_angle is not None:
-        # The outer quarter turns by a fixed part of the whole angle; the object stays.
-        target, tip = around(angle * config.target.tip_angle / tip), config.target.tip_angle
-    inner = pattern.panel == pattern.panel_index("top")
-    off_middle = np.abs(plane_centroids(pattern)[:, 1])
-    touching = touching_vertices(pattern, config).astype(np.float64)
-    supports = Supports(mounted(pattern, config)) | symmetry_plane(pattern, 1)
-    contact = config.held_contact
-    sizes = contact.sizes(config.material.composite)
-
-    def holding(skin: Nodes) -> Objective:
-        # Upwards, and towards the object's axis as far as friction makes use of it.
-        direction = (config.contact.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
-        force = (
-            config.objective.holding_factor * config.object.mass * GRAVITY / (2 * config.fingers)
-        )
-        return HoldingObjective(
-            skin, contact, sizes, supports.fixed, direction, force, config.objective.holding_weight
-        )
-
-    return ActuatorCase(
-        pattern=pattern,
-        target=target,
-        supports=supports,
-        passive=np.where(inner & (off_middle < config.skin.backbone_width / 2), 1.0, np.nan),
-        metrics=(
-            gap_metric(config),
-            replace(tip_angle, target=tip),
-        ),
-        cross_sections=leg_cross_sections(
-            pattern,
-            ALONG,
-            root,
-            config.objective.cross_sections,
-            config.objective.centreline_weight,
-            config.objective.orientation_length,
-        ),
-        touching=Touching(config.body, touching, config.objective.contact_weight),
-        contact=contact,
-        further=holding,
-        # The outer panel is to stretch; without this hint the start is the same in and out.
-        start=np.where(inner, 0.65, 0.35),
-        symmetry=(1,),
-    )
 
 
 def lift(
@@ -573,43 +627,3 @@ def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperScene) -> list
         positions = grip.shown_positions(nearest.positions)
         found.append(LiftShape(f"{name}, {word}", positions, sunk, raised))
     return found
-
-
-def run(
-    comm: MPI.Comm,
-    output: Path | str,
-    config: GripperScene | None = None,
-    *,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the finger, lift the object; return the summary, with the lift's figures in "load".
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        config: Numbers of this design; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    config, output = config or GripperScene(), Path(output)
-    made = design_actuator(comm, output, case, config, verbose=verbose)
-    if config.object.lift_distance is None:
-        return made.summary
-    load = lift(comm, output, config, made)
-    summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}
-    write_together(comm, output, lambda: write_json(output / "summary.json", summary))
-    return summary
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in words."""
-    load = summary.get("load")
-    if load is None:
-        return summary_sentence(summary)
-    slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
-    lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
-    if slip is None and held is None and load["failure"]:
-        lifted = f"are not lifted: {load['failure']}"
-    found = f"{summary_sentence(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
-    if held is not None:
-        found += f", at most {1e3 * held:.0f} g are held"
-    return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -24,9 +24,12 @@ from toros_fem.base.keys import (
     Table,
     key,
 )
+from toros_fem.base.scene import NO_TABLE
+from toros_fem.design.loop.case import Case
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, distance
+from toros_fem.measures.shape import Part, ShapePart
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import read_surface, unwrap
 from toros_fem.meshes.chart import METHODS
@@ -35,11 +38,8 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.topology import half_edges
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.problem import CaseMaker
-from toros_fem.products.actuators.run import design_actuator
-from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
@@ -170,6 +170,26 @@ class OwnDesigning(Designing):
     )
 
 
+@dataclass(frozen=True, eq=False)
+class OwnSkin:
+    """What the files of a scene hold, the same on all ranks.
+
+    Attributes:
+        pattern: Panels and seams on the mesh of the file.
+        target: Target positions of its vertices, (n, 3), in m; None where the configuration
+            describes the target.
+    """
+
+    pattern: Pattern
+    target: Floats | None = None
+
+    @property
+    def edge_length(self) -> float:
+        """Mean edge length of the mesh of the file in m."""
+        points, ends = self.pattern.points, half_edges(self.pattern.triangles)
+        return float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
+
+
 @dataclass(frozen=True)
 class OwnMeshScene(ActuatorScene):
     """A skin of your own."""
@@ -182,6 +202,11 @@ class OwnMeshScene(ActuatorScene):
     objective: OwnWeights = OwnWeights()
     design: OwnDesigning = OwnDesigning()
 
+    KIND: ClassVar[str] = "own-mesh"
+    ABOUT: ClassVar[str] = "a skin of your own, from a mesh file"
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET}
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET, **FILES}
+    EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {"mesh": "my.stl"}
     FEW: ClassVar[tuple[str, ...]] = (
         "bend",
         "twist",
@@ -201,47 +226,139 @@ class OwnMeshScene(ActuatorScene):
         "shortening_percent": "shorten",
     }
 
+    # What the files hold, once they are read.
+    read: OwnSkin | None = field(default=None, repr=False, compare=False, metadata=NO_TABLE)
+
+    @classmethod
+    def example(cls) -> Self:
+        """Return what a new scene file holds: a body that stands on z = 0 and bends."""
+        return cls.of(held=(Held(where="z < 5 mm"),), bend=60.0, design_pressure=True)
+
+    def coarse(self) -> Self:
+        """Return the same design on the mesh of the file, with few steps."""
+        radius, design = self.design.filter_radius, self.design
+        return self.updated(
+            filter_radius=None if radius is None else radius * 2.0**self.skin.refinements,
+            levels=1,
+            refinements=0,
+            iterations=min(design.iterations, 30),
+            constrained_iterations=min(design.constrained_iterations, 20),
+            corrections=min(design.corrections, 1),
+            polish_iterations=min(design.polish_iterations, 10),
+        )
+
+    def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
+        """Return the scene with its skin, and a filter radius if none is given (collective).
+
+        Args:
+            comm: Communicator.
+            files: Paths of the "mesh", a pattern file or its folder too, and of the "target".
+
+        Raises:
+            TorosError: There is no mesh, or a file cannot be read, or does not fit.
+        """
+        if "mesh" not in files:
+            raise ParameterError("there is no mesh: name a mesh file.")
+        skin = read_skin(comm, self, files["mesh"], files.get("target"))
+        radius = self.design.filter_radius
+        if radius is None:
+            radius = FILTER_EDGES * skin.edge_length / 2.0**self.skin.refinements
+        return replace(self.updated(filter_radius=radius), read=skin)
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the case of the skin on its mesh, refined as the level says.
+
+        Args:
+            comm: Communicator; not used, since all ranks have the whole skin.
+            level: How often its triangles are divided.
+
+        Raises:
+            ParameterError: A region holds nothing, nothing is held, or there is no target, or two.
+            PanelError: There is no panel of a name.
+        """
+        del comm
+        skin, asked = self.own_skin, self.target
+        pattern = _refined(skin, level.refinements)[0]
+        axis = body_axis(skin.pattern, asked.axis, asked.toward, asked.begin, asked.end)
+        target = _target(self, skin, axis)
+        return Case(
+            pattern,
+            target(pattern),
+            _supports(self, pattern),
+            self.pressure.pressure,
+            self.pressure.bounds,
+            self.material.composite,
+            parts=[_part(self, pattern, axis)],
+            metrics=_metrics(self, skin, axis, target),
+            passive=_passive(self, pattern),
+        )
+
+    @property
+    def own_skin(self) -> OwnSkin:
+        """What the files hold.
+
+        Raises:
+            ParameterError: They are not read.
+        """
+        if self.read is None:
+            raise ParameterError("the mesh is not read yet: call with_files first.")
+        return self.read
+
     @property
     def _most_levels(self) -> int:
         return 1 + self.skin.refinements
 
-    def at_level(self, level: int) -> Self:
-        """Return the configuration of one mesh alone, as of `ActuatorScene`."""
-        coarser = self.level_count - 1 - level
-        return super().at_level(level).updated(refinements=self.skin.refinements - coarser)
+    @property
+    def finest_level(self) -> Level:
+        """The finest mesh of a design of densities."""
+        return Level(None, self.design.regularisation, self.skin.refinements)
 
     @property
-    def of_relaxed(self) -> Self:
-        """The configuration of the relaxed design, on the mesh of the file."""
-        return super().of_relaxed.updated(refinements=0)
+    def relaxed_level(self) -> Level:
+        """The mesh of the file: a relaxed design has no thin lines."""
+        return self._lines_on(0)
 
+    @property
+    def print_level(self) -> Level:
+        """The finest mesh, for the print of lines too."""
+        return self._lines_on(self.skin.refinements)
 
-def coarse(config: OwnMeshScene) -> OwnMeshScene:
-    """Return the same design on the mesh of the file, with few steps."""
-    radius = config.design.filter_radius
-    return config.updated(
-        filter_radius=None if radius is None else radius * 2.0**config.skin.refinements,
-        levels=1,
-        refinements=0,
-        iterations=min(config.design.iterations, 30),
-        constrained_iterations=min(config.design.constrained_iterations, 20),
-        corrections=min(config.design.corrections, 1),
-        polish_iterations=min(config.design.polish_iterations, 10),
-    )
+    def coarser_print_level(self) -> tuple[float, Level]:
+        """Return 2, and the mesh that was refined once less.
 
+        Raises:
+            ParameterError: The mesh is that of the file.
+        """
+        times = self.skin.refinements
+        if times == 0:
+            raise ParameterError(
+                "the print is simulated on the mesh of the file, and there is no coarser one to "
+                "compare with. Set refinements = 1, or give a coarser file and refine it."
+            )
+        return 2.0, self._lines_on(times - 1)
 
-@dataclass(frozen=True, eq=False)
-class OwnSkin:
-    """What the files of a scene hold, the same on all ranks.
+    def require_fine_print(self) -> None:
+        """Check that the finest mesh is fine enough for the lines that are laid.
 
-    Attributes:
-        pattern: Panels and seams on the mesh of the file.
-        target: Target positions of its vertices, (n, 3), in m; None where the configuration
-            describes the target.
-    """
+        Raises:
+            ParameterError: Its edges are longer than lines are wide.
+        """
+        if self.read is None:
+            return
+        width, times = min(self.laid_widths), self.skin.refinements
+        edge = self.read.edge_length / 2.0**times
+        if edge > width:
+            more = times + int(np.ceil(np.log2(edge / width)))
+            raise ParameterError(
+                f"the finest mesh has edges of {edge:.3g} m, which are over {width} m, the width "
+                f"of the lines: their print cannot be simulated. Set refinements = {more}, or lay "
+                "wider lines (laid_width).",
+                "refinements",
+            )
 
-    pattern: Pattern
-    target: Floats | None = None
+    def _lines_on(self, refinements: int) -> Level:
+        edge = self.own_skin.edge_length / 2.0**refinements
+        return replace(self._of_lines(edge), edge_length=None, refinements=refinements)
 
 
 def read_skin(
@@ -275,41 +392,6 @@ def read_skin(
     if target is None:
         return OwnSkin(pattern)
     return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.skin.scale))
-
-
-def own_case(comm: MPI.Comm, config: OwnMeshScene, skin: OwnSkin) -> ActuatorCase:
-    """Return the case of a skin on its mesh, refined as the configuration says.
-
-    Args:
-        comm: Communicator; not used, since all ranks have the whole skin.
-        config: Regions, target, weights and metrics.
-        skin: The skin on the mesh of its file.
-
-    Raises:
-        ParameterError: A region holds nothing, nothing is held, or there is no target, or two.
-        PanelError: There is no panel of a name.
-    """
-    del comm
-    pattern = _refined(skin, config.skin.refinements)[0]
-    axis = body_axis(
-        skin.pattern,
-        config.target.axis,
-        config.target.toward,
-        config.target.begin,
-        config.target.end,
-    )
-    target = _target(config, skin, axis)
-    goal = target(pattern)
-    case = ActuatorCase(
-        pattern=pattern,
-        target=goal,
-        supports=_supports(config, pattern),
-        metrics=_metrics(config, skin, axis, target),
-        passive=_passive(config, pattern),
-    )
-    if config.objective.counted == "cross-sections":
-        return _with_cross_sections(case, config, axis)
-    return _with_weights(case, config, axis)
 
 
 def _refined(skin: OwnSkin, times: int) -> tuple[Pattern, Floats | None]:
@@ -427,128 +509,35 @@ def _distance(target: Callable[[Pattern], Floats]) -> Callable[[Pattern, Floats]
     return lambda pattern, positions: 1e3 * distance(pattern, positions, target(pattern))
 
 
-def _with_weights(case: ActuatorCase, config: OwnMeshScene, axis: BodyAxis) -> ActuatorCase:
-    """Return the case with weights of the tip's position and orientation, as those of the tube."""
-    if not (config.objective.tip_weight or config.objective.orientation_length):
-        return case
-    pattern, tip = case.pattern, axis.tip(case.pattern)
-    area, weights = pattern.vertex_areas, np.ones(len(pattern.points))
-    weights[tip] += config.objective.tip_weight * area.sum() / area[tip].sum()
-    if not config.objective.orientation_length:
-        return replace(case, weights=weights)
+def _part(config: OwnMeshScene, pattern: Pattern, axis: BodyAxis) -> Part:
+    """Return what counts: the shape with weights of its tip, or cross-sections, as of a tube."""
+    goal = config.objective
+    if goal.counted == "cross-sections":
+        return _sections(goal, pattern, axis)
+    if not (goal.tip_weight or goal.orientation_length):
+        return ShapePart()
+    tip, area, weights = axis.tip(pattern), pattern.vertex_areas, np.ones(len(pattern.points))
+    weights[tip] += goal.tip_weight * area.sum() / area[tip].sum()
+    if not goal.orientation_length:
+        return ShapePart(weights)
     # Turned by a small angle about a diameter a tip moves by angle · radius/√2 in root mean square.
     arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=area[tip])
     radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area[tip])))
     relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * config.objective.orientation_length / radius
+    ratio = np.sqrt(2) * goal.orientation_length / radius
     relative[tip] = ratio**2 * (area @ weights) / area[tip].sum()
-    return replace(case, weights=weights, relative=relative)
+    return ShapePart(weights, relative)
 
 
-def _with_cross_sections(case: ActuatorCase, config: OwnMeshScene, axis: BodyAxis) -> ActuatorCase:
-    """Return the case with an objective of cross-sections, weighted as those of the tube."""
-    labels, count = (
-        axis.labels(case.pattern, config.objective.cross_sections),
-        config.objective.cross_sections,
-    )
+def _sections(goal: OwnWeights, pattern: Pattern, axis: BodyAxis) -> CrossSections:
+    """Return cross-sections, weighted as those of the tube."""
+    labels, count = axis.labels(pattern, goal.cross_sections), goal.cross_sections
     if axis.flat_tip:
-        fraction = np.append(np.full(count, 1 / count), config.objective.tip_weight)
+        fraction = np.append(np.full(count, 1 / count), goal.tip_weight)
     else:
-        fraction = np.append(
-            np.full(count - 1, 1 / count), max(1 / count, config.objective.tip_weight)
-        )
+        fraction = np.append(np.full(count - 1, 1 / count), max(1 / count, goal.tip_weight))
     along = np.abs(axis.along) > 0.5
-    components = np.where(along, config.objective.axial_weight, 1.0)
-    ratio = config.objective.orientation_length / case.pattern.size
+    components = np.where(along, goal.axial_weight, 1.0)
+    ratio = goal.orientation_length / pattern.size
     orientation = np.full(len(fraction), len(fraction) * fraction[-1] * ratio**2)
-    sections = CrossSections(labels, np.outer(fraction, components), orientation)
-    return replace(case, cross_sections=sections)
-
-
-def _resolved(config: OwnMeshScene, skin: OwnSkin) -> OwnMeshScene:
-    """Return the configuration with a filter radius."""
-    if config.design.filter_radius is not None:
-        return config
-    points, ends = skin.pattern.points, half_edges(skin.pattern.triangles)
-    edge = float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
-    return config.updated(filter_radius=FILTER_EDGES * edge / 2.0**config.skin.refinements)
-
-
-def cases(
-    comm: MPI.Comm,
-    config: OwnMeshScene,
-    *,
-    mesh: Path | str | None = None,
-    target: Path | str | None = None,
-) -> tuple[CaseMaker[OwnMeshScene], OwnMeshScene]:
-    """Return what makes the case of a skin of your own, and the configuration with its radius.
-
-    Args:
-        comm: Communicator (collective).
-        config: Numbers of the design.
-        mesh: Mesh file; or a pattern file, or the folder that it lies in.
-        target: Mesh file of the target; None takes that of the configuration.
-
-    Raises:
-        TorosError: A file cannot be read, or does not fit.
-    """
-    if mesh is None:
-        raise ParameterError("there is no mesh: name a mesh file.")
-    skin = read_skin(comm, config, mesh, target)
-    return (lambda comm, config: own_case(comm, config, skin)), _resolved(config, skin)
-
-
-def run(
-    comm: MPI.Comm,
-    output: Path | str,
-    config: OwnMeshScene,
-    *,
-    mesh: Path | str | None = None,
-    target: Path | str | None = None,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the print of a skin of your own and write all results; return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for the results.
-        config: Numbers of this design.
-        mesh: Mesh file; or a pattern file, or the folder that it lies in.
-        target: Mesh file of the target; None takes that of the configuration.
-        verbose: Whether to print every Newton step.
-
-    Raises:
-        TorosError: A file cannot be read, or numbers, regions and mesh do not fit.
-    """
-    case, config = cases(comm, config, mesh=mesh, target=target)
-    return design_actuator(comm, output, case, config, verbose=verbose).summary
-
-
-def simulate(
-    comm: MPI.Comm,
-    output: Path | str,
-    config: OwnMeshScene,
-    *,
-    mesh: Path | str | None = None,
-    target: Path | str | None = None,
-    pattern: Path | str | None = None,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Inflate a skin of your own without designing it, as `simulate_actuator`.
-
-    Args:
-        comm, output, config, mesh, target, verbose: As of `run`.
-        pattern: Output folder of a design of this skin; None: only what is always printed is.
-    """
-    case, config = cases(comm, config, mesh=mesh, target=target)
-    return simulate_actuator(comm, output, case, config, pattern=pattern, verbose=verbose)
-
-
-DESIGN_FILES = {**MESH, **TARGET}
-SIMULATION_FILES = {**MESH, **TARGET, **FILES}
-# What a new scene file shows: a body that stands on z = 0 and bends.
-EXAMPLE = OwnMeshScene.of(
-    held=(Held(where="z < 5 mm"),),
-    bend=60.0,
-    design_pressure=True,
-)
+    return CrossSections(labels, np.outer(fraction, components), orientation)

@@ -19,7 +19,9 @@ from toros_fem.base.keys import (
 from toros_fem.design.density.filters import FILTERS
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.perimeter import SHARPNESS
+from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.robust import SPREAD_WEIGHT, WidthTolerance
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.print.printability import PrintLimits
@@ -105,6 +107,25 @@ class Designing(Filtering, Stepping):
         SPREAD_WEIGHT,
         "weight of the spread over these widths in the objective, where there is a tolerance",
     )
+
+    @property
+    def projection(self) -> Projection:
+        """Smoothed step from ρ̃ to ρ̄."""
+        return Projection(self.beta, self.eta)
+
+    @property
+    def regularisation(self) -> Regularisation:
+        """Filter, projection, widths, perimeter and tolerance on the finest mesh."""
+        return Regularisation(
+            self.filter_radius,
+            self.filter,
+            self.projection,
+            self.length_scale,
+            self.perimeter_weight,
+            self.perimeter_window * self.filter_radius,
+            self.perimeter_sharpness,
+            self.robust_against,
+        )
 
     @property
     def length_scale(self) -> LengthScale | None:

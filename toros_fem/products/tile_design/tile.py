@@ -14,9 +14,10 @@ the result.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -104,6 +105,8 @@ class TileScene(TileDesignScene):
     target: TileTarget = TileTarget()
     skin: TileSizes = TileSizes()
 
+    KIND: ClassVar[str] = "tile"
+    ABOUT: ClassVar[str] = "a periodic fabric of designed stiffness"
     FEW: ClassVar[tuple[str, ...]] = (
         "target",
         "stiffness_0",
@@ -113,12 +116,78 @@ class TileScene(TileDesignScene):
         "seed",
     )
 
+    def coarse(self) -> Self:
+        """Return the quick variant: longer edges, a larger filter, fewer starts and steps."""
+        return self.updated(
+            edge_length=0.2e-3,
+            filter_radius=0.8e-3,
+            starts=5,
+            trial_iterations=12,
+            draft_iterations=16,
+        )
 
-def coarse(config: TileScene) -> TileScene:
-    """Return the quick variant: longer edges, a larger filter radius, fewer starts and steps."""
-    return config.updated(
-        edge_length=0.2e-3, filter_radius=0.8e-3, starts=5, trial_iterations=12, draft_iterations=16
-    )
+    def run_design(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Design the tile and return the summary (collective).
+
+        Args:
+            comm: Communicator; its ranks share the directions.
+            output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
+            files: It takes none.
+            verbose: Whether to print every step of the equilibrium solver.
+        """
+        reporter, case = DesignReporter(comm, output), tile_case(comm, self)
+        log = print_step(comm) if verbose else None
+        result = design_tile(comm, case, self, reporter, log, journal_of(output))
+        measured = measure_print(comm, case, self, result)
+        printed_tile = PrintedTile(
+            printed=result.printed.cells,
+            size=(self.skin.size, self.skin.size),
+            edge_length=self.skin.edge_length,
+            mesh=self.skin.mesh,
+            symmetry=case.symmetry,
+            composite=self.material.composite,
+        )
+        return write_tile_results(
+            comm,
+            output,
+            case,
+            result,
+            measured,
+            printed_tile,
+            config=self,
+            seconds=reporter.seconds,
+        )
+
+    def told_design(self, summary: Mapping[str, Any]) -> str:
+        """Return the result in a sentence."""
+        worst, made = summary["worst_percent"], summary["manufacture"]
+        seconds = summary["seconds"]["total"]
+        if summary["printed"] is None:
+            return f"the print has no equilibrium: {summary['printed_failure']}; {seconds:.0f} s"
+        stiffness = ", ".join(f"{s:.0f}" for s in summary["printed"]["stiffness_n_per_m"])
+        deviation = "" if worst is None else f", at most {worst:.1f} % from the target"
+        contraction = summary["printed"]["contraction"][0]
+        angles = zip(summary["angles_deg"], summary["buckling"] or [], strict=False)
+        buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
+        wrinkles = (
+            f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
+        )
+        widths = "".join(
+            f", {name} from {made[key]:.2f} mm"
+            for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
+            if made[key] is not None
+        )
+        return (
+            f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} "
+            f"along x; {made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
+        )
 
 
 def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> np.ndarray:
@@ -158,68 +227,3 @@ def tile_case(comm: MPI.Comm, config: TileScene) -> TileCase:
         for factor in (2, 1, 0.5)
     )
     return TileCase(own, angles, objective, symmetry, coarser, finer)
-
-
-def run(
-    comm: MPI.Comm,
-    output: str | Path,
-    config: TileScene = TileScene(),
-    *,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the tile and return the summary.
-
-    Args:
-        comm: Communicator; its ranks share the directions.
-        output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
-        config: Numbers of the design.
-        verbose: Whether to print every step of the equilibrium solver.
-    """
-    reporter = DesignReporter(comm, output)
-    case = tile_case(comm, config)
-    log = print_step(comm) if verbose else None
-    result = design_tile(comm, case, config, reporter, log, journal_of(output))
-    measured = measure_print(comm, case, config, result)
-    printed_tile = PrintedTile(
-        printed=result.printed.cells,
-        size=(config.skin.size, config.skin.size),
-        edge_length=config.skin.edge_length,
-        mesh=config.skin.mesh,
-        symmetry=case.symmetry,
-        composite=config.material.composite,
-    )
-    return write_tile_results(
-        comm,
-        output,
-        case,
-        result,
-        measured,
-        printed_tile,
-        config=config,
-        seconds=reporter.seconds,
-    )
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in a sentence."""
-    worst, made = summary["worst_percent"], summary["manufacture"]
-    seconds = summary["seconds"]["total"]
-    if summary["printed"] is None:
-        return f"the print has no equilibrium: {summary['printed_failure']}; {seconds:.0f} s"
-    stiffness = ", ".join(f"{s:.0f}" for s in summary["printed"]["stiffness_n_per_m"])
-    deviation = "" if worst is None else f", at most {worst:.1f} % from the target"
-    contraction = summary["printed"]["contraction"][0]
-    angles = zip(summary["angles_deg"], summary["buckling"] or [], strict=False)
-    buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
-    wrinkles = (
-        f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
-    )
-    widths = "".join(
-        f", {name} from {made[key]:.2f} mm"
-        for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
-        if made[key] is not None
-    )
-    return (
-        f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} along x; "
-        f"{made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
-    )

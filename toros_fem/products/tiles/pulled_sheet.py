@@ -12,9 +12,10 @@ with its diagonals as lines of 1 mm.
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -65,12 +66,100 @@ class TileSheetScene(Scene):
     skin: SheetMesh = SheetMesh()
     pull: SheetPull = SheetPull()
 
+    KIND: ClassVar[str] = "tile-sheet"
+    ABOUT: ClassVar[str] = "a pull test of a sheet of tiles"
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
+        "tile": "output folder of a designed tile; none: a simple tile"
+    }
     FEW: ClassVar[tuple[str, ...]] = ("direction", "along", "across", "strain", "edge_length")
 
+    def coarse(self) -> Self:
+        """Return the quick variant: a small sheet on a coarse mesh."""
+        return self.updated(edge_length=0.72e-3, along=6, across=3)
 
-def coarse(config: TileSheetScene) -> TileSheetScene:
-    """Return the quick variant: a small sheet on a coarse mesh."""
-    return config.updated(edge_length=0.72e-3, along=6, across=3)
+    def run_simulation(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Write the print file, pull the sheet, and return the summary (collective).
+
+        Args:
+            comm: Communicator.
+            output: Folder for print file, summary, curves and pictures.
+            files: Folder of the printed "tile"; without it `cross_tile` is taken.
+            verbose: Whether to print every step of the equilibrium solver.
+        """
+        begin, folder, given = time.perf_counter(), Path(output), (files or {}).get("tile")
+        strains = np.asarray(
+            np.linspace(0.0, self.pull.strain, self.pull.strain_steps + 1), dtype=np.float64
+        )[1:]
+        directions = DIRECTIONS if self.pull.direction == "both" else (self.pull.direction,)
+        design = cross_tile(comm) if given is None else read_tile(comm, given)
+        simulated = design
+        if self.skin.edge_length is not None:
+            simulated = remesh(comm, design, self.skin.edge_length)
+        designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
+        counts = (self.pull.along, self.pull.across)
+        sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
+        cloth, regions = print_layout(sheets, design.printed, self.pull.margin)
+        log = print_step(comm) if verbose else None
+        pulled = [
+            pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
+            for direction in directions
+        ]
+        area = float(np.prod(design.size))
+        summary = {
+            "directions": {one.sheet.direction: one.summary() for one in pulled},
+            "tile_m": design.size,
+            "printed_share": float(designed_mesh.pattern.areas[design.printed].sum()) / area,
+            "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,
+            "printed_m2": [region.area for region in regions],
+            "triangles": len(pulled[0].sheet.cell),
+            "ranks": comm.size,
+            "seconds": {"total": time.perf_counter() - begin},
+            "versions": versions(),
+            "inputs": {**self.as_dict(), "tile": None if given is None else str(given)},
+        }
+
+        def draw() -> None:
+            from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
+
+            plot_pulls(folder / "curve.png", pulled)
+            for one in pulled:
+                direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
+                title = f"pulled by {100 * self.pull.strain:g} % along {direction}"
+                path = folder / f"sheet_{direction}.png"
+                plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
+
+        def write() -> None:
+            write_svg(folder / "pattern.svg", cloth, regions)
+            write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
+            write_json(folder / "summary.json", summary)
+            if_plotting(draw)
+            high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
+            place = folder / FOLDER
+            if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
+
+        write_together(comm, folder, write)
+        return summary
+
+    def told_simulation(self, summary: Mapping[str, Any]) -> str:
+        """Return the result in a sentence."""
+        strain, told = 100 * summary["inputs"]["strain"], []
+        for name, f in summary["directions"].items():
+            middle = f["middle"]
+            told.append(
+                f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, predicted "
+                f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, "
+                f"predicted {f['contraction_predicted']:.2f}; in the middle "
+                f"{middle['contraction']:.2f}, predicted {middle['contraction_predicted']:.2f} at "
+                f"{100 * middle['strain']:.1f} %"
+            )
+        return "; ".join(told)
 
 
 def cross_tile(comm: MPI.Comm) -> PrintedTile:
@@ -79,88 +168,3 @@ def cross_tile(comm: MPI.Comm) -> PrintedTile:
     distances = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
     printed = np.minimum(*distances) < LINE_WIDTH / np.sqrt(2)
     return PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
-
-
-def run(
-    comm: MPI.Comm,
-    output: str | Path,
-    config: TileSheetScene = TileSheetScene(),
-    *,
-    tile: str | Path | None = None,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Write the print file, pull the sheet, and return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for print file, summary, curves and pictures.
-        config: Sheet and pull test.
-        tile: Folder of the printed tile; None takes `cross_tile`.
-        verbose: Whether to print every step of the equilibrium solver.
-    """
-    begin, folder = time.perf_counter(), Path(output)
-    strains = np.asarray(
-        np.linspace(0.0, config.pull.strain, config.pull.strain_steps + 1), dtype=np.float64
-    )[1:]
-    directions = DIRECTIONS if config.pull.direction == "both" else (config.pull.direction,)
-    design = cross_tile(comm) if tile is None else read_tile(comm, tile)
-    simulated = design
-    if config.skin.edge_length is not None:
-        simulated = remesh(comm, design, config.skin.edge_length)
-    designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
-    counts = (config.pull.along, config.pull.across)
-    sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
-    cloth, regions = print_layout(sheets, design.printed, config.pull.margin)
-    log = print_step(comm) if verbose else None
-    pulled = [
-        pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
-        for direction in directions
-    ]
-    area = float(np.prod(design.size))
-    summary = {
-        "directions": {one.sheet.direction: one.summary() for one in pulled},
-        "tile_m": design.size,
-        "printed_share": float(designed_mesh.pattern.areas[design.printed].sum()) / area,
-        "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,
-        "printed_m2": [region.area for region in regions],
-        "triangles": len(pulled[0].sheet.cell),
-        "ranks": comm.size,
-        "seconds": {"total": time.perf_counter() - begin},
-        "versions": versions(),
-        "inputs": {**config.as_dict(), "tile": None if tile is None else str(tile)},
-    }
-
-    def draw() -> None:
-        from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
-
-        plot_pulls(folder / "curve.png", pulled)
-        for one in pulled:
-            direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
-            title = f"pulled by {100 * config.pull.strain:g} % along {direction}"
-            path = folder / f"sheet_{direction}.png"
-            plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
-
-    def write() -> None:
-        write_svg(folder / "pattern.svg", cloth, regions)
-        write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
-        write_json(folder / "summary.json", summary)
-        if_plotting(draw)
-        high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
-        place = folder / FOLDER
-        if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
-
-    write_together(comm, folder, write)
-    return summary
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in a sentence."""
-    strain = 100 * summary["inputs"]["strain"]
-    return "; ".join(
-        f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, predicted "
-        f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, predicted "
-        f"{f['contraction_predicted']:.2f}; in the middle {f['middle']['contraction']:.2f}, "
-        f"predicted {f['middle']['contraction_predicted']:.2f} at "
-        f"{100 * f['middle']['strain']:.1f} %"
-        for name, f in summary["directions"].items()
-    )

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,10 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, OutputError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.regions import part_regions, regions_on
-from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tolerance.result import Tolerances
 from toros_fem.products.tolerance.settings import ToleranceConfig
@@ -33,8 +31,7 @@ from toros_fem.results.runs.folder import SUMMARY
 def tolerances_of_run(
     comm: MPI.Comm,
     run: Path | str,
-    cases: Callable[..., tuple[CaseMaker[Any], Any]],
-    whole: ActuatorScene,
+    scene: ActuatorScene,
     files: Mapping[str, Path],
     config: ToleranceConfig | None = None,
 ) -> Tolerances:
@@ -45,8 +42,7 @@ def tolerances_of_run(
     Args:
         comm: Communicator.
         run: Folder of the design, by `toros design` or a demo.
-        cases: Makes the case on the mesh of a configuration, as of the design's kind of scene.
-        whole: Configuration of the design.
+        scene: What was designed.
         files: Files that the design has taken, by name.
         config: How far what is off; None takes the defaults.
 
@@ -59,31 +55,26 @@ def tolerances_of_run(
     summary = on_first_rank(comm, lambda: finished_summary(folder))
     if summary.get("printed_failure"):
         raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
-    make, found = cases(comm, whole, **files)
-    laid = found.design.start == "relaxed"
-    mesh = found.of_print if laid else found.at_level(found.level_count - 1)
-    mesh = mesh.updated(width_tolerance=None)  # a print has no eroded and dilated densities
-    case = make(comm, mesh)
+    scene = scene.with_files(comm, files)
+    level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
+    # A print has no eroded and dilated densities.
+    level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
+    case = scene.case(comm, level)
     part = case.pattern
     stored = read_print_polygons(comm, folder)
-    skin = mirrored(part, case.symmetry).pattern if case.symmetry else part
+    skin = part if case.whole is None else case.whole.pattern
 
     def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
         on_whole = regions_on(stored.pattern, stored.regions, skin)
         return part_regions(part, on_whole), _shape(folder)
 
     regions, near = on_first_rank(comm, polygons)
-    following = case.following(comm, regions)
-
-    def remake(pattern: Pattern) -> ShapeDesign:
-        return actuator_problem(comm, following.on(pattern), mesh)
+    problem = scene.problem(comm, case.following(comm, regions), level)
 
     pressure = summary["pressure_pa"]
-    own = {m.key: summary[m.key] for m in case.metrics if summary.get(m.key) is not None}
+    own = {m.key: summary[m.key] for m in case.judged if summary.get(m.key) is not None}
     drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
-    return simulated_tolerances(
-        actuator_problem(comm, following, mesh), remake, drawn, config, begin=begin
-    )
+    return simulated_tolerances(problem, problem.on, drawn, config, begin=begin)
 
 
 def finished_summary(folder: Path) -> Mapping[str, Any]:

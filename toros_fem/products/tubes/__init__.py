@@ -1,15 +1,5 @@
 """Tubes that bend, shorten, twist, or only swell (Fig. 8)."""
 
-from toros_fem.products.tubes.tube import (
-    SectionTubeScene,
-    TubeScene,
-    cross_section_case,
-    tube_case,
-)
+from toros_fem.products.tubes.tube import SectionTubeScene, TubeScene
 
-__all__ = [
-    "SectionTubeScene",
-    "TubeScene",
-    "cross_section_case",
-    "tube_case",
-]
+__all__ = ["SectionTubeScene", "TubeScene"]

@@ -15,12 +15,12 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.keys import In, Place, Table, key
+from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.run import design_run
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.steps import Designing
-from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric, tube_case
+from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
 
 # Fig. 8b of the paper: the printed skin, inflated.
 MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
@@ -48,6 +48,9 @@ class BendScene(TubeScene):
     # (docs/optimisation.md).
     design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
 
+    KIND: ClassVar[str] = "bend"
+    ABOUT: ClassVar[str] = "a tube that bends"
+    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = (
         "angle",
         "neutral",
@@ -60,14 +63,9 @@ class BendScene(TubeScene):
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
-
-def case(comm: MPI.Comm, config: BendScene) -> ActuatorCase:
-    """Return half the tube, or the whole, and its target."""
-    target = bend(
-        np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral
-    )
-    planes = () if config.skin.whole else (1,)
-    return tube_case(comm, config, target, [bend_metric(config.target.angle)], planes)
-
-
-run = design_run(case, BendScene(), MEASURED)
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return half the tube, or the whole, and its target."""
+        asked = self.target
+        deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
+        planes = () if self.skin.whole else (1,)
+        return self.tip_case(comm, level, deform, [bend_metric(asked.angle)], planes)

@@ -13,16 +13,15 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.keys import In, key
+from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend, compose, twist
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.run import design_run
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
     bend_metric,
-    cross_section_case,
     twist_metric,
 )
 
@@ -45,6 +44,8 @@ class BendTwistScene(SectionTubeScene):
     # Few lines would answer to a correction by leaps.
     lines: Lines = Lines(share_weight=3e-3)
 
+    KIND: ClassVar[str] = "bend-twist"
+    ABOUT: ClassVar[str] = "a tube that bends and twists at once"
     FEW: ClassVar[tuple[str, ...]] = (
         "angle",
         "twist",
@@ -57,15 +58,12 @@ class BendTwistScene(SectionTubeScene):
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
 
-
-def case(comm: MPI.Comm, config: BendTwistScene) -> ActuatorCase:
-    """Return the tube and its target."""
-    target = compose(
-        twist(np.radians(config.target.twist), config.skin.length),
-        bend(np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral),
-    )
-    metrics = [bend_metric(config.target.angle), twist_metric(config.target.twist)]
-    return cross_section_case(comm, config, target, metrics)
-
-
-run = design_run(case, BendTwistScene())
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the tube and its target."""
+        asked, length = self.target, self.skin.length
+        deform = compose(
+            twist(np.radians(asked.twist), length),
+            bend(np.radians(asked.angle), length, neutral=asked.neutral),
+        )
+        metrics = [bend_metric(asked.angle), twist_metric(asked.twist)]
+        return self.section_case(comm, level, deform, metrics)

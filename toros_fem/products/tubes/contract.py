@@ -13,16 +13,15 @@ from typing import Annotated, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.keys import In, Table, key
+from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.run import design_run
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Designing, Lines
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
     SymmetricTube,
-    cross_section_case,
     shortening_metric,
     twist_metric,
 )
@@ -50,16 +49,15 @@ class ContractScene(SectionTubeScene):
     # Bending of thin lines between their crossings needs two triangles across.
     lines: Lines = Lines(print_edge_length=0.5e-3)
 
+    KIND: ClassVar[str] = "contract"
+    ABOUT: ClassVar[str] = "a tube that shortens"
+    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = ("contraction", "length", "diameter", "pressure", "seed")
 
     TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 
-
-def case(comm: MPI.Comm, config: ContractScene) -> ActuatorCase:
-    """Return half the tube, or the whole, and its target."""
-    target = contract(1 - config.target.contraction / 100)
-    metrics = [shortening_metric(config.target.contraction), twist_metric(None)]
-    return cross_section_case(comm, config, target, metrics, () if config.skin.whole else (1,))
-
-
-run = design_run(case, ContractScene(), MEASURED)
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return half the tube, or the whole, and its target."""
+        asked, planes = self.target.contraction, () if self.skin.whole else (1,)
+        metrics = [shortening_metric(asked), twist_metric(None)]
+        return self.section_case(comm, level, contract(1 - asked / 100), metrics, planes)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -61,6 +62,8 @@ class InflateScene(Scene):
     material: SkinSheets = SkinSheets()
     pressure: Curve = Curve()
 
+    KIND: ClassVar[str] = "inflate"
+    ABOUT: ClassVar[str] = "a tube without reinforcement that swells"
     FEW: ClassVar[tuple[str, ...]] = (
         "length",
         "diameter",
@@ -81,59 +84,59 @@ class InflateScene(Scene):
             return np.asarray(levels, dtype=np.float64)
         return np.sort(np.append(levels, asked.pressure)).astype(np.float64)
 
+    def coarse(self) -> Self:
+        """Return the same path on a coarse mesh with fewer pressures."""
+        return self.updated(edge_length=2.85e-3, levels=20)
 
-def coarse(config: InflateScene) -> InflateScene:
-    """Return the same path on a coarse mesh with fewer pressures."""
-    return config.updated(edge_length=2.85e-3, levels=20)
+    def run_simulation(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Inflate the tube and write curve, fields and pictures; return the summary (collective).
 
+        Args:
+            comm: Communicator.
+            output: Folder for the results.
+            files: It takes none.
+            verbose: Whether to print every Newton step.
+        """
+        begin, seams = time.perf_counter(), self.material.seams
+        planes = () if self.skin.whole else plain_planes(seams)
+        pattern, supports, density = plain_tube(comm, self.skin, planes, seams=seams)
+        skin = sew(comm, pattern)
+        log = print_step(comm) if verbose else None
+        solver = EquilibriumSolver(skin, self.material.composite, supports, log=log)
+        levels = self.pressures
+        metrics = [metric.of_whole(planes) for metric in METRICS]
+        points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
+        radius = np.array([point.metrics["radius_percent"] for point in points])
+        half = int(np.argmin(np.abs(levels - self.pressure.pressure)))
+        figures = {
+            "radius_percent": radius[-1],
+            "length_percent": points[-1].metrics["length_percent"],
+            "radius_percent_at_pressure": radius[half],
+            "length_percent_at_pressure": points[half].metrics["length_percent"],
+            "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
+            "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
+        }
+        return write_pressure_path(
+            comm, output, pattern, points, density, METRICS,
+            whole=mirrored(pattern, planes),
+            composite=self.material.composite, config=self,
+            figures=figures, seconds={"total": time.perf_counter() - begin},
+        )  # fmt: skip
 
-def run(
-    comm: MPI.Comm, output: Path | str, config: InflateScene | None = None, *,
-    verbose: bool = False,
-) -> dict[str, Any]:  # fmt: skip
-    """Inflate the tube and write curve, fields and pictures; return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for the results.
-        config: Numbers of this run; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    begin = time.perf_counter()
-    config = config or InflateScene()
-    planes = () if config.skin.whole else plain_planes(config.material.seams)
-    pattern, supports, density = plain_tube(comm, config.skin, planes, seams=config.material.seams)
-    skin = sew(comm, pattern)
-    log = print_step(comm) if verbose else None
-    solver = EquilibriumSolver(skin, config.material.composite, supports, log=log)
-    levels = config.pressures
-    metrics = [metric.of_whole(planes) for metric in METRICS]
-    points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
-    radius = np.array([point.metrics["radius_percent"] for point in points])
-    half = int(np.argmin(np.abs(levels - config.pressure.pressure)))
-    figures = {
-        "radius_percent": radius[-1],
-        "length_percent": points[-1].metrics["length_percent"],
-        "radius_percent_at_pressure": radius[half],
-        "length_percent_at_pressure": points[half].metrics["length_percent"],
-        "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
-        "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
-    }
-    return write_pressure_path(
-        comm, output, pattern, points, density, METRICS,
-        whole=mirrored(pattern, planes),
-        composite=config.material.composite, config=config,
-        figures=figures, seconds={"total": time.perf_counter() - begin},
-    )  # fmt: skip
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in words."""
-    inputs = summary["inputs"]
-    return (
-        f"radius {summary['radius_percent_at_pressure']:.0f} % and length "
-        f"{summary['length_percent_at_pressure']:.0f} % at {inputs['pressure'] / 1e3:g} kPa, "
-        f"{summary['radius_percent']:.0f} % and {summary['length_percent']:.0f} % at "
-        f"{inputs['highest_pressure'] / 1e3:g} kPa: above, the radius grows by "
-        f"{100 * summary['growth_above_over_below']:.0f} % of its growth below"
-    )
+    def told_simulation(self, summary: Mapping[str, Any]) -> str:
+        """Return the result in words."""
+        inputs = summary["inputs"]
+        return (
+            f"radius {summary['radius_percent_at_pressure']:.0f} % and length "
+            f"{summary['length_percent_at_pressure']:.0f} % at {inputs['pressure'] / 1e3:g} kPa, "
+            f"{summary['radius_percent']:.0f} % and {summary['length_percent']:.0f} % at "
+            f"{inputs['highest_pressure'] / 1e3:g} kPa: above, the radius grows by "
+            f"{100 * summary['growth_above_over_below']:.0f} % of its growth below"
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, TypeVar
+from typing import Annotated, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -12,6 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TargetError
 from toros_fem.base.keys import Length, OneOf, Table, key
+from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import (
@@ -22,14 +23,14 @@ from toros_fem.measures.metrics import (
     shortening,
     twist_angle,
 )
+from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.topology import edge_keys
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -59,6 +60,14 @@ class SymmetricTube(Tube):
     whole: bool = key(False, "simulate the whole tube and not its part between the planes")
 
 
+# A length that is off by so much counts like a twist or an angle that is not there at all.
+LENGTH_SCALE = 0.2
+# Largest distance of a target from its mirror image, as a fraction of the tube's size.
+SYMMETRIC = 1e-9
+# Width of lines on a coarse mesh, in m.
+COARSE_WIDTH = 1.2e-3
+
+
 @dataclass(frozen=True)
 class TubeScene(ActuatorScene):
     """A designed tube."""
@@ -72,6 +81,62 @@ class TubeScene(ActuatorScene):
         around = float(np.pi * self.skin.diameter / LEAST_AROUND)
         return min(around, self.skin.length / LEAST_ALONG)
 
+    def coarse(self) -> Self:
+        """Return the same design on a coarse mesh, with few steps and wider lines."""
+        # The third correction of densities moves the print by half a degree, that of lines by more.
+        most = 4 if self.design.start == "relaxed" else 2
+        second = self.lines.second_laid_width
+        return self.updated(
+            edge_length=2.85e-3,
+            filter_radius=4.4e-3,
+            levels=1,
+            iterations=40,
+            constrained_iterations=30,
+            relaxed_edge_length=5e-3,
+            print_edge_length=0.9e-3,
+            laid_width=max(self.lines.laid_width, COARSE_WIDTH),
+            second_laid_width=second and max(second, COARSE_WIDTH),
+            corrections=min(self.design.corrections, most),
+        )
+
+    def tip_case(
+        self,
+        comm: MPI.Comm,
+        level: Level,
+        deform: Deformer,
+        metrics: Sequence[Metric],
+        planes: tuple[int, ...] = (),
+    ) -> Case:
+        """Return a tube along z whose whole shape counts; its base is held, its caps are printed.
+
+        All vertices have a target position; those of the end plate count more than the rest.
+
+        Args:
+            comm: Communicator.
+            level: Its mesh.
+            deform: Maps assembled to target positions.
+            metrics: Numbers that the design is judged by, as functions of the whole tube. The
+                `length_metric` is watched too if it is not among them.
+            planes: Symmetry planes of the target that the tube is cut at, as of `meshes.cylinder`.
+                Objective and metrics are those of the whole tube.
+
+        Raises:
+            ParameterError: A size is too large for the tube, or the knit is not symmetric.
+            TargetError: The target is not symmetric.
+        """
+        case = _clamped(comm, self, level, deform, metrics, planes)
+        pattern = mirrored(case.pattern, planes).pattern
+        plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
+        weights = np.ones(len(pattern.points))
+        weights[plate] += self.objective.tip_weight * area.sum() / area[plate].sum()
+        # The ring and not the plate, which bulges. Turned by a small angle about a diameter it
+        # moves by angle · radius/√2 in root mean square.
+        ring = np.intersect1d(plate, pattern.vertices_of(WALL))
+        relative = np.zeros(len(pattern.points))
+        ratio = np.sqrt(2) * self.objective.orientation_length / (self.skin.diameter / 2)
+        relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
+        return replace(case, parts=[ShapePart(weights, relative)])
+
 
 @dataclass(frozen=True)
 class SectionTubeScene(TubeScene):
@@ -81,36 +146,40 @@ class SectionTubeScene(TubeScene):
     # From noise, densities of these tubes end in traps.
     design: Designing = Designing(start="relaxed", corrections=6)
 
+    def section_case(
+        self,
+        comm: MPI.Comm,
+        level: Level,
+        deform: Deformer,
+        metrics: Sequence[Metric],
+        planes: tuple[int, ...] = (),
+    ) -> Case:
+        """Return the tube of `tip_case` with an objective of cross-sections only.
 
-T = TypeVar("T", bound=TubeScene)
+        Their positions and orientations have a target; the skin may swell freely. With an axial
+        weight of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight`
+        times as much as the mean over all other cross-sections.
 
-# A length that is off by so much counts like a twist or an angle that is not there at all.
-LENGTH_SCALE = 0.2
-# Largest distance of a target from its mirror image, as a fraction of the tube's size.
-SYMMETRIC = 1e-9
+        Args:
+            comm, level, deform, metrics, planes: As of `tip_case`.
 
-
-# Width of lines on a coarse mesh, in m.
-COARSE_WIDTH = 1.2e-3
-
-
-def coarse_tube(config: T) -> T:
-    """Return the same design on a coarse mesh, with few steps and wider lines."""
-    # The third correction of densities moves the print by half a degree, that of lines by more.
-    most = 4 if config.design.start == "relaxed" else 2
-    return config.updated(
-        edge_length=2.85e-3,
-        filter_radius=4.4e-3,
-        levels=1,
-        iterations=40,
-        constrained_iterations=30,
-        relaxed_edge_length=5e-3,
-        print_edge_length=0.9e-3,
-        laid_width=max(config.lines.laid_width, COARSE_WIDTH),
-        second_laid_width=config.lines.second_laid_width
-        and max(config.lines.second_laid_width, COARSE_WIDTH),
-        corrections=min(config.design.corrections, most),
-    )
+        Raises:
+            ParameterError, TargetError: As of `tip_case`.
+        """
+        case, count = (
+            _clamped(comm, self, level, deform, metrics, planes),
+            self.objective.cross_sections,
+        )
+        pattern, goal = mirrored(case.pattern, planes).pattern, self.objective
+        fraction = np.append(np.full(count, 1 / count), goal.tip_weight)
+        # If each of n sections is off by δ/n from the one before, the tip is off by δ.
+        ratio = goal.orientation_length / pattern.size
+        sections = CrossSections(
+            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
+            np.outer(fraction, [1.0, 1.0, goal.axial_weight]),
+            np.full(count + 1, (count + 1) * goal.tip_weight * ratio**2),
+        )
+        return replace(case, parts=[sections])
 
 
 def bend_metric(target: float) -> Metric:
@@ -131,81 +200,6 @@ def shortening_metric(target: float) -> Metric:
 def length_metric(target: float | None) -> Metric:
     """Return the distance of a tube's ends over the assembled one; None: no target."""
     return Metric("length", "ratio", target, length_ratio, LENGTH_SCALE)
-
-
-def tube_case(
-    comm: MPI.Comm,
-    config: TubeScene,
-    target: Deformer,
-    metrics: Sequence[Metric],
-    planes: tuple[int, ...] = (),
-) -> ActuatorCase:
-    """Return a tube along z whose whole shape counts; its base is clamped, its caps are printed.
-
-    All vertices have a target position; those of the end plate count more than the rest.
-
-    Args:
-        comm: Communicator.
-        config: Sizes and weights.
-        target: Maps assembled to target positions.
-        metrics: Numbers that the design is judged by, as functions of the whole tube. The
-            `length_metric` is watched too if it is not among them.
-        planes: Symmetry planes of the target that the tube is cut at, as of `meshes.cylinder`.
-            Objective and metrics are those of the whole tube.
-
-    Raises:
-        ParameterError: A size is too large for the tube, or the knit is not symmetric.
-        TargetError: The target is not symmetric.
-    """
-    case = _clamped(comm, config, target, metrics, planes)
-    pattern = mirrored(case.pattern, planes).pattern
-    plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
-    weights = np.ones(len(pattern.points))
-    weights[plate] += config.objective.tip_weight * area.sum() / area[plate].sum()
-    # The ring and not the plate, which bulges. Turned by a small angle about a diameter it moves by
-    # angle · radius/√2 in root mean square.
-    ring = np.intersect1d(plate, pattern.vertices_of(WALL))
-    relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * config.objective.orientation_length / (config.skin.diameter / 2)
-    relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-    return replace(case, weights=weights, relative=relative)
-
-
-def cross_section_case(
-    comm: MPI.Comm,
-    config: SectionTubeScene,
-    target: Deformer,
-    metrics: Sequence[Metric],
-    planes: tuple[int, ...] = (),
-) -> ActuatorCase:
-    """Return the tube of `tube_case` with an objective of cross-sections only.
-
-    Their positions and orientations have a target; the skin may swell freely. With an axial weight
-    of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight` times as much
-    as the mean over all other cross-sections.
-
-    Args:
-        comm: Communicator.
-        config: Sizes and weights.
-        target, metrics, planes: As of `tube_case`.
-
-    Raises:
-        ParameterError: A size is too large for the tube, or the knit is not symmetric.
-        TargetError: The target is not symmetric.
-    """
-    case, count = _clamped(comm, config, target, metrics, planes), config.objective.cross_sections
-    pattern = mirrored(case.pattern, planes).pattern
-    fraction = np.append(np.full(count, 1 / count), config.objective.tip_weight)
-    # If each of n sections is off by δ/n from the one before, the tip is off by δ.
-    ratio = config.objective.orientation_length / pattern.size
-    return replace(
-        case,
-        cross_sections=CrossSections(
-            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
-            np.outer(fraction, [1.0, 1.0, config.objective.axial_weight]),
-            np.full(count + 1, (count + 1) * config.objective.tip_weight * ratio**2),
-        ),
-    )
 
 
 def plain_tube(
@@ -230,7 +224,7 @@ def plain_tube(
         ParameterError: A size is too large for the tube; or seams are hinged, so that the plane
             x = 0 is none of symmetry.
     """
-    pattern = _tube(comm, config, planes)
+    pattern = _tube(comm, config, config.edge_length, planes)
     density = np.nan_to_num(_printed_caps(pattern), nan=0.0)
     return pattern, _supports(pattern, planes, seams), density
 
@@ -244,30 +238,24 @@ def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
     return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
 
 
-def _tube(comm: MPI.Comm, config: Tube, planes: tuple[int, ...]) -> Pattern:
-    return cylinder(
-        comm,
-        config.length,
-        config.diameter,
-        config.edge_length,
-        mesh=config.mesh,
-        planes=planes,
-    )
+def _tube(comm: MPI.Comm, sizes: Tube, edge: float, planes: tuple[int, ...]) -> Pattern:
+    return cylinder(comm, sizes.length, sizes.diameter, edge, mesh=sizes.mesh, planes=planes)
 
 
 def _clamped(
     comm: MPI.Comm,
-    config: TubeScene,
-    target: Deformer,
+    scene: TubeScene,
+    level: Level,
+    deform: Deformer,
     metrics: Sequence[Metric],
     planes: tuple[int, ...],
-) -> ActuatorCase:
+) -> Case:
     """Return a tube clamped at its base, without any weights."""
-    config.require_symmetric_knit(planes)
-    pattern = _tube(comm, config.skin, planes)
-    whole = mirrored(pattern, planes)
-    found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))
-    off = float(np.abs(found - expected).max())
+    assert level.edge_length is not None
+    scene.require_symmetric_knit(planes)
+    pattern = _tube(comm, scene.skin, level.edge_length, planes)
+    whole, target = mirrored(pattern, planes), deform(pattern.points)
+    off = float(np.abs(deform(whole.pattern.points) - whole.at_vertices(target)).max())
     if off > SYMMETRIC * pattern.size:
         raise TargetError(
             f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
@@ -275,14 +263,17 @@ def _clamped(
         )
     length = length_metric(None)
     watched = [] if length.key in {metric.key for metric in metrics} else [length]
-    return ActuatorCase(
-        pattern=pattern,
-        target=target(pattern.points),
-        supports=_supports(pattern, planes, config.material.seams),
+    return Case(
+        pattern,
+        target,
+        _supports(pattern, planes, scene.material.seams),
+        scene.pressure.pressure,
+        scene.pressure.bounds,
+        scene.material.composite,
         metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
         passive=_printed_caps(pattern),
         symmetry=planes,
-        objective_of_whole=True,
+        parts_of_whole=True,
     )
 
 

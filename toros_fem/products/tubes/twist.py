@@ -14,15 +14,14 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.keys import Factor, In, Length, Positive, Table, key
+from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.run import design_run
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
-    cross_section_case,
     length_metric,
     twist_metric,
 )
@@ -74,6 +73,9 @@ class TwistScene(SectionTubeScene):
     objective: TwistWeights = TwistWeights()
     lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
 
+    KIND: ClassVar[str] = "twist"
+    ABOUT: ClassVar[str] = "a tube that twists"
+    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = (
         "twist",
         "keep_length",
@@ -94,16 +96,15 @@ class TwistScene(SectionTubeScene):
         given = self.lines.second_laid_width is not None
         return self.lines.axial_width, second if given else HELICES * second
 
-
-def case(comm: MPI.Comm, config: TwistScene) -> ActuatorCase:
-    """Return the tube and its target."""
-    target = twist(np.radians(config.target.twist), config.skin.length)
-    metrics = [twist_metric(config.target.twist)]
-    if not config.target.keep_length:
-        return cross_section_case(comm, config.updated(axial_weight=0.0), target, metrics)
-    target = compose(target, contract(config.target.length_ratio))
-    metrics.append(length_metric(config.target.length_ratio))
-    return cross_section_case(comm, config, target, metrics)
-
-
-run = design_run(case, TwistScene(), MEASURED)
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the tube and its target."""
+        asked = self.target
+        deform, metrics = (
+            twist(np.radians(asked.twist), self.skin.length),
+            [twist_metric(asked.twist)],
+        )
+        if not asked.keep_length:
+            return self.updated(axial_weight=0.0).section_case(comm, level, deform, metrics)
+        metrics.append(length_metric(asked.length_ratio))
+        deform = compose(deform, contract(asked.length_ratio))
+        return self.section_case(comm, level, deform, metrics)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ from toros_fem.base.keys import (
     key,
 )
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
@@ -45,15 +46,14 @@ from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.legs import (
     leg_cross_sections,
     leg_vertices,
     rest_on_body,
     tip_angle_metric,
 )
-from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
-from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.actuators.run import ActuatorResult, design_actuator
+from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -170,6 +170,8 @@ class WalkerScene(ActuatorScene):
     design: Designing = Designing(levels=1, filter_radius=2.75e-3)
     results: WalkerResults = WalkerResults()
 
+    KIND: ClassVar[str] = "walker"
+    ABOUT: ClassVar[str] = "an X-shaped robot that stands up or crawls"
     FEW: ClassVar[tuple[str, ...]] = (
         "motion",
         "aim",
@@ -206,59 +208,94 @@ class WalkerScene(ActuatorScene):
             np.pi / 4,
         )
 
+    def coarse(self) -> Self:
+        """Return the same design on a coarse mesh with few steps; most of its time is the gait."""
+        return self.updated(
+            edge_length=2.8e-3,
+            filter_radius=4.3e-3,
+            # T hardly depends on the print in the feet: few steps leave holes and blobs there.
+            foot_length=0.015,
+            levels=1,
+            iterations=40,
+            constrained_iterations=30,
+        )
 
-def coarse(config: WalkerScene) -> WalkerScene:
-    """Return the same design on a coarse mesh with few steps; most of its minutes are the gait."""
-    return config.updated(
-        edge_length=2.8e-3,
-        filter_radius=4.3e-3,
-        # T hardly depends on the print in the feet: few steps would leave holes and blobs there.
-        foot_length=0.015,
-        levels=1,
-        iterations=40,
-        constrained_iterations=30,
-    )
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return a quarter of the robot and its target (collective)."""
+        assert level.edge_length is not None
+        self.require_symmetric_knit((0, 1))
+        star, angle, goal = self.star, self.leg_angle, self.objective
+        pattern = walker(comm, level.edge_length, star, planes=(0, 1))
+        along, root = np.append(star.directions[0], 0.0), star.root
+        deform = stand(
+            np.radians(angle), self.target.bent_length, directions=star.directions[:1], root=root
+        )
+        if self.target.motion == "crawl":
+            deform = compose(deform, lambda points: points + [self.target.reach, 0, 0])
+        sections = leg_cross_sections(
+            pattern,
+            along,
+            root,
+            goal.cross_sections,
+            goal.centreline_weight,
+            goal.orientation_length,
+        )
+        target = deform(pattern.points)
+        metric, apart = tip_angle_metric(angle, along, DOWN, root), None
+        if self.target.aim == "stride":
+            nearest = self.skin.leg_width / 2
+            sections, target = stride_sections(sections, target, nearest)
+            metric = foot_metric(nearest, along, root, goal.cross_sections)
+            if self.pressure.design_pressure:
+                apart = body_and_leg(pattern, star)
+        return Case(
+            pattern,
+            target,
+            rest_on_body(pattern, star.body_radius, (0, 1)),
+            self.pressure.pressure,
+            self.pressure.bounds,
+            self.material.composite,
+            parts=[sections],
+            metrics=(metric,),
+            passive=foot_density(pattern, self),
+            # The top is to stretch; without this hint the start does not tell up from down.
+            start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
+            symmetry=(0, 1),
+            chambers=apart,
+        )
 
+    def run_design(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> dict[str, Any]:
+        """Design the walker and let it walk; return the summary (collective).
 
-def case(comm: MPI.Comm, config: WalkerScene) -> ActuatorCase:
-    """Return a quarter of the robot and its target."""
-    config.require_symmetric_knit((0, 1))
-    star, angle = config.star, config.leg_angle
-    pattern = walker(comm, config.skin.edge_length, star, planes=(0, 1))
-    along = np.append(star.directions[0], 0.0)
-    target = stand(
-        np.radians(angle), config.target.bent_length, directions=star.directions[:1], root=star.root
-    )
-    if config.target.motion == "crawl":
-        target = compose(target, lambda points: points + [config.target.reach, 0, 0])
-    sections = leg_cross_sections(
-        pattern,
-        along,
-        star.root,
-        config.objective.cross_sections,
-        config.objective.centreline_weight,
-        config.objective.orientation_length,
-    )
-    shape = target(pattern.points)
-    metric, apart = tip_angle_metric(angle, along, DOWN, star.root), None
-    if config.target.aim == "stride":
-        nearest = config.skin.leg_width / 2
-        sections, shape = stride_sections(sections, shape, nearest)
-        metric = foot_metric(nearest, along, star.root, config.objective.cross_sections)
-        if config.pressure.design_pressure:
-            apart = body_and_leg(pattern, star)
-    return ActuatorCase(
-        pattern=pattern,
-        target=shape,
-        supports=rest_on_body(pattern, star.body_radius, (0, 1)),
-        passive=foot_density(pattern, config),
-        metrics=(metric,),
-        cross_sections=sections,
-        # The top is to stretch; without this hint the start does not distinguish up from down.
-        start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
-        symmetry=(0, 1),
-        chambers=apart,
-    )
+        The figures of the gait are in its entry "gait".
+        """
+        steps = self.results.gait_steps
+        if steps is not None:
+            ipctk()  # what is missing is told before the design, not after it
+        made = design_actuator(comm, output, self, verbose=verbose)
+        if steps is None:
+            return made.summary
+        gait = walk(comm, Path(output), self, steps, made)
+        summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
+        write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
+        return summary
+
+    def told_design(self, summary: Mapping[str, Any]) -> str:
+        """Return the result of a design in words."""
+        gait, walked = summary.get("gait"), ""
+        if gait and "failure" in gait:
+            count = gait.get("equilibria", 0)
+            walked = f"; its gait ends after {count} equilibria: {gait['failure']}"
+        elif gait:
+            walked = f"; a stride of {gait['stride_mm']:.1f} mm, {gait['slip_mm']:.1f} mm of slip"
+        return super().told_design(summary) + walked
 
 
 def stride_sections(
@@ -442,37 +479,3 @@ def walk(
         comm, output, gait, found, points, whole, printed.regions, figures,
         MEASURED_STRIDE if config.target.motion == "crawl" else None,
     )  # fmt: skip
-
-
-def run(
-    comm: MPI.Comm, output: Path | str, config: WalkerScene | None = None, *, verbose: bool = False
-) -> dict[str, Any]:
-    """Design the walker and let it walk; return the summary, with the gait's under "gait".
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields, pictures and the gait's table.
-        config: Numbers of this design; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    config = config or WalkerScene()
-    if config.results.gait_steps is not None:
-        ipctk()  # what is missing is told before the design, not after it
-    made = design_actuator(comm, output, case, config, verbose=verbose)
-    if config.results.gait_steps is None:
-        return made.summary
-    gait = walk(comm, Path(output), config, config.results.gait_steps, made)
-    summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
-    write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
-    return summary
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in words."""
-    gait = summary.get("gait")
-    walked = ""
-    if gait and "failure" in gait:
-        walked = f"; its gait ends after {gait.get('equilibria', 0)} equilibria: {gait['failure']}"
-    elif gait:
-        walked = f"; a stride of {gait['stride_mm']:.1f} mm, {gait['slip_mm']:.1f} mm of slip"
-    return summary_sentence(summary) + walked

@@ -1,0 +1,188 @@
+"""What a shape design takes: a skin, what acts on it, and the shape that it should take."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.problem import Bounds, Pressure
+from toros_fem.materials.sheet import Composite
+from toros_fem.measures.metrics import Metric, distance
+from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.shape import (
+    Nodes,
+    Objective,
+    Part,
+    ShapePart,
+    SumObjective,
+    checked_target,
+    require_objective,
+)
+from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.dead_loads import Weight, refined_force
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import refine
+from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.snap import snapped
+from toros_fem.meshes.transfer import make_transfer
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A skin, what acts on it, and the shape that it should take.
+
+    `ShapeDesign` checks that all fit each other.
+
+    Attributes:
+        pattern: Panels and seams.
+        target: Target positions of all assembled vertices, (n, 3), in m, or a map from assembled
+            positions to them, `meshes.bend` for instance.
+        supports: Fixed components and directions.
+        pressure: In Pa, of all chambers or of each; the first guess where it is designed.
+        pressure_bounds: Least and largest pressure in Pa, of all chambers or of each; None
+            prescribes it.
+        composite: Fabric, reinforcement and stretch bounds; None takes those of the paper.
+        parts: Make the parts of the objective, which is their sum: `ShapePart`, or a function of
+            the vertices of the sewn skin and their target positions.
+        metrics: Numbers that the design is judged by, the most important first; None takes the
+            root mean square distance from the target in mm.
+        printed_panels: Names of panels that are printed all over.
+        passive: Prescribed density of all triangles, (t,), NaN where it is designed; the printed
+            panels come on top.
+        start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
+            added. None starts from 0.5.
+        symmetry: Axes of the planes that the pattern is cut at, as of `meshes.mirrored`: filters,
+            pictures and prints see the whole skin.
+        parts_of_whole: Whether the parts of the objective are those of the whole skin. What they
+            hold then has an entry for each vertex of `whole`.
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None leaves it out.
+        contact: What the skin cannot pass through; None for nothing.
+        force: Dead forces in N on all assembled vertices, (n, 3).
+    """
+
+    pattern: Pattern
+    target: Floats | Callable[[Floats], Floats]
+    supports: Supports
+    pressure: Pressure
+    pressure_bounds: Bounds | Sequence[Bounds | None] | None = None
+    composite: Composite | None = None
+    parts: Sequence[Part] = (ShapePart(),)
+    metrics: Sequence[Metric] | None = None
+    printed_panels: Sequence[str] = ()
+    passive: Floats | None = None
+    start: Floats | None = None
+    symmetry: Sequence[int] = ()
+    parts_of_whole: bool = False
+    chambers: Chambers | None = None
+    weight: Weight | None = None
+    contact: Contact | None = None
+    force: Floats | None = None
+
+    @cached_property
+    def whole(self) -> Mirrored | None:
+        """The skin with its mirror images; None if it is whole."""
+        return mirrored(self.pattern, self.symmetry) if len(self.symmetry) else None
+
+    @property
+    def goal(self) -> Floats:
+        """Target positions of all assembled vertices, (n, 3), in m."""
+        target = self.target
+        return target(self.pattern.points) if callable(target) else target
+
+    @property
+    def judged(self) -> tuple[Metric, ...]:
+        """The metrics; where there are none given, the distance from the target."""
+        if self.metrics is not None:
+            return tuple(self.metrics)
+        target = self.target
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            # A map is known on other meshes too, for `estimate_error`.
+            goal = target(pattern.points) if callable(target) else np.asarray(target)
+            return 1e3 * distance(pattern, positions, goal)
+
+        return (Metric("distance", "mm", 0.0, measure),)
+
+    def objective(self, skin: Skin) -> Objective:
+        """Return the objective on the sewn skin, the sum of its parts (collective).
+
+        Raises:
+            TargetError: The target does not fit the skin.
+            ParameterError: A part is no objective.
+        """
+        goal = checked_target(skin, self.goal)
+        whole = self.whole
+        if whole is None or not self.parts_of_whole:
+            return self._sum(skin, goal)
+        goal_of_whole = whole.at_vertices(goal)
+        return MirroredObjective(skin, whole, lambda nodes: self._sum(nodes, goal_of_whole))
+
+    def following(self, comm: MPI.Comm, regions: Sequence[BaseGeometry]) -> Case:
+        """Return the same case on a mesh whose edges follow polygons, by `snapped` (collective).
+
+        Args:
+            comm: Communicator.
+            regions: Polygons on each panel of the pattern, in m.
+
+        Raises:
+            PanelError: The number of regions is not that of the panels.
+        """
+        return self.on(snapped(comm, self.pattern, regions))
+
+    def on(self, pattern: Pattern) -> Case:
+        """Return the same case on the same triangles, whose vertices have moved.
+
+        A target that is a map is evaluated again, one of positions is interpolated; all else
+        belongs to vertices and triangles, which keep their numbers.
+
+        Args:
+            pattern: The pattern after the move, by `with_flat_points` for instance.
+        """
+        target = self.target
+        if not callable(target):
+            moved = np.any(pattern.points != self.pattern.points, axis=1)
+            there = make_transfer(self.pattern, pattern).positions(np.asarray(target))
+            target = np.where(moved[:, None], there, target)
+        return replace(self, pattern=pattern, target=target)
+
+    def refined(self) -> Case:
+        """Return the same case on the refined pattern.
+
+        Each triangle is divided into four. A target that is a map is evaluated again, one of
+        positions is interpolated, as are weights of the shape; supports, chambers, forces and
+        densities are carried over. Parts that you define are asked for the refined skin.
+
+        Raises:
+            ParameterError: The sheet is moulded in its assembled shape.
+        """
+        if self.composite is not None:
+            self.composite.require_refinable()
+        finer, target = refine(self.pattern), self.target
+        passive, start, force = self.passive, self.start, self.force
+        return replace(
+            self,
+            pattern=finer.pattern,
+            target=target if callable(target) else finer.at_vertices(np.asarray(target)),
+            supports=self.supports.refined(finer),
+            parts=[p.refined(finer) if isinstance(p, ShapePart) else p for p in self.parts],
+            passive=None if passive is None else np.asarray(passive)[finer.cell],
+            start=None if start is None else np.asarray(start)[finer.cell],
+            chambers=self.chambers and self.chambers.refined(finer),
+            force=None if force is None else refined_force(finer, self.pattern, np.asarray(force)),
+        )
+
+    def _sum(self, nodes: Nodes, target: Floats) -> Objective:
+        made = [part(nodes, target) for part in self.parts]
+        for one in made:
+            require_objective("parts", one)
+        return made[0] if len(made) == 1 else SumObjective(*made)

@@ -1,0 +1,49 @@
+"""What makes a design of densities printable: filter, projection, widths, perimeter, tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from toros_fem.design.density.length_scale import LengthScale
+from toros_fem.design.density.perimeter import SHARPNESS
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.robust import WidthTolerance
+
+
+@dataclass(frozen=True)
+class Regularisation:
+    """Filter, projection, widths, perimeter and tolerance of a design of densities.
+
+    Only what is given is built: no perimeter without a weight. `ShapeDesign` checks the values.
+
+    Attributes:
+        filter_radius: R of the density filter in m.
+        filter: "cone" or "helmholtz".
+        projection: Smoothed step from ρ̃ to ρ̄.
+        length_scale: Widths of lines and gaps that constrained stages enforce; None leaves the
+            constraints out.
+        perimeter_weight: Weight of the perimeter term; None leaves it out.
+        perimeter_window: Radius of its window in m; None takes R.
+        perimeter_sharpness: w of eq. (15), as of `Perimeter`.
+        width_tolerance: How far the widths of printed lines may be off, for a design whose shape
+            changes little by it; None leaves this out.
+    """
+
+    filter_radius: float
+    filter: str = "cone"
+    projection: Projection = field(default_factory=Projection)
+    length_scale: LengthScale | None = field(default_factory=LengthScale)
+    perimeter_weight: float | None = None
+    perimeter_window: float | None = None
+    perimeter_sharpness: float = SHARPNESS
+    width_tolerance: WidthTolerance | None = None
+
+    def scaled(self, factor: float) -> Regularisation:
+        """Return the same on a mesh whose edges are longer by a factor: all lengths follow it."""
+        widths, window = self.length_scale, self.perimeter_window
+        return replace(
+            self,
+            filter_radius=factor * self.filter_radius,
+            length_scale=None if widths is None else widths.scaled(factor),
+            perimeter_window=None if window is None else factor * window,
+        )
