@@ -33,8 +33,7 @@ from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load_case import LoadCase
 from toros_fem.meshes import bend
-from toros_fem.products.actuators.problem import actuator_problem
-from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric, tube_case
+from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
 from toros_fem.results.files import write_fields
 from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
 from toros_fem.results.pictures.shape_plot import plot_shape
@@ -104,8 +103,9 @@ def _made(edge: float) -> tuple[Any, Any, float, Any, float]:
     """Return configuration, case and problem with edges of this length, each with its seconds."""
     comm, config = MPI.COMM_SELF, _config(edge)
     target = bend(np.pi, config.skin.length)
-    case, mesh = cpu(lambda: tube_case(comm, config, target, [bend_metric(180.0)]))
-    problem, setup = cpu(lambda: actuator_problem(comm, case, config))
+    level = config.finest_level
+    case, mesh = cpu(lambda: config.tip_case(comm, level, target, [bend_metric(180.0)]))
+    problem, setup = cpu(lambda: config.problem(comm, case, level))
     return config, case, mesh, problem, setup
 
 

@@ -31,7 +31,6 @@ from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_pla
 from toros_fem.meshes import Pattern, cylinder, finger, sew
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.sheet import one_panel
-from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.gripper import gripper
 from toros_fem.products.walker import walker
 
@@ -255,9 +254,9 @@ def design_cases(*, coarse: bool) -> dict[str, tuple[Any, Any]]:
     """Return case and configuration of a gripper and of a walker, both in contact."""
     grip, legs = gripper.GripperScene(), walker.WalkerScene()
     if coarse:
-        grip, legs = gripper.coarse(grip), walker.coarse(legs)
-    quarter = replace(walker.case(MPI.COMM_SELF, legs), contact=Contact())
-    return {"gripper": (gripper.case(MPI.COMM_SELF, grip), grip), "walker": (quarter, legs)}
+        grip, legs = grip.coarse(), legs.coarse()
+    finger, quarter = (x.case(MPI.COMM_SELF, x.finest_level) for x in (grip, legs))
+    return {"gripper": (finger, grip), "walker": (replace(quarter, contact=Contact()), legs)}
 
 
 def design_rows(name: str, *, coarse: bool, iterations: int) -> Iterator[Row]:
@@ -265,8 +264,9 @@ def design_rows(name: str, *, coarse: bool, iterations: int) -> Iterator[Row]:
     case, config = design_cases(coarse=coarse)[name]
     size = "coarse" if coarse else "default mesh"
     place = ("design in contact", f"{name}, {size}", f"{len(case.pattern.triangles)}")
-    for way, made in zip(WAYS, (replace(case, contact=None, further=None), case), strict=True):
-        problem = actuator_problem(MPI.COMM_SELF, made, config)
+    without = replace(case, contact=None, parts=case.parts[:2])  # without the holding force
+    for way, made in zip(WAYS, (without, case), strict=True):
+        problem = config.problem(MPI.COMM_SELF, made, config.finest_level)
         found = optimize(problem, DesignOptions((Stage(iterations),)), seed=0)
         rows = found.history[2:]  # the first compile forms and solve from the assembled skin
         seconds = [row.seconds for row in rows]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from helpers.designs import case_of, problem_of, shape_design
 from helpers.scenes import square
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -26,14 +27,10 @@ from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library import LibraryMaterial, named, read_library, write_material
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
-from toros_fem.products.actuators.problem import actuator_problem
-from toros_fem.products.gripper import gripper
 from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.tiles import PrintedTile, read_tile
 from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.bend import case as bend_case
 from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.walker import walker
 from toros_fem.products.walker.walker import WalkerScene
 from toros_fem.results.files import write_fields
 from toros_fem.results.writer import write_pictures
@@ -93,7 +90,7 @@ class Scene:
             "composite": tf.Composite(bending=None),
             "length_scale": None,
         }
-        return tf.ShapeDesign(self.comm, self.pattern, **{**given, **changes})
+        return shape_design(self.comm, self.pattern, **{**given, **changes})
 
     @cached_property
     def finger(self) -> m.Surface:
@@ -467,7 +464,7 @@ DESIGNS: Table = {
     "pressure bounds are three": lambda s: s.designed(pressure_bounds=(1.0, 2.0, 3.0)),
     "perimeter's weight is negative": lambda s: s.designed(perimeter_weight=-1.0),
     "perimeter's sharpness is 0": lambda s: s.designed(perimeter_weight=1.0, perimeter_sharpness=0),
-    "objective is text": lambda s: s.designed(objective="shape"),
+    "objective is text": lambda s: s.designed(parts="shape"),
     "symmetry is text": lambda s: s.designed(symmetry="y"),
     "force of a design is short": lambda s: tf.optimize(
         s.designed(force=np.zeros(3)), [tf.Stage(1)]
@@ -551,7 +548,7 @@ OUTPUTS: Table = {
 
 def _island(s: Scene) -> object:
     config = BendScene.of(edge_length=5e-3, filter_radius=0.01, island_area=1.0, levels=1)
-    return actuator_problem(s.comm, bend_case(s.comm, config), config)
+    return problem_of(s.comm, config)
 
 
 SCENES: Table = {
@@ -560,10 +557,10 @@ SCENES: Table = {
         design_pressure=True, pressure_min=9e3, pressure_max=8e3
     ),
     "first guess beyond the bounds": lambda s: BendScene.of(design_pressure=True, pressure=5e4),
-    "walker of an oblique knit": lambda s: walker.case(
+    "walker of an oblique knit": lambda s: case_of(
         s.comm, WalkerScene.of(knit_ratio=2.0, grain_angle=30.0)
     ),
-    "gripper of an oblique knit": lambda s: gripper.case(
+    "gripper of an oblique knit": lambda s: case_of(
         s.comm, GripperScene.of(knit_ratio=2.0, grain_angle=30.0)
     ),
     "bend of an unknown number": lambda s: BendScene.of(angel=90.0),

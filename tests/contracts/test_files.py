@@ -191,7 +191,7 @@ def checkpoints(draw: st.DrawFn) -> Checkpoint:
 def scenes(draw: st.DrawFn) -> dict[str, Any]:
     """A kind's example with some other numbers."""
     name = draw(st.sampled_from(sorted(KINDS)))
-    config = KINDS[name].example
+    config = KINDS[name].example()
     numbers = [name for name, key in config.described().items() if key.kind is float]
     for key in draw(st.lists(st.sampled_from(numbers), max_size=3)):
         value = config.value(key) or 1.0
@@ -269,22 +269,23 @@ def write_tile_of(folder: Path, x: PrintedTile) -> Path:
 
 def fields_of(kind: str, config: Scene) -> dict[str, Any]:
     """A scene as one table."""
-    return {"kind": kind, **{f.name: getattr(config, f.name) for f in dataclasses.fields(config)}}
+    names = (*config.tables(), *config.entries())
+    return {"kind": kind, **{name: getattr(config, name) for name in names}}
 
 
 def write_scene(path: Path, x: dict[str, Any]) -> None:
     numbers = {key: value for key, value in x.items() if key != "kind"}
     kind = KINDS[x["kind"]]
-    path.write_text(scene_text(kind, kind.example.updated(**numbers)), encoding="utf-8")
+    path.write_text(scene_text(kind, kind.example().updated(**numbers)), encoding="utf-8")
 
 
 def read_scene_of(path: Path) -> dict[str, Any]:
     found = read_scene(path)
-    return fields_of(found.kind.name, found.config)
+    return fields_of(found.kind.KIND, found.config)
 
 
 def default_scene(x: dict[str, Any]) -> dict[str, Any]:
-    return fields_of(x["kind"], KINDS[x["kind"]].config)
+    return fields_of(x["kind"], KINDS[x["kind"]]())
 
 
 def write_library(path: Path, x: dict[str, LibraryMaterial]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.designs import full
+from helpers.designs import full, shape_design
 from helpers.pillow import pillow
 from helpers.scenes import TABLE_A
 from helpers.tiles import printed_tile
@@ -22,7 +22,6 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.relaxed.families import FixedDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.materials.sheet import Bending, Bladder, Composite
@@ -118,7 +117,7 @@ def design(comm: MPI.Comm) -> Found:
 def levels(comm: MPI.Comm) -> Found:
     """All of what is carried over to a finer mesh, and a step from there."""
     problems = (
-        ShapeDesign(
+        shape_design(
             comm, tube(factor * 3.2e-3), target=bend(np.radians(45), 0.06, neutral=0.01),
             supports=clamp(tube(factor * 3.2e-3), ["base"]), printed_panels=["base", "tip"],
             filter_radius=factor * 5e-3, pressure=5e3, pressure_bounds=(1e3, 20e3),

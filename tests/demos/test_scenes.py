@@ -11,7 +11,7 @@ from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
 
 FOLDER = ROOT / "demos" / "scenes"
 CONFIGS = {
-    name.replace("-", "_"): (kind.config, kind.coarse)
+    name.replace("-", "_"): (kind(), kind.coarse)
     for name, kind in KINDS.items()
     if name != "own-mesh"
 }
@@ -29,7 +29,7 @@ def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
     path, (config, coarse) = FOLDER / f"{name}.toml", CONFIGS[name]
     found = read_scene(path)
     assert found.config == config
-    assert found.kind.name == name.replace("_", "-")
+    assert name.replace("_", "-") == found.kind.KIND
     assert read_scene(path, coarse=True).config == coarse(config)
     # The file says something: none of its values is left to the defaults alone.
     assert len(tomllib.loads(path.read_text(encoding="utf-8"))) > 1

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.designs import problem_of
 from helpers.warned import warned
 from matplotlib.figure import Figure
 from mpi4py import MPI
@@ -12,7 +13,6 @@ from mpi4py import MPI
 from demos import three_field
 from toros_fem import errors
 from toros_fem.design.density.field import random_density
-from toros_fem.products.actuators.problem import actuator_problem
 
 SMALL = three_field.ThreeFieldScene.of(
     length=0.08,
@@ -46,7 +46,7 @@ def test_variants_take_the_same_number_of_steps() -> None:
 def test_first_variant_has_no_filter_and_no_projection(alone: MPI.Comm) -> None:
     config = three_field.variants(SMALL)["no filter"]
     with warned(alone, match="filter radius"):
-        problem = actuator_problem(alone, three_field.case(alone, config), config)
+        problem = problem_of(alone, config)
     density = random_density(problem.skin, 1)
     filtered, projected = problem.fields(density)
     assert np.array_equal(filtered, density)

@@ -18,7 +18,7 @@ from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.command_line.scripts import option_help
 from toros_fem.cli.commands.main import COMMANDS, run
 from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
-from toros_fem.products.kinds import KINDS, Kind
+from toros_fem.products.kinds import KINDS
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 
@@ -104,29 +104,29 @@ def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) 
     pinned("help_texts", found)
 
 
-def keys(kind: Kind) -> Iterator[tuple[str, str]]:
+def keys(kind: type[Scene]) -> Iterator[tuple[str, str]]:
     """Yield each key of a kind's scene files, and what is said about it."""
-    yield kind.name, kind.about
-    for name, text in kind.files.items():
-        example = kind.example_files.get(name)
-        yield f"{kind.name} [files] {name}", f"{text}; in a new file {example or 'none'}"
-    config, quick = kind.config, kind.coarse(kind.config)
+    yield kind.KIND, kind.ABOUT
+    for name, text in kind.files().items():
+        example = kind.EXAMPLE_FILES.get(name)
+        yield f"{kind.KIND} [files] {name}", f"{text}; in a new file {example or 'none'}"
+    config, quick = kind(), kind().coarse()
     roles = roles_of(config)
     if roles:
-        yield f"{kind.name} [files] {FILE}", "a file of materials"
+        yield f"{kind.KIND} [files] {FILE}", "a file of materials"
     for role in roles:
-        yield f"{kind.name} [{TABLE}] {role}", "a material by name"
+        yield f"{kind.KIND} [{TABLE}] {role}", "a material by name"
     for section, of in config.tables().items():
         for name in of.described():
             text = said(config, name)
-            for where, other in (("coarse", quick), ("in a new file", kind.example)):
+            for where, other in (("coarse", quick), ("in a new file", kind.example())):
                 if other.value(name) != config.value(name):
                     text += f"; {where} {said(other, name).rpartition('default ')[2]}"
-            yield f"{kind.name} [{section}] {name}", text
+            yield f"{kind.KIND} [{section}] {name}", text
     for table, of in config.entries().items():
-        yield f"{kind.name} [{table}]", of.holds()
+        yield f"{kind.KIND} [{table}]", of.holds()
         for name in of.described():
-            yield f"{kind.name} [{table}] {name}", said(of, name)
+            yield f"{kind.KIND} [{table}] {name}", said(of, name)
 
 
 def said(config: Any, name: str) -> str:

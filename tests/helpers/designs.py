@@ -25,10 +25,14 @@ RADIUS = 7e-3
 DESIGN_ALONE: dict[str, Any] = {"curve_pressure": None, "estimate_error": False}
 
 
+def case_of(comm: MPI.Comm, scene: ActuatorScene) -> Case:
+    """The case of a scene on its finest mesh."""
+    return scene.case(comm, scene.finest_level)
+
+
 def problem_of(comm: MPI.Comm, scene: ActuatorScene) -> ShapeDesign:
     """The problem of a scene on its finest mesh."""
-    level = scene.finest_level
-    return scene.problem(comm, scene.case(comm, level), level)
+    return scene.problem(comm, case_of(comm, scene), scene.finest_level)
 
 
 def shape_design(comm: MPI.Comm, pattern: Pattern, **given: Any) -> ShapeDesign:

@@ -27,20 +27,18 @@ def printed_tube(comm: MPI.Comm) -> Printed:
     def angle(pattern: tf.meshes.Pattern, positions: np.ndarray) -> float:
         return float(np.degrees(tf.bend_angle(pattern, positions, sections=4)))
 
-    problem = tf.ShapeDesign(
-        comm,
+    case = tf.Case(
         pattern,
         target=tf.meshes.bend(np.pi / 3, LENGTH, neutral=0.01),
         supports=tf.clamp(pattern, ["base"]),
-        filter_radius=8e-3,
         pressure=4e3,
         printed_panels=["base", "tip"],
-        length_scale=None,
         metrics=[
             tf.Metric("angle", "deg", 60.0, angle),
             tf.Metric("length", "ratio", None, tf.length_ratio),
         ],
     )
+    problem = tf.ShapeDesign(comm, case, tf.Regularisation(8e-3, length_scale=None))
     regions = [
         RIBS if name == "wall" else shapely.box(-1, -1, 1, 1) for name in pattern.panel_names
     ]

@@ -119,7 +119,7 @@ SCENES = [
 def test_scene_of_a_page_is_read(tmp_path: Path, page: Path, number: int, text: str) -> None:
     path = tmp_path / f"{page.stem}-{number}.toml"
     path.write_text(text, encoding="utf-8")
-    assert f'"{read_scene(path).kind.name}"' in text.splitlines()[0]
+    assert f'"{read_scene(path).kind.KIND}"' in text.splitlines()[0]
 
 
 # Makes a design of the tutorial short: what it finds is of no use, that it ends is.

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import pytest
 from helpers.scenes import shared
@@ -31,6 +31,10 @@ class Sample(Base):
     kind: Annotated[str, OneOf(("round", "square"))] = key("round", "shape")
     rigid: bool = key(False, "also stiffen the sample")
 
+    def coarse(self) -> Self:
+        """A narrow one."""
+        return self.updated(width=1.0, count=2)
+
 
 class Script:
     """A script that records what it is given."""
@@ -40,7 +44,7 @@ class Script:
         self.given: list[Any] = []
 
     def run(
-        self, comm: MPI.Comm, output: Path, config: Sample, *, verbose: bool, **files: Any
+        self, comm: MPI.Comm, output: Path, config: Sample, files: Any, *, verbose: bool
     ) -> dict[str, Any]:
         self.given = [output, config, verbose, files]
         if config.count == 13:
@@ -55,7 +59,6 @@ class Script:
             Sample(),
             self.run,
             Path("out"),
-            coarse=lambda config: config.updated(width=1.0, count=2),
             sentence=lambda summary: f"{summary['count']} made",
             **options,
         )
@@ -89,11 +92,9 @@ def test_other_options_override_the_coarse_variant(script: Script) -> None:
 
 
 def test_files(script: Script) -> None:
-    files, arguments = {"mesh": "a mesh"}, {"target": "a target"}
-    assert script("a.stl", "--mesh", "b.stl", files=files, arguments=arguments) == 0
-    assert script.given[3] == {"mesh": Path("b.stl"), "target": Path("a.stl")}
-    assert script(files=files, arguments=arguments) == 0
-    assert script.given[3] == {"mesh": None, "target": None}
+    files = {"mesh": "a mesh", "target": "a target"}
+    assert script("--mesh", "b.stl", files=files) == 0
+    assert script.given[3] == {"mesh": Path("b.stl")}
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 from helpers.command_runs import changes, small_scene
+from helpers.designs import case_of
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.products.tubes import bend
 
 
 def test_cost_of_a_design(
@@ -41,7 +41,7 @@ def test_triangles_and_unknowns_are_those_of_the_mesh(
     words = changes(edge_length="2.5 mm")
     assert run(comm, ["check", str(scene), *words, "--no-probe", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    made = bend.case(comm, read_scene(scene, changes=words[1::2]).config)  # type: ignore[arg-type]
+    made = case_of(comm, read_scene(scene, changes=words[1::2]).config)  # type: ignore[arg-type]
     assert found["triangles"] == pytest.approx(len(made.pattern.panel), rel=0.1)
     count = 3 * len(made.pattern.points) + len(made.pattern.edges.ends)
     assert found["unknowns"] == pytest.approx(count, rel=0.12)

@@ -21,11 +21,11 @@ def test_nothing_is_overwritten(
     assert run(alone, ["new", "twist", str(path)]) == 2
     error = capsys.readouterr().err
     assert "is there already; give another name, or --force." in error
-    assert read_scene(path, comm=alone).kind.name == "bend"
+    assert read_scene(path, comm=alone).kind.KIND == "bend"
     assert run(alone, ["new", "twist", str(path), "--force", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"command": "new", "exit_code": 0, "file": str(path), "kind": "twist"}
-    assert read_scene(path, comm=alone).kind.name == "twist"
+    assert read_scene(path, comm=alone).kind.KIND == "twist"
 
 
 @pytest.mark.parametrize("name", list(KINDS))
@@ -35,7 +35,7 @@ def test_a_short_scene_is_the_whole_one(alone: MPI.Comm, tmp_path: Path, name: s
     assert run(alone, ["new", name, str(short)]) == 0
     assert run(alone, ["new", name, str(whole), "--all"]) == 0
     few, every = configs = [read_scene(path).config for path in (short, whole)]
-    assert every == KINDS[name].example
+    assert every == KINDS[name].example()
     if "material" in every.tables():  # what the names stand for is told as numbers
         sheets: list[Any] = [vars(one)["material"] for one in configs]
         assert sheets[0].composite == sheets[1].composite
@@ -44,7 +44,7 @@ def test_a_short_scene_is_the_whole_one(alone: MPI.Comm, tmp_path: Path, name: s
     text = short.read_text("utf-8")
     keys = [line for line in text.splitlines() if " = " in line and line[0] != "#"]
     assert 4 <= len(keys) <= 16
-    assert set(KINDS[name].config.FEW) <= {line.partition(" = ")[0] for line in keys}
+    assert set(KINDS[name].FEW) <= {line.partition(" = ")[0] for line in keys}
 
 
 def test_materials_by_name(

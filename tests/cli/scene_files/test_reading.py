@@ -47,15 +47,15 @@ def test_values_with_and_without_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", list(KINDS))
 def test_quick_variant_is_that_of_the_kind(tmp_path: Path, name: str) -> None:
     kind = KINDS[name]
-    assert scene(tmp_path, f'kind = "{name}"').config == kind.config
-    assert scene(tmp_path, f'kind = "{name}"', coarse=True).config == kind.coarse(kind.config)
+    assert scene(tmp_path, f'kind = "{name}"').config == kind()
+    assert scene(tmp_path, f'kind = "{name}"', coarse=True).config == kind().coarse()
 
 
 def test_what_the_quick_variant_changes_may_be_given(tmp_path: Path) -> None:
     text = 'kind = "bend"\n[design]\nseed = 5\n[coarse]\niterations = 7\nedge_length = "4 mm"\n'
     assert scene(tmp_path, text).config == BendScene.of(seed=5)
     found = scene(tmp_path, text, coarse=True).config
-    plain = KINDS["bend"].coarse(BendScene.of(seed=5))
+    plain = BendScene.of(seed=5).coarse()
     assert found == plain.updated(iterations=7, edge_length=4e-3)
 
 

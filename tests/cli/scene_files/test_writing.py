@@ -19,13 +19,13 @@ def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
     path = tmp_path / "new.toml"
     path.write_text(scene_text(kind), encoding="utf-8")
     found = read_scene(path)
-    assert found.config == kind.example
-    assert {key: value.name for key, value in found.files.items()} == kind.example_files
+    assert found.config == kind.example()
+    assert {key: value.name for key, value in found.files.items()} == kind.EXAMPLE_FILES
     body, _, quick = path.read_text(encoding="utf-8").partition("\n[coarse]\n")
     keys = re.findall(r"^#?(\w+) = ", body, re.MULTILINE)
-    regions = {key for of in kind.config.entries().values() for key in of.described()}
-    once = [key for key in keys if key not in regions and key not in ("kind", *kind.files)]
-    assert sorted(once) == sorted(kind.config.described()), "each key stands in the file, and once"
+    regions = {key for of in kind.entries().values() for key in of.described()}
+    once = [key for key in keys if key not in regions and key not in ("kind", *kind.files())]
+    assert sorted(once) == sorted(kind.described()), "each key stands in the file, and once"
     assert max(map(len, body.splitlines())) <= WIDTH
     # Taking the # away before all keys changes nothing: what stands behind them is the default.
     live = re.sub(r"^#(?=\w+ = )", "", body.replace("#[", "["), flags=re.MULTILINE)
@@ -34,12 +34,12 @@ def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
     live = live.replace('[printed]\nwhere = "none"', '[printed]\nwhere = "z < 1"')
     path.write_text(live, encoding="utf-8")
     changed = read_scene(path).config
-    assert changed.updated(**{n: () for n in changed.entries()}) == kind.example.updated(
+    assert changed.updated(**{n: () for n in changed.entries()}) == kind.example().updated(
         **{n: () for n in changed.entries()}
     )
     # The table of the quick variant shows what it changes.
     path.write_text(body + "\n[coarse]\n" + quick.replace("#", ""), encoding="utf-8")
-    assert read_scene(path, coarse=True).config == kind.coarse(kind.example)
+    assert read_scene(path, coarse=True).config == kind.example().coarse()
 
 
 def test_other_values_are_read_again(tmp_path: Path) -> None:

@@ -2,10 +2,11 @@
 
 import weakref
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from helpers.designs import shape_design
 from mpi4py import MPI
 
 import toros_fem as tf
@@ -36,7 +37,7 @@ def design(comm: MPI.Comm, pattern: Pattern, radius: float, **changes: Any) -> S
         "pressure_bounds": (1e3, 20e3),
         **changes,
     }
-    return ShapeDesign(comm, pattern, **given)
+    return shape_design(comm, pattern, **given)
 
 
 def tubes(comm: MPI.Comm) -> Iterator[ShapeDesign]:
@@ -126,8 +127,9 @@ def test_refined_design(alone: MPI.Comm) -> None:
     target = bend(np.radians(45), LENGTH, neutral=0.01)
     metric = Metric("height", "m", 0.0, lambda of, x: float(x[:, 2].max()))
     problem = design(
-        alone, pattern, 2 * RADIUS, target=target(pattern.points), weights=weights, start=start,
-        force=force, passive=passive, perimeter_weight=1e-5, perimeter_window=7e-3,
+        alone, pattern, 2 * RADIUS, target=target(pattern.points).tolist(), start=start.tolist(),
+        parts=[tf.ShapePart(cast(Any, weights.tolist()))], force=force.tolist(),
+        passive=passive.tolist(), perimeter_weight=1e-5, perimeter_window=7e-3,
         length_scale=LengthScale(line_width=9e-3), metrics=(metric,),
         composite=tf.Composite(knit=tf.Knit(2.0, {"wall": 0.7, "base": 0.0, "tip": 0.1})),
     )  # fmt: skip

@@ -73,3 +73,5 @@ def test_the_spread_of_a_print_that_is_known(short_tube: Skin) -> None:
     here = problem.evaluate(density)
     assert here.spread == pytest.approx(expected, rel=1e-6)
     assert here.steps > here.equilibrium.steps
+    made = problem.simulate_binary(np.where(along < 0.03, 1.0, 0.0))
+    assert problem.differentiate(made).gradient is not None, "a print has no variants"

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.designs import shape_design
 from mpi4py import MPI
 
 import toros_fem as tf
@@ -25,7 +26,7 @@ def design(comm: MPI.Comm, pattern: Pattern, **changes: object) -> tf.ShapeDesig
         "filter_radius": RADIUS,
         **changes,
     }
-    return tf.ShapeDesign(comm, pattern, **given)  # type: ignore[arg-type]
+    return shape_design(comm, pattern, **given)
 
 
 def test_printed_panels_and_passive_densities(alone: MPI.Comm, pattern: Pattern) -> None:
@@ -74,3 +75,13 @@ def test_error_of_the_default_metric(alone: MPI.Comm, pattern: Pattern) -> None:
     by_vertex = design(alone, pattern, target=bend(pattern.points))
     with pytest.raises(errors.TargetError, match="a function of the assembled positions"):
         tf.estimate_error(*given, [by_vertex.metrics[0].measure])
+
+
+def test_a_design_towards_another_target(alone: MPI.Comm, pattern: Pattern) -> None:
+    """On a pattern that has moved too; a target that is a map is evaluated there."""
+    problem, other = design(alone, pattern), design(alone, pattern, target=lambda x: 1.02 * x)
+    asking, at = problem.towards(other.case), problem.skin.owned_vertices
+    expected = other.objective.forward(1.1 * pattern.points[at])
+    for found in (asking, asking.on(pattern), asking.without_variants().on(pattern)):
+        assert found.objective.forward(1.1 * pattern.points[at]) == pytest.approx(expected)
+    assert problem.objective.forward(1.1 * pattern.points[at]) != pytest.approx(expected)

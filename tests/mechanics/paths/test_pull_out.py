@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -19,7 +20,7 @@ pytest.importorskip("ipctk")
 @pytest.mark.slow
 def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
     config = gripper.GripperScene.of(edge_length=3e-3, stem_length=0.045)
-    case = gripper.case(alone, config)
+    case = case_of(alone, config)
     skin, contact = sew(alone, case.pattern), config.held_contact
     inner = case.pattern.panel == case.pattern.panel_index("top")
     density = inner[skin.owned_cells].astype(np.float64)

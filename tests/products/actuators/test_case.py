@@ -1,6 +1,6 @@
 """A case: its objective, and that a part of a symmetric skin is designed as the whole."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PanelError
 from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -20,14 +21,12 @@ from toros_fem.measures.cross_sections import (
     label_cross_sections,
 )
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.shape import ShapeObjective
+from toros_fem.measures.shape import Nodes, Part, ShapeObjective, ShapePart
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, sew, stand, walker
-from toros_fem.products.actuators.case import ActuatorCase, Touching
 from toros_fem.products.actuators.legs import rest_on_body
-from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, cross_section_case
+from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric
 
 LEG = ActuatorScene.of(
     seams="hinged",
@@ -52,8 +51,9 @@ def leg_problem(
 ) -> ShapeProblem:
     """A leg to be turned down, on a part or on the whole."""
     target = stand(1.0, 0.03, directions=WALKER.directions, root=WALKER.root)
-    case = ActuatorCase(pattern, target(pattern.points), supports, metrics=(), symmetry=planes)
-    return actuator_problem(comm, case, LEG)
+    case = Case(pattern, target(pattern.points), supports, 4e3, metrics=(), symmetry=planes)
+    case = replace(case, composite=LEG.material.composite)
+    return LEG.problem(comm, case, LEG.finest_level)
 
 
 def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
@@ -72,15 +72,14 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     assert skin.gather_cells(made.evaluation.projected) == pytest.approx(cells.astype(float))
 
 
-def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
-    """The whole shape counts if nothing else does, or if it has weights of its own."""
+def test_objective_is_the_sum_of_its_parts(tube: Skin) -> None:
     pattern = tube.pattern
     target = pattern.points * [1.0, 1.0, 1.1]
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 3)
     sections = CrossSections(labels, np.ones((4, 3)), np.ones(4))
     touching, body = np.ones(len(pattern.points)), Body("sphere", 0.03, (0.0, 0.0, 0.1))
     weights = 1.0 + np.arange(len(pattern.points)) / len(pattern.points)
-    plain = ActuatorCase(pattern, target, clamp(pattern, ["base"]), metrics=())
+    case = Case(pattern, target, clamp(pattern, ["base"]), 4e3)
     positions = (1.2 * pattern.points)[tube.owned_vertices]
     terms = {
         "shape": ShapeObjective(tube, target).forward(positions),
@@ -88,34 +87,28 @@ def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
         "sections": CrossSectionObjective(tube, target, sections).forward(positions),
         "gap": GapObjective(tube, body, touching, 2.0).forward(positions),
     }
-    for changes, expected in [
-        ({}, ["shape"]),
-        ({"cross_sections": sections}, ["sections"]),
-        ({"touching": Touching(body, touching, 2.0)}, ["gap"]),
-        ({"touching": Touching(body, touching, 2.0), "weights": weights}, ["gap", "weighted"]),
-        ({"cross_sections": sections, "weights": weights}, ["sections", "weighted"]),
-    ]:
-        case = dataclasses.replace(plain, **changes)  # type: ignore[arg-type]
-        total = sum(terms[name] for name in expected)
-        assert case.objective(tube).forward(positions) == pytest.approx(total, rel=1e-12)
 
+    def gap(nodes: Nodes, target: np.ndarray) -> GapObjective:
+        return GapObjective(nodes, body, touching, 2.0)
 
-def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
-    pattern = tube.pattern
-    case = ActuatorCase(
-        pattern, pattern.points + 0.3, clamp(pattern, ["base"]), metrics=(), aligned=True
-    )
-    there = pattern.points[tube.owned_vertices]
-    assert case.objective(tube).forward(there) == pytest.approx(0.0, abs=1e-12)
-    free = dataclasses.replace(case, aligned=False)
-    assert free.objective(tube).forward(there) > 0.1
+    parts: dict[str, Part] = {
+        "shape": ShapePart(),
+        "weighted": ShapePart(weights),
+        "sections": sections,
+        "gap": gap,
+    }
+    for names in (["shape"], ["sections"], ["gap", "weighted"], ["sections", "weighted"]):
+        made = replace(case, parts=[parts[name] for name in names]).objective(tube)
+        total = sum(terms[name] for name in names)
+        assert made.forward(positions) == pytest.approx(total, rel=1e-12)
 
 
 def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
     config = SectionTubeScene.of(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
     target = bend(np.radians(60), 0.06, neutral=0.01)
-    case = cross_section_case(alone, config, target, [bend_metric(60.0)], (1,))
+    level = config.finest_level
+    case = config.section_case(alone, level, target, [bend_metric(60.0)], (1,))
     corners = case.pattern.corners[case.pattern.cells_of("wall")]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])
@@ -123,9 +116,9 @@ def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     found = case.following(alone, regions)
     moved = np.any(found.pattern.points != case.pattern.points, axis=1)
     assert np.count_nonzero(moved) > 20
-    assert np.array_equal(found.target[~moved], case.target[~moved])
-    assert np.abs(found.target - target(found.pattern.points)).max() < 0.02 * 3e-3
-    problem = actuator_problem(alone, found, config)
+    assert np.array_equal(found.goal[~moved], case.goal[~moved])
+    assert np.abs(found.goal - target(found.pattern.points)).max() < 0.02 * 3e-3
+    problem = config.problem(alone, found, level)
     printed = printed_lines(problem, case.pattern, regions)
     assert printed.evaluation is not None
     assert printed.pattern is problem.whole.pattern

@@ -82,12 +82,12 @@ def test_levels_of_a_tube() -> None:
     )  # fmt: skip
     assert config.level_count == 2, "with three there would be fewer than eighteen edges around"
     lengths = [
-        (c.skin.edge_length, c.design.filter_radius, c.design.line_width)
-        for c in map(config.at_level, range(2))
+        (x.edge_length, x.regularisation.filter_radius, x.regularisation.length_scale.line_width)
+        for x in config.levels
     ]
     assert lengths == [(2.8e-3, 4e-3, 2e-3), (1.4e-3, 2e-3, 1e-3)]
-    assert config.at_level(1).level_count == 1
-    assert config.at_level(1).design.gap_width is None
+    assert config.levels[1].regularisation.length_scale.gap_width is None
+    assert config.levels[1] == config.finest_level
     coarse, *finer = config.updated(levels=2).options
     assert coarse.iterations == 9 + config.design.constrained_iterations
     (fine,) = finer
@@ -96,8 +96,6 @@ def test_levels_of_a_tube() -> None:
     assert fine.pressure_move == 0.02
     (free,) = config.updated(levels=2, constrained_iterations=0).options[1:]
     assert not free.stages[0].constrained
-    with pytest.raises(errors.ParameterError, match="level = 2 must"):
-        config.at_level(2)
 
 
 def test_too_many_levels() -> None:
@@ -117,9 +115,9 @@ def test_a_tolerance_of_widths_is_for_densities() -> None:
     with pytest.raises(errors.ParameterError, match="Set density_iterations"):
         TubeScene.of(start="relaxed", width_tolerance=1e-4)
     lines = TubeScene.of(start="relaxed", width_tolerance=1e-4, density_iterations=5)
-    assert lines.of_relaxed.design.robust_against is None
-    assert lines.of_print.design.robust_against is None
-    assert lines.of_densities.design.robust_against is not None
+    assert lines.relaxed_level.regularisation.width_tolerance is None
+    assert lines.print_level.regularisation.width_tolerance is None
+    assert lines.density_level.regularisation.width_tolerance is not None
     plain, constrained = TubeScene.of(width_tolerance=1e-4).options[0].stages
     assert (plain.robust, constrained.robust) == (False, True)
     (only,) = TubeScene.of(width_tolerance=1e-4, constrained_iterations=0).options[0].stages

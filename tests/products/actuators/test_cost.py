@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeshSizeError
@@ -9,10 +10,10 @@ from toros_fem.meshes import triangle_limit
 from toros_fem.products.actuators.cost import (
     Cost,
     Part,
-    affordable,
     cost,
     probe,
-    probe_config,
+    probe_level,
+    require_affordable_meshes,
     sized,
 )
 from toros_fem.products.tubes import bend, contract
@@ -22,17 +23,18 @@ SMALL = bend.BendScene.of(length=0.06, edge_length=1e-3, filter_radius=2e-3)
 
 def test_the_probe_has_a_coarse_mesh() -> None:
     """Two edges of the coarsest useful mesh; lengths of filter and widths grow alike."""
-    coarse = probe_config(SMALL)
-    assert coarse.skin.edge_length == pytest.approx(SMALL.coarsest_edge / 2)
-    factor = coarse.skin.edge_length / SMALL.skin.edge_length
-    assert coarse.design.filter_radius == pytest.approx(factor * SMALL.design.filter_radius)
-    assert probe_config(SMALL.updated(edge_length=3e-3)).skin.edge_length == 3e-3
+    coarse = probe_level(SMALL)
+    assert coarse.edge_length == pytest.approx(SMALL.coarsest_edge / 2)
+    factor = coarse.edge_length / SMALL.skin.edge_length
+    radius = coarse.regularisation.filter_radius
+    assert radius == pytest.approx(factor * SMALL.design.filter_radius)
+    assert probe_level(SMALL.updated(edge_length=3e-3)).edge_length == 3e-3
 
 
 def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
-    made = sized(alone, bend.case, probe_config(SMALL), SMALL)
+    made = sized(alone, SMALL, probe_level(SMALL))
     found = cost(SMALL, made, alone.size)
-    pattern = bend.case(alone, SMALL).pattern
+    pattern = case_of(alone, SMALL).pattern
     assert found.triangles == pytest.approx(len(pattern.panel), rel=0.07)
     unknowns = 3 * len(pattern.points) + len(pattern.edges.ends)
     assert found.unknowns == pytest.approx(unknowns, rel=0.1)
@@ -42,7 +44,7 @@ def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
 
 
 def test_parts_of_a_design(alone: MPI.Comm) -> None:
-    made = sized(alone, bend.case, probe_config(SMALL), SMALL)
+    made = sized(alone, SMALL, probe_level(SMALL))
     parts = {part.name: part for part in cost(SMALL, made, 1).parts}
     first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
     assert second.triangles == pytest.approx(4 * first.triangles, rel=0.01)
@@ -50,7 +52,7 @@ def test_parts_of_a_design(alone: MPI.Comm) -> None:
     longer = cost(SMALL.updated(iterations=2 * SMALL.design.iterations), made, 1)
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
     config = contract.ContractScene()
-    lines = cost(config, sized(alone, contract.case, probe_config(config), config), 1)
+    lines = cost(config, sized(alone, config, probe_level(config)), 1)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
 
 
@@ -69,45 +71,32 @@ def test_time_grows_with_the_mesh_and_the_steps() -> None:
 
 
 def test_a_probe_makes_real_steps(alone: MPI.Comm) -> None:
-    coarse = probe_config(SMALL)
-    tried = probe(alone, bend.case(alone, coarse), coarse)
+    tried = probe(alone, SMALL, SMALL.case(alone, probe_level(SMALL)))
     assert tried.newton_steps > 5
     assert tried.per_step == tried.seconds / tried.newton_steps > 0
     assert alone.allgather(tried) == [tried] * alone.size
 
 
-def test_meshes_are_checked_before_the_first_is_made(alone: MPI.Comm) -> None:
-    made = []
-
-    def case(comm: MPI.Comm, config: bend.BendScene) -> object:
-        made.append(config.skin.edge_length)
-        return bend.case(comm, config)
-
-    coarse = SMALL.at_level(0)
-    with triangle_limit(3000):
-        maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
-        with pytest.raises(MeshSizeError, match="edge_length = 0.001 m gives about"):
-            maker(alone, coarse)
-    maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
-    made.clear()
-    maker(alone, coarse)
-    assert made == [coarse.skin.edge_length], "the mesh that was checked is taken"
+def test_meshes_are_checked_by_the_area_of_the_coarsest(alone: MPI.Comm) -> None:
+    with triangle_limit(3000), pytest.raises(MeshSizeError, match="edge_length = 0.001 m gives ab"):
+        require_affordable_meshes(alone, SMALL)
+    require_affordable_meshes(alone, SMALL)
 
 
 def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
     """Its area is known all the same."""
     with triangle_limit(200):
         with pytest.raises(MeshSizeError) as caught:
-            sized(alone, bend.case, SMALL, SMALL)
+            sized(alone, SMALL, SMALL.finest_level)
         area = caught.value.area
     assert area == pytest.approx(np.pi * 0.02 * 0.07 / 2)
     other = SMALL.updated(edge_length=2e-3)
-    found = sized(alone, bend.case, other, other)
+    found = sized(alone, other, other.finest_level)
     assert found.area == pytest.approx(area, rel=0.02)
 
 
 def test_starts_are_shared_out_over_the_ranks(alone: MPI.Comm) -> None:
-    made = sized(alone, bend.case, SMALL, SMALL)
+    made = sized(alone, SMALL, SMALL.finest_level)
     steps = [
         cost(SMALL.updated(starts=starts), made, ranks).parts[0].newton_steps
         for starts, ranks in ((1, 1), (4, 1), (4, 2), (3, 2))

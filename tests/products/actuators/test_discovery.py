@@ -47,7 +47,7 @@ TINY = twist.TwistScene().updated(
 
 @pytest.fixture(scope="module")
 def found(alone: MPI.Comm) -> Discovery:
-    return discover(alone, twist.case, TINY)
+    return discover(alone, TINY)
 
 
 @pytest.mark.slow
@@ -67,10 +67,8 @@ def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
 @pytest.mark.slow
 def test_the_print_on_a_coarser_mesh(alone: MPI.Comm, found: Discovery) -> None:
     with pytest.raises(ParameterError, match="no coarser mesh to compare with"):
-        metrics_on_coarser_mesh(alone, twist.case, TINY, found)
-    ratio, other = metrics_on_coarser_mesh(
-        alone, twist.case, TINY.updated(print_edge_length=2e-3), found
-    )
+        metrics_on_coarser_mesh(alone, TINY, found)
+    ratio, other = metrics_on_coarser_mesh(alone, TINY.updated(print_edge_length=2e-3), found)
     assert ratio == pytest.approx(1.25)  # edges as long as lines are wide
     assert other["twist_deg"] != pytest.approx(found.best.metrics["twist_deg"], rel=1e-4)
 
@@ -123,7 +121,7 @@ class Untold(twist.TwistScene):
 @pytest.mark.slow
 def test_targets_that_cannot_be_asked_for_end_after_a_round(alone: MPI.Comm) -> None:
     config = Untold.of(**TINY.updated(relaxed_iterations=1, corrections=3).as_dict())
-    assert len(discover(alone, twist.case, config).rounds) == 1
+    assert len(discover(alone, config).rounds) == 1
 
 
 def test_without_any_print_in_equilibrium_the_reason_is_told(
@@ -134,7 +132,7 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
 
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     with pytest.raises(NoEquilibriumError, match=r"made to fail\. Ask for less"):
-        discover(alone, twist.case, TINY.updated(relaxed_iterations=1))
+        discover(alone, TINY.updated(relaxed_iterations=1))
 
 
 def test_what_is_asked_next_solves_a_linear_response() -> None:

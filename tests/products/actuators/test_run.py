@@ -1,34 +1,45 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
 import csv
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.designs import DESIGN_ALONE
+from helpers.designs import DESIGN_ALONE, problem_of
 from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.design.loop import shape_problem
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import run
-from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.actuators.run import design_actuator, summary_sentence
+from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
 from toros_fem.products.tubes import bend as bend_demo
-from toros_fem.products.tubes.tube import TubeScene, bend_metric, tube_case
+from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.reporter import DesignReporter
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-SHORT = TubeScene.of(
+
+@dataclass(frozen=True)
+class Bent(TubeScene):
+    """A tube to be bent by 45 degrees."""
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """The whole tube."""
+        deform = bend(np.radians(45), 0.08, neutral=0.01)
+        return self.tip_case(comm, level, deform, [bend_metric(45.0)])
+
+
+SHORT = Bent.of(
     length=0.08,
     edge_length=4.5e-3,
     filter_radius=7e-3,
@@ -39,15 +50,8 @@ SHORT = TubeScene.of(
 )
 
 
-@pytest.fixture(scope="module")
-def tube_to_bend(alone: MPI.Comm) -> ActuatorCase:
-    return tube_case(alone, SHORT, bend(np.radians(45), 0.08, neutral=0.01), [bend_metric(45.0)])
-
-
-def test_problem_holds_what_the_configuration_says(
-    alone: MPI.Comm, tube_to_bend: ActuatorCase
-) -> None:
-    plain = actuator_problem(alone, tube_to_bend, SHORT.updated(design_pressure=True))
+def test_problem_holds_what_the_configuration_says(alone: MPI.Comm) -> None:
+    plain = problem_of(alone, SHORT.updated(design_pressure=True))
     assert plain.perimeter is None
     assert plain.length_scale is None
     assert plain.pressure_ranges == ((1e3, 20e3),)
@@ -56,7 +60,7 @@ def test_problem_holds_what_the_configuration_says(
         perimeter_weight=1e-4, perimeter_window=0.5, constrained_iterations=3,
         pressure=4e3, beta=8.0, filter="helmholtz",
     )  # fmt: skip
-    full = actuator_problem(alone, tube_to_bend, config)
+    full = problem_of(alone, config)
     assert full.perimeter is not None
     assert full.perimeter_weight == 1e-4
     assert full.length_scale is not None
@@ -68,7 +72,7 @@ def test_problem_holds_what_the_configuration_says(
 
 @pytest.mark.slow
 def test_polishing_removes_islands(
-    alone: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From a start with a lone spot in a corner that the few steps cannot remove."""
 
@@ -81,11 +85,11 @@ def test_polishing_removes_islands(
 
     monkeypatch.setattr(shape_problem, "random_density", spotted)
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
-    left = design_actuator(alone, tmp_path / "left", lambda *_: tube_to_bend, config).summary
+    left = design_actuator(alone, tmp_path / "left", config).summary
     assert left["dropped"]["before"]["islands"] == left["dropped"]["islands_bridged"] == 1
     assert left["manufacture"]["islands"] == 0
     polished = config.updated(polish_iterations=2)
-    gone = design_actuator(alone, tmp_path / "gone", lambda *_: tube_to_bend, polished).summary
+    gone = design_actuator(alone, tmp_path / "gone", polished).summary
     assert gone["iterations"] == left["iterations"] + 2
     assert gone["dropped"]["before"]["islands"] == 0
     assert gone["manufacture"]["islands"] == 0
@@ -97,12 +101,12 @@ def fails(*_: object, **__: object) -> None:
 
 
 def test_print_without_equilibrium(
-    alone: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No figure of the design stands for the print's."""
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     config = SHORT.updated(estimate_error=True)
-    summary = design_actuator(alone, tmp_path, lambda *_: tube_to_bend, config).summary
+    summary = design_actuator(alone, tmp_path, config).summary
     assert summary["printed_failure"] == "made to fail"
     assert summary["angle_deg"] is summary["printed_objective"] is summary["volume_m3"] is None
     assert summary["design"]["angle_deg"] is not None
@@ -111,11 +115,11 @@ def test_print_without_equilibrium(
 
 
 def test_a_refined_mesh_without_equilibrium_loses_nothing(
-    alone: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run, "estimate_error", fails)
     config = SHORT.updated(estimate_error=True)
-    summary = design_actuator(alone, tmp_path, lambda *_: tube_to_bend, config).summary
+    summary = design_actuator(alone, tmp_path, config).summary
     assert summary["refined"] == "made to fail"
     assert summary["angle_error_deg"] is summary["angle_refined_deg"] is None
     assert summary["angle_deg"] is not None
@@ -124,12 +128,10 @@ def test_a_refined_mesh_without_equilibrium_loses_nothing(
     assert (tmp_path / "pattern.svg").exists()
 
 
-def test_a_robust_design_tells_its_spread(
-    alone: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase
-) -> None:
+def test_a_robust_design_tells_its_spread(alone: MPI.Comm, tmp_path: Path) -> None:
     """Of both patterns, and of the print with borders that are moved as far."""
     config = SHORT.updated(width_tolerance=4e-4, constrained_iterations=1)
-    made = design_actuator(alone, tmp_path, lambda *_: tube_to_bend, config)
+    made = design_actuator(alone, tmp_path, config)
     found = made.summary["robust"]
     assert found["border_offset_m"] == 2e-4
     assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
@@ -137,20 +139,13 @@ def test_a_robust_design_tells_its_spread(
     assert [found["printed"][name] for name in ("narrower", "wider")] == list(spread.metrics)
 
 
-def test_a_reporter_made_earlier_counts_the_set_up(
-    alone: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase
-) -> None:
+def test_a_reporter_made_earlier_counts_the_set_up(alone: MPI.Comm, tmp_path: Path) -> None:
     reporter = DesignReporter(alone, tmp_path)
-    made = design_actuator(alone, tmp_path, lambda *_: tube_to_bend, SHORT, reporter)
+    made = design_actuator(alone, tmp_path, SHORT, reporter)
     assert made.summary["seed"] == SHORT.design.seed
     assert made.summary["inputs"] == SHORT.as_dict()
     assert 0 < made.summary["seconds"]["setup"] < made.summary["seconds"]["total"]
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
-
-
-def case(comm: MPI.Comm, config: TubeScene) -> ActuatorCase:
-    target = bend(np.radians(45), 0.08, neutral=0.01)
-    return tube_case(comm, config, target, [bend_metric(45.0)])
 
 
 @pytest.mark.slow
@@ -163,7 +158,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
         levels=levels, starts=2, seed=3, iterations=4, constrained_iterations=2,
         level_iterations=2,
     )  # fmt: skip
-    made = design_actuator(comm, folder, case, config)
+    made = design_actuator(comm, folder, config)
     summary, history = made.summary, made.result.history
     assert set(summary["starts"]) == {"3", "4"}
     assert str(summary["seed"]) == min(summary["starts"], key=summary["starts"].__getitem__)
@@ -178,22 +173,27 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
         ]
 
 
+@dataclass(frozen=True)
+class Judged(bend_demo.BendScene):
+    """A tube that is judged by its height too."""
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """The tube with one more metric."""
+        bent = super().case(comm, level)
+        height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()), scale=1e6)
+        return replace(bent, metrics=(*bent.judged, height))
+
+
 @pytest.mark.slow
 def test_a_corrected_design(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its objective is the problem's own; a metric that no field holds is not asked for."""
-    config = bend_demo.BendScene.of(
+    config = Judged.of(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
         iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
         corrections=1, **DESIGN_ALONE,
     )  # fmt: skip
-    height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()), scale=1e6)
-
-    def case(comm: MPI.Comm, config: bend_demo.BendScene) -> ActuatorCase:
-        bent = bend_demo.case(comm, config)
-        return replace(bent, metrics=(*bent.metrics, height))
-
     asked = []
 
     def spied(*given: Any) -> dict[str, float]:
@@ -201,7 +201,7 @@ def test_a_corrected_design(
         return asked[-1]
 
     monkeypatch.setattr(run, "asked_next", spied)
-    made = design_actuator(alone, tmp_path, case, config)
+    made = design_actuator(alone, tmp_path, config)
     assert [set(found) for found in asked] == [{"angle_deg"}]
     assert asked[0]["angle_deg"] != 40.0
     assert made.summary["angle_target_deg"] == 40.0

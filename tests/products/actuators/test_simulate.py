@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -30,12 +31,12 @@ SMALL = bend.BendScene.of(
 
 def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     """The same tube by another way: its length at the same pressure is the same."""
-    found = simulate_actuator(alone, tmp_path / "bend", bend.case, SMALL)
+    found = simulate_actuator(alone, tmp_path / "bend", SMALL)
     assert found["angle_deg"] == pytest.approx(0, abs=0.5)
     config = inflate.InflateScene.of(
         length=0.08, edge_length=4.5e-3, highest_pressure=5e3, pressure=2.5e3, levels=2
     )
-    other = inflate.run(alone, tmp_path / "inflate", config.updated(whole=True))
+    other = config.updated(whole=True).run_simulation(alone, tmp_path / "inflate")
     assert 100 * found["length_ratio"] == pytest.approx(other["length_percent"], rel=5e-3)
     written = json.loads((tmp_path / "bend" / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
@@ -47,10 +48,10 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
 
 def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(errors.ParameterError, match="pressure = 0.0 Pa must be above 0"):
-        simulate_actuator(alone, tmp_path, bend.case, SMALL.updated(pressure=0.0))
+        simulate_actuator(alone, tmp_path, SMALL.updated(pressure=0.0))
     with pytest.raises(errors.PatternFileError, match="nothing.npz cannot be read"):
-        simulate_actuator(alone, tmp_path, bend.case, SMALL, pattern=tmp_path / "nothing.npz")
-    pattern = bend.case(alone, SMALL).pattern
+        simulate_actuator(alone, tmp_path, SMALL, pattern=tmp_path / "nothing.npz")
+    pattern = case_of(alone, SMALL).pattern
     write_pattern(tmp_path / "plain.npz", pattern)
     with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
-        simulate_actuator(alone, tmp_path, bend.case, SMALL, pattern=tmp_path / "plain.npz")
+        simulate_actuator(alone, tmp_path, SMALL, pattern=tmp_path / "plain.npz")

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper as demo
 
 SMALL = demo.GripperScene.of(edge_length=4e-3)
@@ -14,21 +16,21 @@ SMALL = demo.GripperScene.of(edge_length=4e-3)
 def test_target_goes_around_the_object(alone: MPI.Comm, shape: str) -> None:
     """Up to the distance of the flat panels and the curvature of the sphere across the strip."""
     config = SMALL.updated(shape=shape, inflated_depth=0.0)
-    case = demo.case(alone, config)
+    case = case_of(alone, config)
     gap, angle = case.metrics
     assert gap.key == "gap_mm"
     assert gap.target == 0.0
     # Nowhere where it is to touch is the target farther from the box than at its ends.
-    begin, end = config.touching
-    touching = demo.touching_vertices(case.pattern, config)
+    begin, end = config.touching(config.skin.edge_length)
+    touching = demo.touching_vertices(case.pattern, config, config.skin.edge_length)
     assert touching.any()
     bound = 0.2 if shape == "sphere" else 1.1 * farthest(config, (end - begin) / 2) + 0.2
-    assert gap.measure(case.pattern, case.target) < bound
+    assert gap.measure(case.pattern, case.goal) < bound
     assert gap.measure(case.pattern, case.pattern.points) > 2
     # The outer quarter of the finger has turned by a part of the whole angle.
     assert angle.target is not None
     assert 0 < angle.target <= np.degrees(config.bend_angle) + 1e-6
-    inner = case.target[case.pattern.vertices_of("top")]
+    inner = case.goal[case.pattern.vertices_of("top")]
     inside, _ = config.body.distance(inner)
     assert inside.min() > -0.5e-3, "the target does not enter the object"
 
@@ -58,9 +60,10 @@ def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
 
 
 def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
-    case = demo.case(alone, SMALL)
+    case = case_of(alone, SMALL)
     assert case.contact is not None
-    x, y, _ = case.pattern.points[case.touching.weights > 0].T
+    touching = demo.touching_vertices(case.pattern, SMALL, SMALL.skin.edge_length)
+    x, y, _ = case.pattern.points[touching].T
     assert np.all(x > SMALL.bend_start)
     assert np.all(np.abs(y) < SMALL.skin.finger_width / 6)
     top = case.pattern.cells_of("top")
@@ -69,7 +72,7 @@ def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
 
 
 def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
-    case = demo.case(alone, SMALL)
+    case = case_of(alone, SMALL)
     held = np.asarray(case.supports.fixed.all(axis=1))
     x, inner = case.pattern.points[:, 0], np.zeros(len(held), dtype=bool)
     inner[case.pattern.vertices_of("top")] = True
@@ -83,20 +86,20 @@ def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
 
 def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
     config = SMALL.updated(shape="box")
-    _, angle = demo.case(alone, config).metrics
+    _, angle = case_of(alone, config).metrics
     assert angle.target is not None
     asked = config.asked({"angle_deg": angle.target + 8})
-    case = demo.case(alone, asked)
+    case = case_of(alone, asked)
     _, further = case.metrics
     assert further.target == angle.target + 8
-    assert further.measure(case.pattern, case.target) == pytest.approx(further.target, abs=0.5)
+    assert further.measure(case.pattern, case.goal) == pytest.approx(further.target, abs=0.5)
     assert asked.body == config.body
 
 
 def test_a_lift_without_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(demo, "summary_sentence", lambda summary: "designed")
+    monkeypatch.setattr(ActuatorScene, "told_design", lambda self, summary: "designed")
     load = {"slip_mm": None, "held_mass_kg": None, "initial": {"held_mass_kg": None},
             "mass_kg": 0.1, "failure": "no equilibrium"}  # fmt: skip
-    assert demo.sentence({"load": load}) == "designed; 100 g are not lifted: no equilibrium"
+    assert SMALL.told_design({"load": load}) == "designed; 100 g are not lifted: no equilibrium"
     dropped = {**load, "held_mass_kg": 0.05, "failure": None}
-    assert "100 g are dropped, at most 50 g are held" in demo.sentence({"load": dropped})
+    assert "100 g are dropped, at most 50 g are held" in SMALL.told_design({"load": dropped})

@@ -1,5 +1,6 @@
 """Skins of your own: meshes, regions, targets and metrics."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,15 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.products.kinds import KINDS
+from toros_fem.design.loop.case import Case
+from toros_fem.measures.shape import ShapePart
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnMeshScene,
     OwnSkin,
     Plain,
     Printed,
-    cases,
-    own_case,
     read_skin,
-    run,
-    simulate,
 )
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
@@ -43,13 +41,19 @@ CONFIG = OwnMeshScene.of(
 )
 
 
+def case_on(comm: MPI.Comm, scene: OwnMeshScene, skin: OwnSkin) -> Case:
+    """The case of a skin that is read already, on its finest mesh."""
+    scene = replace(scene.updated(filter_radius=4e-3), read=skin)
+    return scene.case(comm, scene.finest_level)
+
+
 @pytest.fixture(scope="module")
 def finger(alone: MPI.Comm) -> OwnSkin:
     return read_skin(alone, CONFIG, FINGER)
 
 
 def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:
-    case = own_case(alone, CONFIG, finger)
+    case = case_on(alone, CONFIG, finger)
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(case.supports.fixed, np.repeat(height[:, None] < 4e-3, 3, 1))
     assert case.passive is not None
@@ -57,52 +61,67 @@ def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:
     np.testing.assert_array_equal(case.passive == 1, (z < 1e-5) | (z > 0.08999))
     np.testing.assert_array_equal(case.passive == 0, (x < -7e-3) & (z > 0.03) & (z < 0.04))
     assert [(m.key, m.target) for m in case.metrics] == [("angle_deg", 60), ("distance_mm", 0)]
-    values = [m.measure(finger.pattern, case.target) for m in case.metrics]
+    values = [m.measure(finger.pattern, case.goal) for m in case.metrics]
     assert values == pytest.approx([60, 0], abs=1e-6)
-    assert case.weights is None
-    assert case.cross_sections is None
+    assert vars(case.parts[0]) == vars(ShapePart())
 
 
 def test_meshes_from_coarse_to_fine(alone: MPI.Comm, finger: OwnSkin) -> None:
     fine = CONFIG.updated(refinements=2, filter_radius=1e-3)
     assert fine.level_count == 3
-    for level, times in enumerate(range(3)):
-        one = fine.at_level(level)
-        assert (one.skin.refinements, one.level_count) == (times, 1)
-        assert one.design.filter_radius == 1e-3 * 2 ** (2 - level)
-    middle = own_case(alone, fine.at_level(1), finger)
+    for times, level in enumerate(fine.levels):
+        assert (level.edge_length, level.refinements) == (None, times)
+        assert level.regularisation.filter_radius == 1e-3 * 2 ** (2 - times)
+    middle = replace(fine, read=finger).case(alone, fine.levels[1])
     assert len(middle.pattern.panel) == 4 * len(finger.pattern.panel)
-    values = [m.measure(middle.pattern, middle.target) for m in middle.metrics]
+    values = [m.measure(middle.pattern, middle.goal) for m in middle.metrics]
     assert values == pytest.approx([60, 0], abs=1e-6)
     with pytest.raises(errors.ParameterError, match="levels = 4 is too many"):
         fine.updated(levels=4)
-    quick = KINDS["own-mesh"].coarse(fine)
+    quick = fine.coarse()
     assert (quick.skin.refinements, quick.design.filter_radius) == (0, 4e-3)
+
+
+def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
+    """The relaxed design has the mesh of the file, the print the finest, its error one between."""
+    edge = finger.edge_length
+    lines = replace(CONFIG.updated(start="relaxed", refinements=2, laid_width=1e-3), read=finger)
+    levels = (lines.relaxed_level, lines.print_level, lines.density_level)
+    assert [level.refinements for level in levels] == [0, 2, 2]
+    radii = [level.regularisation.filter_radius for level in levels]
+    assert radii == pytest.approx([2 * edge, 2 * edge / 4, 1.5 * edge / 4])
+    ratio, coarser = lines.coarser_print_level()
+    assert (ratio, coarser.refinements) == (2.0, 1)
+    with pytest.raises(errors.ParameterError, match="Set refinements = 2, or lay wider lines"):
+        lines.updated(refinements=1)
+    with pytest.raises(errors.ParameterError, match="there is no coarser one to compare with"):
+        lines.updated(refinements=0, laid_width=1e-2).coarser_print_level()
 
 
 def test_supports_by_component(alone: MPI.Comm, finger: OwnSkin) -> None:
     held = (Held(where="z < 4 mm"), Held(where="z > 80 mm", components="yz"))
-    fixed = own_case(alone, CONFIG.updated(held=held), finger).supports.fixed
+    fixed = case_on(alone, CONFIG.updated(held=held), finger).supports.fixed
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(fixed[:, 0], height < 4e-3)
     np.testing.assert_array_equal(fixed[:, 2], (height < 4e-3) | (height > 0.08))
 
 
 def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
-    tip = own_case(alone, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
+    tip = case_on(alone, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
     top = finger.pattern.points[:, 2] > 0.09 - 1e-9
-    assert tip.relative is not None
-    np.testing.assert_array_equal(tip.weights > 1, top)
-    np.testing.assert_array_equal(tip.relative > 0, top)
+    shape: Any = tip.parts[0]
+    np.testing.assert_array_equal(shape.weights > 1, top)
+    np.testing.assert_array_equal(shape.relative > 0, top)
     area = finger.pattern.vertex_areas
-    assert area[top] @ (tip.weights[top] - 1) == pytest.approx(area.sum())
+    assert area[top] @ (shape.weights[top] - 1) == pytest.approx(area.sum())
     free = CONFIG.updated(counted="cross-sections", twist=40.0, bend=None, axial_weight=0.25)
-    sections = own_case(alone, free, finger)
-    assert sections.cross_sections.labels.max() == 12
-    across, _, axial = sections.cross_sections.position_weights.T
+    sections = case_on(alone, free, finger)
+    part: Any = sections.parts[0]
+    assert part.labels.max() == 12
+    across, _, axial = part.position_weights.T
     assert axial == pytest.approx(0.25 * across)
     assert [m.key for m in sections.metrics] == ["twist_deg"]
-    named = own_case(alone, free.updated(metrics="shortening, twist, angle"), finger)
+    named = case_on(alone, free.updated(metrics="shortening, twist, angle"), finger)
     assert [(m.key, m.target) for m in named.metrics] == [
         ("shortening_percent", None),
         ("twist_deg", 40.0),
@@ -112,7 +131,7 @@ def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
 
 def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> None:
     """Another program bends the STL file itself, in its own unit."""
-    expected = own_case(alone, CONFIG, finger).target
+    expected = case_on(alone, CONFIG, finger).goal
     mesh = meshio.read(FINGER)
     # An STL repeats each vertex: the corners of its triangles are moved one by one.
     corners = np.asarray(mesh.points)[mesh.cells_dict["triangle"]].reshape(-1, 3)
@@ -123,14 +142,14 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
     meshio.write_points_cells(tmp_path / "fewer.ply", points, [("triangle", cells[1:])])
     config = CONFIG.updated(bend=None, metrics="distance, angle")
     skin = read_skin(alone, config, FINGER, tmp_path / "bent.stl")
-    case = own_case(alone, config, skin)
-    np.testing.assert_allclose(case.target, expected, atol=1e-7)  # an STL has single precision
+    case = case_on(alone, config, skin)
+    np.testing.assert_allclose(case.goal, expected, atol=1e-7)  # an STL has single precision
     assert [m.target for m in case.metrics] == pytest.approx([0, 60], abs=1e-3)
-    finer = own_case(alone, config.updated(refinements=1), skin)
-    values = [m.measure(finer.pattern, finer.target) for m in finer.metrics]
+    finer = case_on(alone, config.updated(refinements=1), skin)
+    values = [m.measure(finer.pattern, finer.goal) for m in finer.metrics]
     assert values == pytest.approx([0, 60], abs=1e-3)
     with pytest.raises(errors.ParameterError, match="two targets: a file, and bend = 60"):
-        own_case(alone, CONFIG, skin)
+        case_on(alone, CONFIG, skin)
     with pytest.raises(errors.TargetError, match="does not meet its neighbours"):
         read_skin(alone, config, FINGER, tmp_path / "other.ply")
     with pytest.raises(errors.TargetError, match="has 1831 triangles, .* has 1832"):
@@ -156,21 +175,22 @@ def test_what_is_refused(
     alone: MPI.Comm, finger: OwnSkin, changes: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(errors.ParameterError, match=message):
-        own_case(alone, CONFIG.updated(**changes), finger)
+        case_on(alone, CONFIG.updated(**changes), finger)
 
 
 def test_files_that_do_not_serve(alone: MPI.Comm, tmp_path: Path) -> None:
+    out = tmp_path / "out"
     with pytest.raises(errors.ParameterError, match="there is no mesh: name a mesh file"):
-        run(alone, tmp_path / "out", CONFIG)
+        CONFIG.run_design(alone, out)
     with pytest.raises(errors.SurfaceError, match="there is no file"):
-        run(alone, tmp_path / "out", CONFIG, mesh=tmp_path / "nothing.stl")
+        CONFIG.run_design(alone, out, {"mesh": tmp_path / "nothing.stl"})
     with pytest.raises(errors.PatternFileError, match="cannot be read"):
-        run(alone, tmp_path / "out", CONFIG, mesh=tmp_path)
+        CONFIG.run_design(alone, out, {"mesh": tmp_path})
     with pytest.raises(errors.ParameterError, match="metrics = 'angle, size' names 'size'"):
         CONFIG.updated(metrics="angle, size")
     with pytest.raises(errors.PatternFileError, match="nothing cannot be read"):
-        simulate(alone, tmp_path / "out", CONFIG, mesh=FINGER, pattern=tmp_path / "nothing")
-    assert not (tmp_path / "out").exists()
+        CONFIG.run_simulation(alone, out, {"mesh": FINGER, "pattern": tmp_path / "nothing"})
+    assert not out.exists()
 
 
 def test_filter_of_a_mesh(alone: MPI.Comm) -> None:
@@ -180,5 +200,5 @@ def test_filter_of_a_mesh(alone: MPI.Comm) -> None:
     edge = 1e-3 * np.linalg.norm(sides, axis=2).mean()
     for times in (0, 1):
         config = CONFIG.updated(refinements=times)
-        _, made = cases(alone, config, mesh=FINGER)
+        made = config.with_files(alone, {"mesh": FINGER})
         assert made.design.filter_radius == pytest.approx(1.5 * edge / 2**times, rel=1e-5)

@@ -26,7 +26,7 @@ def test_own_stiffnesses(alone: MPI.Comm) -> None:
 
 
 def test_coarse_variant() -> None:
-    small = demo.coarse(demo.TileScene.of(target="auxetic", seed=5))
+    small = demo.TileScene.of(target="auxetic", seed=5).coarse()
     assert (small.target.target, small.design.seed, small.skin.edge_length) == (
         "auxetic",
         5,

@@ -16,7 +16,7 @@ def test_output_that_cannot_be_written(alone: MPI.Comm, tmp_path: Path) -> None:
     """Rank 0 alone writes, yet all ranks raise."""
     (tmp_path / "taken").write_text("a file, not a folder", encoding="utf-8")
     with pytest.raises(errors.OutputError, match="taken could not be written"):
-        bend.run(alone, tmp_path / "taken", SMALL)
+        SMALL.run_design(alone, tmp_path / "taken")
 
 
 def test_failure_keeps_what_is_written(
@@ -32,6 +32,6 @@ def test_failure_keeps_what_is_written(
 
     monkeypatch.setattr(EquilibriumSolver, "solve", refuses)
     with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
-        bend.run(alone, tmp_path, SMALL)
+        SMALL.run_design(alone, tmp_path)
     for name in names:
         assert (tmp_path / name).read_text(encoding="utf-8") == f"{name} of a run before"

@@ -1,5 +1,7 @@
 """Cases of the tube: weights of the tip, and cross-sections."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -10,13 +12,10 @@ from toros_fem.products.tubes.tube import (
     SectionTubeScene,
     TubeScene,
     bend_metric,
-    coarse_tube,
-    cross_section_case,
     length_metric,
     plain_planes,
     plain_tube,
     shortening_metric,
-    tube_case,
     twist_metric,
 )
 
@@ -31,18 +30,17 @@ def prism(alone: MPI.Comm) -> Pattern:
 def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
     """A small turn about y costs what `orientation_length` says, wherever the ring is."""
     config = TubeScene.of(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
-    case = tube_case(alone, config, lambda points: points, [])
+    case = config.tip_case(alone, config.finest_level, lambda points: points, [])
     pattern = case.pattern
-    assert case.weights is not None
-    assert case.relative is not None
+    shape: Any = case.parts[0]
     area, angle = pattern.vertex_areas, 1e-3
     plate = pattern.vertices_of("tip")
-    extra = (area * (case.weights - 1))[plate].sum() / area.sum()
+    extra = (area * (shape.weights - 1))[plate].sum() / area.sum()
     assert extra == pytest.approx(0.5)
     x, _, z = pattern.points.T
     gap = np.stack([angle * (z - 0.06), 0 * x, -angle * x], axis=1) * (z > 0.0599)[:, None]
-    gap -= (case.relative * area) @ gap / (case.relative * area).sum()
-    cost = (case.relative * area) @ (gap**2).sum(axis=1) / (case.weights * area).sum()
+    gap -= (shape.relative * area) @ gap / (shape.relative * area).sum()
+    cost = (shape.relative * area) @ (gap**2).sum(axis=1) / (shape.weights * area).sum()
     assert np.sqrt(cost) == pytest.approx(0.03 * angle, rel=0.02)
     with pytest.raises(errors.ParameterError, match=r"orientation_length = -1.0 m .*at least 0"):
         config.updated(orientation_length=-1.0)
@@ -50,7 +48,7 @@ def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
 
 def test_caps_are_printed_and_the_wall_is_designed(alone: MPI.Comm) -> None:
     config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
-    case = tube_case(alone, config, lambda points: points, [])
+    case = config.tip_case(alone, config.finest_level, lambda points: points, [])
     wall = case.pattern.panel == case.pattern.panel_index("wall")
     assert np.array_equal(np.isnan(case.passive), wall)
     assert np.all(case.passive[~wall] == 1.0)
@@ -63,9 +61,9 @@ def test_cross_section_case(alone: MPI.Comm) -> None:
     config = SectionTubeScene.of(
         length=0.06, edge_length=3e-3, cross_sections=4, axial_weight=0.25, tip_weight=3.0
     )
-    case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
-    found = case.cross_sections
-    assert case.weights is case.relative is None
+    level = config.finest_level
+    case = config.section_case(alone, level, twist(1.0, 0.06), [twist_metric(60.0)])
+    found: Any = case.parts[0]
     assert found.labels.max() == 4, "the tip is a cross-section of its own"
     wall = case.pattern.vertices_of("wall")
     assert np.array_equal(np.flatnonzero(found.labels >= 0), wall)
@@ -94,15 +92,16 @@ def test_metrics_of_exact_targets(prism: Pattern) -> None:
 def test_length_is_watched(alone: MPI.Comm) -> None:
     """Once, also where it has a target."""
     config = SectionTubeScene.of(**SHORT)  # type: ignore[arg-type]
-    case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
+    level, deform = config.finest_level, twist(1.0, 0.06)
+    case = config.section_case(alone, level, deform, [twist_metric(60.0)])
     assert [(m.key, m.target) for m in case.metrics] == [("twist_deg", 60), ("length_ratio", None)]
-    kept = cross_section_case(alone, config, twist(1.0, 0.06), [length_metric(1.0)])
+    kept = config.section_case(alone, level, deform, [length_metric(1.0)])
     assert [(m.key, m.target) for m in kept.metrics] == [("length_ratio", 1.0)]
 
 
 def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
     config = TubeScene.of(length=0.1, seed=5)
-    coarse = coarse_tube(config)
+    coarse = config.coarse()
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
         "edge_length", "filter_radius", "levels", "iterations", "constrained_iterations",
@@ -114,9 +113,9 @@ def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
     config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
     oblique = SectionTubeScene.of(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
-        cross_section_case(alone, oblique, lambda points: points, [], (1,))
+        oblique.section_case(alone, oblique.finest_level, lambda points: points, [], (1,))
     with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
-        tube_case(alone, config, twist(1.0, 0.06), [], (1,))
+        config.tip_case(alone, config.finest_level, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
         plain_tube(alone, config.skin, (0, 1), seams="hinged")
     assert plain_planes("hinged") == (1,)

@@ -1,7 +1,10 @@
 """The demo of a walker: its quarter, its target and its chambers."""
 
+from typing import Any
+
 import numpy as np
 import pytest
+from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem.meshes import walker
@@ -12,17 +15,17 @@ SMALL = demo.WalkerScene.of(edge_length=6e-3)
 
 @pytest.mark.parametrize("motion", ["stand", "crawl"])
 def test_target_turns_the_leg_by_the_angle(alone: MPI.Comm, motion: str) -> None:
-    case = demo.case(alone, SMALL.updated(motion=motion))
+    case = case_of(alone, SMALL.updated(motion=motion))
     (angle,) = case.metrics
     assert angle.target == demo.ANGLE[motion]
-    assert angle.measure(case.pattern, case.target) == pytest.approx(angle.target, abs=0.5)
-    reach = (case.target - case.pattern.points).mean(axis=0)[0]
+    assert angle.measure(case.pattern, case.goal) == pytest.approx(angle.target, abs=0.5)
+    reach = (case.goal - case.pattern.points).mean(axis=0)[0]
     assert (reach > 0) == (motion == "crawl")
 
 
 def test_leg_starts_soft_on_top(alone: MPI.Comm) -> None:
     """The leg turns down, so the top is the side that stretches."""
-    case = demo.case(alone, SMALL)
+    case = case_of(alone, SMALL)
     top = case.pattern.cells_of("top")
     assert case.start[top].max() < np.delete(case.start, top).min()
     assert case.symmetry == (0, 1)
@@ -30,14 +33,14 @@ def test_leg_starts_soft_on_top(alone: MPI.Comm) -> None:
 
 def test_feet_are_printed(alone: MPI.Comm) -> None:
     config = SMALL.updated(foot_length=0.02)
-    case = demo.case(alone, config)
+    case = case_of(alone, config)
     foot = case.passive == 1
     along = case.pattern.points @ [*config.star.directions[0], 0.0]
     begin = config.star.reach - 0.02
     assert along[case.pattern.triangles[foot]].min() > begin - config.skin.edge_length
     assert along[case.pattern.triangles[~foot]].max() < begin + config.skin.edge_length
     assert np.isnan(case.passive[~foot]).all()
-    assert demo.case(alone, config.updated(foot_length=None)).passive is None
+    assert case_of(alone, config.updated(foot_length=None)).passive is None
 
 
 def test_chambers_of_the_whole(alone: MPI.Comm) -> None:
@@ -50,24 +53,24 @@ def test_chambers_of_the_whole(alone: MPI.Comm) -> None:
 
 def test_sections_of_a_stride(alone: MPI.Comm) -> None:
     """The foot counts by its place along x; its target is half a leg's width from the middle."""
-    shape, stride = (demo.case(alone, SMALL.updated(aim=aim)) for aim in demo.AIMS)
-    assert shape.cross_sections is not None
-    weights = stride.cross_sections.position_weights
+    shape, stride = (case_of(alone, SMALL.updated(aim=aim)) for aim in demo.AIMS)
+    sections: Any = stride.parts[0]
+    weights = sections.position_weights
     assert weights[-1, 0] == 1 > weights[:-1].max()
-    assert stride.cross_sections.orientation_weights.max() > 0
-    foot = stride.cross_sections.labels == len(weights) - 1
-    assert stride.target[foot, 0].mean() == pytest.approx(SMALL.skin.leg_width / 2)
-    assert (stride.target[~foot] == shape.target[~foot]).all()
+    assert sections.orientation_weights.max() > 0
+    foot = sections.labels == len(weights) - 1
+    assert stride.goal[foot, 0].mean() == pytest.approx(SMALL.skin.leg_width / 2)
+    assert (stride.goal[~foot] == shape.goal[~foot]).all()
     (metric,) = stride.metrics
     assert metric.key == "foot_mm"
-    assert metric.measure(stride.pattern, stride.target) == pytest.approx(metric.target)
+    assert metric.measure(stride.pattern, stride.goal) == pytest.approx(metric.target)
 
 
 def test_pressures_of_body_and_leg_are_designed(alone: MPI.Comm) -> None:
     config = SMALL.updated(aim="stride", design_pressure=True)
-    chambers = demo.case(alone, config).chambers
+    chambers = case_of(alone, config).chambers
     assert chambers.names == ("body", "leg")
-    assert demo.case(alone, config.updated(aim="shape")).chambers is None
+    assert case_of(alone, config.updated(aim="shape")).chambers is None
 
 
 @pytest.mark.parametrize("feet", ["one-way", "nonslip"])

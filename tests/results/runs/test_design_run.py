@@ -37,7 +37,7 @@ TWO_LEVELS = bend.BendScene.of(
 )
 
 
-def design(comm: MPI.Comm, folder: Path, kind: Any, config: Any, stop_at: int | None = None) -> int:
+def design(comm: MPI.Comm, folder: Path, config: Any, stop_at: int | None = None) -> int:
     """Design, stopped by a signal to the last rank after some rows; return the number of rows."""
     rows = 0
 
@@ -52,20 +52,20 @@ def design(comm: MPI.Comm, folder: Path, kind: Any, config: Any, stop_at: int | 
     resume = (folder / "state").exists()
     comm.barrier()
     with open_run(comm, folder, config.as_dict(), resume=resume):
-        design_actuator(comm, folder, kind.case, config, Counted(comm, folder))
+        design_actuator(comm, folder, config, Counted(comm, folder))
     return rows
 
 
-def check(comm: MPI.Comm, folder: Path, kind: Any, config: Any, *stops: int) -> None:
+def check(comm: MPI.Comm, folder: Path, config: Any, *stops: int) -> None:
     """Stop a run after so many rows each time, and compare its end with an uninterrupted run."""
-    total = design(comm, folder / "whole", kind, config)
+    total = design(comm, folder / "whole", config)
     done = 0
     for rows in stops:
         with pytest.raises(RunStoppedError, match=f"SIGTERM.*toros resume {folder / 'stopped'}"):
-            design(comm, folder / "stopped", kind, config, rows)
+            design(comm, folder / "stopped", config, rows)
         done += rows
         assert not (folder / "stopped" / "pattern.svg").exists()
-    left = design(comm, folder / "stopped", kind, config)
+    left = design(comm, folder / "stopped", config)
     assert left == total - done, "a signal loses no step"
     assert content(folder / "stopped") == content(folder / "whole")
     if comm.rank == 0:
@@ -76,20 +76,20 @@ def check(comm: MPI.Comm, folder: Path, kind: Any, config: Any, *stops: int) -> 
 
 
 def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
-    check(comm, shared(comm, tmp_path), bend, TWO_LEVELS, 1, 5)
+    check(comm, shared(comm, tmp_path), TWO_LEVELS, 1, 5)
 
 
 def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
     """Each rank alone keeps the states of its seeds."""
     folder = shared(comm, tmp_path)
     config = TWO_LEVELS.updated(starts=2, corrections=0, polish_iterations=0)
-    total = design(comm, folder / "whole", bend, config)
+    total = design(comm, folder / "whole", config)
     with pytest.raises(RunStoppedError):
-        design(comm, folder / "stopped", bend, config, total - 1)
+        design(comm, folder / "stopped", config, total - 1)
     kept = {p.name for p in (folder / "stopped" / "state").iterdir()}
     assert {f"seed-{config.design.seed + k}.000.npz" for k in range(2)} | {"000.npz"} <= kept
     comm.barrier()
-    design(comm, folder / "stopped", bend, config)
+    design(comm, folder / "stopped", config)
     assert content(folder / "stopped")[1:] == content(folder / "whole")[1:]
 
 
@@ -110,4 +110,4 @@ def test_lines_from_a_random_start(alone: MPI.Comm, tmp_path: Path) -> None:
         pressure=8e3,
         **DESIGN_ALONE,
     )
-    check(alone, tmp_path, twist, config, 3, 4)
+    check(alone, tmp_path, config, 3, 4)

@@ -91,8 +91,8 @@ def run_from_command_line(
     Args:
         comm: Communicator.
         about: Help text.
-        config: The configuration with its defaults. That of a scene has `--coarse`, whose values
-            other options override.
+        config: The configuration with its defaults. Where it has a method `coarse` the script has
+            `--coarse`, whose values other options override.
         run: `run(comm, output, config, files, verbose=…)` with the paths that were given; returns
             the summary.
         output: Default folder.
@@ -102,7 +102,7 @@ def run_from_command_line(
     parser = SuggestingParser(
         first_rank=comm.rank == 0, usage="%(prog)s [options]", description=about
     )
-    if isinstance(config, Scene):
+    if hasattr(config, "coarse"):
         parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
     parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
@@ -126,7 +126,7 @@ def run_from_command_line(
     library = given.pop(FILE, None)
 
     def action() -> str:
-        start = config.coarse() if quick and isinstance(config, Scene) else config
+        start = config.coarse() if quick and hasattr(config, "coarse") else config
         chosen = start.updated(**_with_materials(comm, config, start, given, library))
         inputs = {
             "about": about.partition("\n")[0],
