@@ -116,11 +116,6 @@ class RunStoppedError(TorosError, RuntimeError):
         super().__init__(message, signal)
         self.signal = signal
 
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a process that the signal ended, as shells have it."""
-        return 128 + self.signal
-
     def __str__(self) -> str:
         return str(self.args[0])
 

@@ -88,6 +88,7 @@ def design_summary(
         **{f"{m.name}_target_{m.unit}": m.target for m in problem.metrics if m.target is not None},
         **(figures or {}),
         "pressure_pa": final.equilibrium.pressure,
+        "pressures_pa": list(final.equilibrium.pressures),
         "volume_m3": simulated and parts * simulated.equilibrium.volume,
         "stretch_use": simulated and simulated.equilibrium.stretch_use,
         "equilibrium": simulated and simulated.equilibrium.reason,

@@ -123,7 +123,7 @@ def test_bad_options(
 
 
 def test_errors_end_in_one_line(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
-    assert script("--count", "13") == 2
+    assert script("--count", "13") == 4
     captured = capsys.readouterr()
     assert captured.err == "OutputError: nothing could be written.\n"
     assert captured.out == ""
@@ -138,7 +138,7 @@ def test_only_the_first_rank_prints(
     monkeypatch.chdir(shared(comm, tmp_path))
     script = Script(monkeypatch, comm)
     assert script() == 0
-    assert script("--count", "13") == 2
+    assert script("--count", "13") == 4
     with pytest.raises(SystemExit):
         script("--widht", "3")
     captured = capsys.readouterr()

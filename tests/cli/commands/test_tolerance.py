@@ -45,18 +45,10 @@ def test_figures_table_and_picture(
     assert "print width −0.2 mm" in page
 
 
-@pytest.mark.slow
-def test_a_script_leaves_no_scene(alone: MPI.Comm, designed: Designed, tmp_path: Path) -> None:
-    """The kind is found by the inputs in the summary; of other inputs it is said."""
+def test_a_run_without_its_scene(alone: MPI.Comm, designed: Designed, tmp_path: Path) -> None:
+    """No kind is guessed from the numbers in the summary."""
     folder = tmp_path / "copy"
     shutil.copytree(designed[1], folder)
     (folder / "scene.toml").unlink()
-    words = ["--width", "none", "--output", str(folder / "worn"), "--quiet"]
-    assert run(alone, ["tolerance", str(folder), *FEW, *words]) == 0
-    path = folder / "summary.json"
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    assert (folder / "worn" / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 3
-    summary["inputs"] = {"colour": 3}
-    path.write_text(json.dumps(summary), encoding="utf-8")
-    with pytest.raises(OutputError, match="does not say which scene it is of"):
+    with pytest.raises(OutputError, match=r"copy does not say which scene .* scene.toml is miss"):
         scene_of_run(alone, folder)

@@ -16,7 +16,9 @@ from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
 from toros_fem.base.keys import Key, Table, plain_value
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.scene import Scene
+from toros_fem.cli.command_line.exit_codes import exit_code
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
+from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library import read_library
 from toros_fem.results.runs.folder import open_run
 
@@ -137,8 +139,12 @@ def run_from_command_line(
         if roles:
             inputs["materials"] = roles
         again = "the same command and --resume"
-        with open_run(comm, folder, inputs, resume=resume, again=again):
-            named = {name: path for name, path in paths.items() if path is not None}
+        named = {name: path for name, path in paths.items() if path is not None}
+        text = None
+        if isinstance(chosen, Scene) and chosen.KIND:
+            there = {name: path.resolve() for name, path in named.items()}
+            text = scene_text(type(chosen), chosen, there)
+        with open_run(comm, folder, inputs, scene=text, resume=resume, again=again):
             summary = run(comm, folder, chosen, named, verbose=verbose)
         return f"{sentence(summary)}; see {folder}/"
 
@@ -277,14 +283,11 @@ def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
     try:
         with ending_together(comm, lambda error: tell_alone(comm, error)):
             text = action()
-    except RunStoppedError as stop:
-        if comm.rank == 0:
-            print(stop, file=sys.stderr)
-        return stop.exit_code
     except TorosError as error:
         if comm.rank == 0:
-            print(f"{type(error).__name__}: {error}", file=sys.stderr)
-        return 2
+            stopped = isinstance(error, RunStoppedError)
+            print(error if stopped else f"{type(error).__name__}: {error}", file=sys.stderr)
+        return exit_code(error)
     if comm.rank == 0:
         print(text)
     return 0

@@ -71,7 +71,7 @@ def tolerances_of_run(
     regions, near = on_first_rank(comm, polygons)
     problem = scene.problem(comm, case.following(comm, regions), level)
 
-    pressure = summary["pressure_pa"]
+    pressure = summary["pressures_pa"]
     own = {m.key: summary[m.key] for m in case.judged if summary.get(m.key) is not None}
     drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
     return simulated_tolerances(problem, problem.on, drawn, config, begin=begin)

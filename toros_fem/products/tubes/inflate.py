@@ -42,7 +42,7 @@ class Curve(Table):
 
     pressure: Modulus = key(10e3, "the tube counts as saturated above")
     highest_pressure: Modulus = key(20e3, "last pressure")
-    levels: Annotated[int, In(at_least=2)] = key(40, "number of pressures")
+    levels: Annotated[int, In(at_least=2)] = key(40, "number of equal steps to the last pressure")
 
     def __post_init__(self) -> None:
         super().__post_init__()
