@@ -30,7 +30,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend
-from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.steps import Designing

@@ -18,10 +18,11 @@ from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import Skin, bend
-from toros_fem.products.actuators import run
-from toros_fem.products.actuators.run import design_actuator, summary_sentence
+from toros_fem.products.actuators import designer, estimates
+from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
+from toros_fem.products.actuators.told import summary_sentence
 from toros_fem.products.tubes import bend as bend_demo
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.reporter import DesignReporter
@@ -117,7 +118,7 @@ def test_print_without_equilibrium(
 def test_a_refined_mesh_without_equilibrium_loses_nothing(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run, "estimate_error", fails)
+    monkeypatch.setattr(estimates, "estimate_error", fails)
     config = SHORT.updated(estimate_error=True)
     summary = design_actuator(alone, tmp_path, config).summary
     assert summary["refined"] == "made to fail"
@@ -200,7 +201,7 @@ def test_a_corrected_design(
         asked.append(asked_next(*given))
         return asked[-1]
 
-    monkeypatch.setattr(run, "asked_next", spied)
+    monkeypatch.setattr(designer, "asked_next", spied)
     made = design_actuator(alone, tmp_path, config)
     assert [set(found) for found in asked] == [{"angle_deg"}]
     assert asked[0]["angle_deg"] != 40.0

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.meshes.pattern_file import write_pattern
-from toros_fem.products.actuators.simulate import simulate_actuator, simulation_sentence
+from toros_fem.products.actuators.simulate import simulate_actuator
+from toros_fem.products.actuators.told import simulation_sentence
 from toros_fem.products.tubes import bend, inflate
 
 SMALL = bend.BendScene.of(

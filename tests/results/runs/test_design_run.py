@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import RunStoppedError
 from toros_fem.design.loop.options import Iteration
-from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.tubes import bend, twist
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import open_run

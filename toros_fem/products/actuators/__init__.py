@@ -1,7 +1,7 @@
 """Skins that move under pressure, designed from start to files."""
 
+from toros_fem.products.actuators.designer import ActuatorResult, design_actuator
 from toros_fem.products.actuators.pressure_curve import PressureCurve, trace_pressure_curve
-from toros_fem.products.actuators.run import ActuatorResult, design_actuator
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import simulate_actuator
 

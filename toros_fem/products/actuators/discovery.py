@@ -19,6 +19,7 @@ from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -177,9 +178,8 @@ def discover(
     """
     search = _Search(comm, scene, callback, verbose, journal)
     lines = search.ask()
-    while lines is not None:
-        search.print(lines)
-        lines = search.next_lines()
+    assert lines is not None  # what the scene itself asks for is within its bounds
+    correct(search.print(lines), search.again, search.enough, scene.design.corrections)
     return search.found()
 
 
@@ -248,7 +248,7 @@ class _Search:
         self.seconds["lines"] += time.perf_counter() - middle
         return lines
 
-    def print(self, lines: LaidLines) -> None:
+    def print(self, lines: LaidLines) -> Round:
         """Simulate the print of lines: a round."""
         begin = time.perf_counter()
         self.last = None  # its problem is freed if it is not the best one's
@@ -279,22 +279,30 @@ class _Search:
             self.best, self.fruitless = self.last, 0
         self.seconds["prints"] += time.perf_counter() - begin
         _report(self.comm, len(self.rounds) - 1, problem.metrics, made)
+        return made
 
-    def next_lines(self) -> LaidLines | None:
-        """Return the lines of the next round; None after the last."""
+    def enough(self, rounds: Sequence[Round]) -> bool:
+        """Return whether the search ends with these rounds."""
+        assert self.best is not None
+        made = rounds[-1]
+        return (
+            made.error < CLOSE
+            or not set(self.aims) <= set(self.scene.TARGETS)
+            or (made.printed.evaluation is None and not made.widened)
+            or (self.best.round.error < FINE and self.fruitless > 1)
+        )
+
+    def again(self, rounds: Sequence[Round]) -> Round | None:
+        """Print other lines, or the last ones with other widths; None where none can be asked."""
+        lines = self._next_lines()
+        return None if lines is None else self.print(lines)
+
+    def _next_lines(self) -> LaidLines | None:
         last, best = self.last, self.best
         assert last is not None
         assert best is not None
         made, error = last.round, last.round.error
         fitting = best.round.error < FINE
-        if (
-            len(self.rounds) > self.scene.design.corrections
-            or error < CLOSE
-            or not set(self.aims) <= set(self.scene.TARGETS)
-            or (made.printed.evaluation is None and not made.widened)
-            or (fitting and self.fruitless > 1)
-        ):
-            return None
         if self.like is None and error < NEAR:
             self.like, self.alike = made.laid, len(self.answers) - 1
         helped = not made.widened or error < HELPS * self.rounds[-2].error

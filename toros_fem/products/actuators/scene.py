@@ -21,8 +21,9 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.metrics import Measurement
-from toros_fem.products.actuators.run import design_actuator, summary_sentence
-from toros_fem.products.actuators.simulate import FILES, simulate_actuator, simulation_sentence
+from toros_fem.products.actuators.designer import design_actuator
+from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.actuators.told import simulation_sentence, summary_sentence
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,6 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.design.loop.case import Case
-from toros_fem.measures.metrics import UNITS
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
@@ -22,7 +20,7 @@ from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.run import error_figures
+from toros_fem.products.actuators.estimates import error_figures
 from toros_fem.results.console import print_step
 from toros_fem.results.writer import write_pressure_path
 
@@ -103,23 +101,6 @@ def simulate_actuator(
         composite=scene.material.composite, config=scene,
         figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
-
-
-def simulation_sentence(summary: Mapping[str, Any]) -> str:
-    """Return the result of a simulation in one sentence, from its summary."""
-    found = []
-    for key, value in summary.items():
-        name, _, unit = key.rpartition("_")
-        if unit not in UNITS or name.endswith(("_refined", "_error")):
-            continue
-        error = summary.get(f"{name}_error_{unit}")
-        digits = 3 if unit == "ratio" else 1
-        shown = f"{name} {value:.{digits}f}"
-        found.append(shown + ("" if error is None else f" ± {error:.{digits}f}"))
-        found[-1] += f" {UNITS[unit][0]}"
-    what = "plain skin" if summary["pattern"] is None else "as printed"
-    ended = "" if summary["failure"] is None else f"; it ends there: {summary['failure']}"
-    return f"{', '.join(found)} at {summary['pressure_pa'] / 1e3:.2f} kPa, {what}{ended}"
 
 
 def _printed(

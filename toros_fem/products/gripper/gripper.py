@@ -39,8 +39,8 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
+from toros_fem.products.actuators.designer import ActuatorResult, design_actuator
 from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
-from toros_fem.products.actuators.run import ActuatorResult, design_actuator
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing

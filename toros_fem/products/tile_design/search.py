@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import gathered
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
@@ -154,9 +155,8 @@ def _finished(
         problem, replace(rules, stages=last), callback=callback, after=draft, journal=journal
     )
     problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.design.beta, c.design.eta))
-    found = simulation.simulate(problem, result)
     if target is None:
-        return found
+        return simulation.simulate(problem, result)
     assert rules.target_objective is not None
     # No direction may deviate by more than the tolerance: a mean over directions is a weaker rule.
     again = replace(
@@ -164,26 +164,29 @@ def _finished(
         stages=(Stage(c.design.correction_iterations, constrained=c.design.constrained),),
         target_objective=rules.target_objective / len(problem.solver.angles),
     )
-    best = found = replace(found, deviation=_deviation(target, found.profile))
-    deviations = [found.deviation]
-    while (
-        len(deviations) <= c.design.corrections
-        and found.profile
-        and _badness(best, c) > c.design.tolerance
-    ):
-        corrected = _corrected(target, found.result.final.equilibrium, found.profile)
-        result = optimize(
-            replace(problem, objective=corrected),
-            again,
-            callback=callback,
-            after=found.result,
-            journal=journal,
+
+    def simulated(result: DesignResult) -> TileResult:
+        made = simulation.simulate(problem, result)
+        return replace(made, deviation=_deviation(target, made.profile))
+
+    def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
+        last = prints[-1]
+        if last.profile is None:
+            return None
+        objective = _corrected(target, last.result.final.equilibrium, last.profile)
+        asking = replace(problem, objective=objective)
+        return simulated(
+            optimize(asking, again, callback=callback, after=last.result, journal=journal)
         )
-        found = simulation.simulate(problem, result)
-        found = replace(found, deviation=_deviation(target, found.profile))
-        deviations.append(found.deviation)
-        best = min(best, found, key=lambda one: _badness(one, c))
-    return replace(best, deviations=tuple(deviations))
+
+    def badness(print_: TileResult) -> float:
+        return _badness(print_, c)
+
+    def enough(prints: Sequence[TileResult]) -> bool:
+        return min(map(badness, prints)) <= c.design.tolerance
+
+    prints = correct(simulated(result), asked_again, enough, c.design.corrections)
+    return replace(min(prints, key=badness), deviations=tuple(one.deviation for one in prints))
 
 
 def _best_starts(

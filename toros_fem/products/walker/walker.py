@@ -46,13 +46,13 @@ from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.products.actuators.designer import ActuatorResult, design_actuator
 from toros_fem.products.actuators.legs import (
     leg_cross_sections,
     leg_vertices,
     rest_on_body,
     tip_angle_metric,
 )
-from toros_fem.products.actuators.run import ActuatorResult, design_actuator
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
