@@ -49,8 +49,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "materials",
-    "lists materials that scenes know by name",
     "Each has its modulus, thickness, range of stretches, trust and source. Scenes name them:\n"
     'fabric = "jersey-light", reinforcement = "tpu-95a", bladder = "dragon-skin-20".',
     (
