@@ -136,17 +136,19 @@ def test_only_the_first_rank_prints(comm: MPI.Comm, capsys: pytest.CaptureFixtur
     assert ("there is no file nothing.stl" in captured.err) == (comm.rank == 0)
 
 
+def started(*words: str, out: int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """Run Python as a shell does, in a process that no mpirun knows of."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    return subprocess.run(
+        [sys.executable, *words], env={**environment, "PYTHONPATH": str(ROOT)}, text=True,
+        stdout=out, stderr=subprocess.PIPE, check=False,
+    )  # fmt: skip
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own() -> None:
     """The entry point, as a shell sees it."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
-    done = subprocess.run(
-        [sys.executable, "-m", "toros_fem", "unwrap", "nothing.stl", "--json"],
-        env={**environment, "PYTHONPATH": str(ROOT)},
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    done = started("-m", "toros_fem", "unwrap", "nothing.stl", "--json")
     assert done.returncode == 2, done.stderr
     assert json.loads(done.stdout)["error"]["type"] == "SurfaceError"
     assert "Traceback" not in done.stderr
@@ -154,23 +156,17 @@ def test_a_process_of_its_own() -> None:
 
 @pytest.mark.parametrize("words", ["--help", "--version", "materials", "materials --help"])
 def test_what_solves_is_not_loaded_for_a_text(words: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-X", "importtime", "-m", "toros_fem", *words.split()],
-        text=True, capture_output=True, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "mpi4py" in loaded
-    assert not loaded & {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
+    done = started("-X", "importtime", "-m", "toros_fem", *words.split())
+    modules = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "mpi4py" in modules
+    assert not modules & {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
 
 
-@pytest.mark.parametrize("words", [["explain", "angle"], ["materials", "--json"]])
-def test_a_reader_that_goes_ends_nothing(words: list[str]) -> None:
+@pytest.mark.parametrize("words", ["explain angle", "materials --json"])
+def test_a_reader_that_goes_ends_nothing(words: str) -> None:
     """As `toros materials | head -1` does: no error, no traceback, exit code 0."""
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run(
-        [sys.executable, "-m", "toros_fem", *words], stdout=write, stderr=subprocess.PIPE,
-        text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = started("-m", "toros_fem", *words.split(), out=write)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")

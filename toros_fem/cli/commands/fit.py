@@ -13,7 +13,7 @@ from toros_fem.base.units import read_quantity
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.scripts import add_options
-from toros_fem.materials.library.writing import write_material
+from toros_fem.materials.library import write_material
 from toros_fem.products.fitting.columns import UNITS
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.options import FitOptions
