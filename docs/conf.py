@@ -3,6 +3,7 @@
 import os
 import re
 import sys
+from dataclasses import MISSING
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +105,8 @@ def list_settings(app: Any, what: str, name: str, obj: Any, options: Any, lines:
         return
     lines.append("")
     lines += [
-        f":ivar {one.name}: {one.help}; default ``{one.default}``"
+        f":ivar {one.name}: {one.help}"
+        + (f"; default ``{one.default}``" if one.default is not MISSING else "")
         for one in obj.described().values()
     ]
     lines.append("")

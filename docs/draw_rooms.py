@@ -66,7 +66,7 @@ def arrows() -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for path in sources():
         room = room_of(module_of(path))
-        if room and room != "__main__":
+        if room not in ("", "__main__", "public"):
             others = {room_of(name) for name in imports(path) if name.startswith("toros_fem.")}
             found.setdefault(room, set()).update(others - {room, ""})
     return found

@@ -7,13 +7,16 @@ import sys
 
 from mpi4py import MPI
 
-from toros_fem.cli.commands.main import run
+from toros_fem.cli.commands.main import loaded, named, run
 
 
 def main() -> int:
     """Run the command that the command line names, on all ranks; return the exit code."""
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would end all ranks
-    return run(MPI.COMM_WORLD, sys.argv[1:])
+    words = sys.argv[1:]
+    if (name := named(words)) is not None:
+        loaded(name)  # and PETSc with it, which would end all ranks where a pipe breaks
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    return run(MPI.COMM_WORLD, words)
 
 
 if __name__ == "__main__":

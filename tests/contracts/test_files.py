@@ -38,8 +38,8 @@ from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.sheets import PrintBody, write_3mf, write_cut_dxf, write_cut_svg, write_stl
 from toros_fem.making.sheets.cut_files import sheet_layers
 from toros_fem.materials.library import read_library, write_material
+from toros_fem.materials.library.files import read_materials
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.materials.library.reading import read_materials
 from toros_fem.materials.sheet import Knit
 from toros_fem.meshes import (
     Pattern,

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import MISSING
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import toros_fem.products.kinds  # noqa: F401 - all settings are loaded
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import NONE, Key, Table
 from toros_fem.cli.commands import export, fit, tolerance, unwrap  # noqa: F401
+from toros_fem.materials.library import LibraryMaterial, read_library
 from toros_fem.mechanics.paths import arc_length  # noqa: F401
 
 
@@ -29,6 +31,7 @@ OTHERS: dict[type, tuple[Any, ...]] = {
     int: ("5", None, True, [1], 2.0, math.nan, 10**400, np.float64(3)),
     bool: ("true", None, 1, 0, [True]),
     str: (5, True, [""], 1.0, b"x"),
+    tuple: ("5", None, 1.0, [1.0], [1.0, True], [1.0, "2"], (1, math.nan), [1.0, 10**400]),
 }
 
 
@@ -37,6 +40,7 @@ MORE: dict[type, list[Any]] = {
     int: [np.int64(3)],
     bool: [True, False],
     str: ['a "b" \\ ü', ""],
+    tuple: [(1, 0.1), np.array([1, 2])],
 }
 
 
@@ -75,11 +79,12 @@ def test_wrong_values_are_refused_by_name(table: type[Table]) -> None:
 def test_values_are_written_and_read_again(table: type[Table]) -> None:
     """Of numpy's types too, which become plain ones; what is read from a file is in its unit."""
     for key in table.described().values():
-        values: list[Any] = [key.default, *key.words, *([None] if key.optional else [])]
+        values: list[Any] = [*key.words, *([None] if key.optional else [])]
+        values += [] if key.default is MISSING else [key.default]
         values += [value for value, allowed in near(key) if allowed]
         values += [] if key.words else MORE[key.kind]
         for value in values:
-            if isinstance(value, str | bool | None) or value in key.within:
+            if isinstance(value, str | bool | None) or key.kind is tuple or value in key.within:
                 found = key.checked(value)
                 assert type(found) in (key.kind, type(None))
                 assert key.read(json.loads(key.written(found))) == found
@@ -90,7 +95,8 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
 @OF_TABLES
 def test_tables_are_values(table: type[Table]) -> None:
     """With the defaults of their own, which need not fit each other for all of them."""
-    made = table(**({"where": "z < 5 mm"} if "where" in table.described() else {}))
+    needed: dict[str, Any] = {"where": "z < 5 mm"} if "where" in table.described() else {}
+    made = read_library()["rib-knit"] if table is LibraryMaterial else table(**needed)
     assert made == table(**json.loads(json.dumps(made.as_dict())))
     assert hash(made) == hash(made.updated())
     with pytest.raises(ParameterError, match=r"unknown parameter 'sise'; (did you mean|known are)"):

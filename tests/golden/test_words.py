@@ -16,7 +16,7 @@ from mpi4py import MPI
 from toros_fem.base.scene import Scene
 from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.command_line.scripts import option_help
-from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.cli.commands.main import COMMANDS, loaded, run
 from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
 from toros_fem.products.kinds import KINDS
 
@@ -72,17 +72,19 @@ def helps(name: str, parser: argparse.ArgumentParser) -> dict[str, str]:
     return {f"{name} {word}": plain(action.help) % vars(action) for word, action in options(parser)}
 
 
-def commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """Return the parser of each command."""
-    (found,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    return dict(found.choices)
+def commands(parser_of: Callable[..., Any]) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield the parser of each command, which `toros` has where the command is named."""
+    for name in COMMANDS:
+        toros = parser_of(run, MPI.COMM_SELF, [name])
+        (found,) = (a for a in toros._actions if isinstance(a, argparse._SubParsersAction))
+        yield name, found.choices[name]
 
 
 def test_commands(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
     """Each command with its options; the exit codes with their meaning."""
     toros = parser_of(run, MPI.COMM_SELF, [])
     found = {f"toros {word}": taken(action) for word, action in options(toros)}
-    for name, parser in commands(toros).items():
+    for name, parser in commands(parser_of):
         found |= {f"toros {name} {word}": taken(action) for word, action in options(parser)}
     pinned("commands", {**found, **{f"exit code {code}": text for code, text in MEANING.items()}})
 
@@ -91,9 +93,9 @@ def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) 
     """What `--help` says about each command and demo, and about each of its options."""
     toros = parser_of(run, MPI.COMM_SELF, [])
     found: dict[str, Any] = {"toros": plain(toros.description), **helps("toros", toros)}
-    for name, parser in commands(toros).items():
+    for name, parser in commands(parser_of):
         found[f"toros {name}"] = plain(parser.description)
-        found[f"toros {name}: examples"] = list(COMMANDS[name].examples)
+        found[f"toros {name}: examples"] = list(loaded(name).examples)
         found |= helps(f"toros {name}", parser)
     for path in DEMOS:
         with pytest.MonkeyPatch.context() as patch:

@@ -11,14 +11,14 @@ import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
 
 import numpy as np
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.units import read_quantity, write_quantity
-from toros_fem.base.validation import shown
+from toros_fem.base.validation import is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
@@ -30,7 +30,10 @@ TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
         str: (str,),
     }
 )
-WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
+WORDS = {
+    float: "a number", int: "a whole number", bool: "true or false", str: "a word",
+    tuple: "two finite numbers, as in [1.0, 1.5]",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,10 @@ Number = Annotated[int, In(at_least=0)]
 
 
 def key(default: Any, meaning: str) -> Any:
-    """Return the dataclass field of a key: its default, and its meaning in one line."""
+    """Return the dataclass field of a key: its default, and its meaning in one line.
+
+    A default of `dataclasses.MISSING` is none: the value must be given.
+    """
     return field(default=default, metadata={"meaning": meaning})
 
 
@@ -94,11 +100,11 @@ class Key:
 
     Attributes:
         name: Its name, in files and in Python.
-        kind: float, int, bool or str.
+        kind: float, int, bool, str, or tuple for two floats.
         optional: Whether it may be None, "none" in files.
         within: Unit and bounds of a number.
         words: The words that a text may be; empty for free text.
-        default: Value where none is given.
+        default: Value where none is given; MISSING where one must be.
         meaning: One line, without unit and bounds.
     """
 
@@ -135,6 +141,8 @@ class Key:
         """
         if value is None and self.optional:
             return None
+        if self.kind is tuple:
+            return self._pair(value)
         truth = isinstance(value, bool)
         if truth != (self.kind is bool) or not isinstance(value, TYPES[self.kind]):
             none = f", or {None if value is None else NONE}" if self.optional else ""
@@ -144,6 +152,13 @@ class Key:
         if self.kind in (float, int):
             return self._number(value)
         return value
+
+    def _pair(self, value: Any) -> tuple[float, float]:
+        ends = value.tolist() if isinstance(value, np.ndarray) else value
+        numbers = isinstance(ends, list | tuple) and [is_number(one) for one in ends]
+        if numbers != [True, True] or not all(map(math.isfinite, ends)):
+            self.refuse(value, f"must be {WORDS[tuple]}")
+        return float(ends[0]), float(ends[1])
 
     def _number(self, value: Any) -> float:
         if self.kind is int and abs(value) > LARGEST:
@@ -181,6 +196,8 @@ class Key:
             return quoted(NONE if value is None else value)
         if isinstance(value, bool):
             return str(value).lower()
+        if isinstance(value, tuple):
+            return f"[{', '.join(map(repr, value))}]"
         if isinstance(value, float) and self.within.unit is not None:
             return f'"{write_quantity(value, self.within.unit)}"'
         return repr(value)
@@ -208,8 +225,9 @@ def plain_value(text: str) -> Any:
 class Table:
     """Base of all settings: frozen, and checked on construction, by type and by bounds.
 
-    A field is made by `key`. Its type is float, int, bool or str, one of these or None, or one with
-    unit and bounds, as `Length`. Validation, files, command lines and pages read this one place.
+    A field is made by `key`. Its type is float, int, bool, str or two floats, one of these or None,
+    or one with unit and bounds, as `Length`. Validation, files, command lines and pages read this
+    one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -277,10 +295,11 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
     found, hints = {}, typing.get_type_hints(table, include_extras=True)
     for one in fields(table):
         kind, optional, limits = _typed(hints[one.name])
-        if kind not in WORDS or "meaning" not in one.metadata or one.default is MISSING:
+        kind = tuple if kind == tuple[float, float] else kind
+        if kind not in WORDS or "meaning" not in one.metadata:
             raise TypeError(
-                f"{table.__name__}.{one.name} must be a float, int, bool or str (or None), with "
-                "its default and meaning given by key(…)."
+                f"{table.__name__}.{one.name} must be a float, int, bool or str (or None) or two "
+                "floats, with its default and meaning given by key(…)."
             )
         within = limits if isinstance(limits, In) else In()
         words = limits.words if isinstance(limits, OneOf) else ()

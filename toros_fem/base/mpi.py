@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -201,6 +200,8 @@ def free_dropped(comm: MPI.Comm) -> None:
     Their parts refer to each other, and their factors are large. PETSc keeps distributed objects
     until all ranks have dropped them and meet here.
     """
+    from petsc4py import PETSc  # what only reads files and help does without
+
     gc.collect()
     PETSc.garbage_cleanup(comm)
     gc.collect()  # what these objects held

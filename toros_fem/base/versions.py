@@ -2,13 +2,8 @@
 
 import contextlib
 import ctypes
-import importlib.metadata
 import platform
 import sys
-
-import dolfinx
-import numpy as np
-import petsc4py
 
 __version__ = "0.1.0"
 
@@ -25,6 +20,13 @@ def blas_kernel() -> str | None:
 
 def versions() -> dict[str, str]:
     """Return what a result depends on: versions, and the kernel type of OpenBLAS."""
+    # Imported here: the number above is asked for by `toros --version`, which is to be quick.
+    import importlib.metadata
+
+    import dolfinx
+    import numpy as np
+    import petsc4py
+
     gmsh = None
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # some have no metadata
         gmsh = importlib.metadata.version("gmsh")

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,10 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.commands import main
-from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.cli.commands.main import COMMANDS, loaded, run
 
 ALONE = MPI.COMM_SELF
 
@@ -25,19 +26,16 @@ def replaced(
     monkeypatch: pytest.MonkeyPatch, action: Callable[[], Answer], name: str = "doctor"
 ) -> None:
     """Let a command do something else."""
-    own = COMMANDS[name]
-    other = Command(
-        name, own.about, own.details, own.examples, own.add_options, lambda comm, given: action()
-    )
-    monkeypatch.setattr(main, "COMMANDS", {**COMMANDS, name: other})
+    other = replace(loaded(name), run=lambda comm, given: action())
+    monkeypatch.setattr(main, "loaded", lambda name: other)
 
 
 def test_help_lists_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(ALONE, ["--help"]) == 0
     text = capsys.readouterr().out
-    for name, command in COMMANDS.items():
+    for name, about in COMMANDS.items():
         assert f"\n    {name}" in text
-        assert " ".join(command.about.split()) in " ".join(text.split())
+        assert " ".join(about.split()) in " ".join(text.split())
     for code, meaning in MEANING.items():
         assert f"{code:3d}  {meaning}" in text
 
@@ -49,7 +47,7 @@ def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> Non
     text = capsys.readouterr().out
     assert f"usage: toros {name}" in text
     assert "examples:\n" in text
-    for line in COMMANDS[name].examples:
+    for line in loaded(name).examples:
         assert line in text
         assert f"toros {name}" in line
 
@@ -138,30 +136,37 @@ def test_only_the_first_rank_prints(comm: MPI.Comm, capsys: pytest.CaptureFixtur
     assert ("there is no file nothing.stl" in captured.err) == (comm.rank == 0)
 
 
+def started(*words: str, out: int = subprocess.PIPE) -> subprocess.CompletedProcess[str]:
+    """Run Python as a shell does, in a process that no mpirun knows of."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    return subprocess.run(
+        [sys.executable, *words], env={**environment, "PYTHONPATH": str(ROOT)}, text=True,
+        stdout=out, stderr=subprocess.PIPE, check=False,
+    )  # fmt: skip
+
+
 @pytest.mark.slow
 def test_a_process_of_its_own() -> None:
     """The entry point, as a shell sees it."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
-    done = subprocess.run(
-        [sys.executable, "-m", "toros_fem", "unwrap", "nothing.stl", "--json"],
-        env={**environment, "PYTHONPATH": str(ROOT)},
-        text=True,
-        capture_output=True,
-        check=False,
-    )
+    done = started("-m", "toros_fem", "unwrap", "nothing.stl", "--json")
     assert done.returncode == 2, done.stderr
     assert json.loads(done.stdout)["error"]["type"] == "SurfaceError"
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("words", [["materials"], ["materials", "--json"]])
-def test_a_reader_that_goes_ends_nothing(words: list[str]) -> None:
+@pytest.mark.parametrize("words", ["--help", "--version", "materials", "materials --help"])
+def test_what_solves_is_not_loaded_for_a_text(words: str) -> None:
+    done = started("-X", "importtime", "-m", "toros_fem", *words.split())
+    modules = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "mpi4py" in modules
+    assert not modules & {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
+
+
+@pytest.mark.parametrize("words", ["explain angle", "materials --json"])
+def test_a_reader_that_goes_ends_nothing(words: str) -> None:
     """As `toros materials | head -1` does: no error, no traceback, exit code 0."""
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run(
-        [sys.executable, "-m", "toros_fem", *words], stdout=write, stderr=subprocess.PIPE,
-        text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+    done = started("-m", "toros_fem", *words.split(), out=write)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")

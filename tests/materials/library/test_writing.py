@@ -7,7 +7,7 @@ import pytest
 
 from toros_fem.base.errors import LibraryError, OutputError
 from toros_fem.materials.library import read_library, write_material
-from toros_fem.materials.library.writing import material_text
+from toros_fem.materials.library.files import material_text
 
 SHIPPED = read_library()
 

@@ -1,4 +1,4 @@
-"""A command of `toros`: its name, its help, its options, and what it does."""
+"""A command of `toros`: its help, its options, and what it does."""
 
 from __future__ import annotations
 
@@ -33,16 +33,12 @@ class Command:
     """A command of `toros`.
 
     Attributes:
-        name: Word after `toros`.
-        about: One line.
         details: What it does, in some lines.
         examples: Lines that may be typed.
         add_options: Adds its options to a parser.
         run: Runs it on all ranks (collective); the options are in the namespace.
     """
 
-    name: str
-    about: str
     details: str
     examples: tuple[str, ...]
     add_options: Callable[[argparse.ArgumentParser], None]

@@ -1,6 +1,11 @@
-"""Exit codes of `toros`, and those of errors."""
+"""Exit codes of `toros`, those of errors, and the report of an error of one rank alone."""
 
 from __future__ import annotations
+
+import sys
+import traceback
+
+from mpi4py import MPI
 
 from toros_fem.base.errors import (
     NoEquilibriumError,
@@ -40,3 +45,11 @@ def exit_code(error: BaseException) -> int:
     if isinstance(error, OutputError | RunError):
         return NOT_WRITTEN
     return WRONG_INPUT if isinstance(error, TorosError) else INTERNAL
+
+
+def tell_alone(comm: MPI.Comm, error: Exception) -> None:
+    """Print an error that this rank has and others have not."""
+    text = f"{type(error).__name__}: {error}"
+    if not isinstance(error, TorosError):
+        text = "".join(traceback.format_exception(error))
+    print(f"rank {comm.rank} alone: {text}", file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import CheckpointError, SceneError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.scripts import UsageError
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS

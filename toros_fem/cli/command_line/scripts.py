@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
-import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
@@ -16,7 +14,8 @@ from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
 from toros_fem.base.keys import Key, Table, plain_value
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.scene import Scene
-from toros_fem.cli.command_line.exit_codes import exit_code
+from toros_fem.cli.command_line.exit_codes import exit_code, tell_alone
+from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library import read_library
@@ -25,57 +24,6 @@ from toros_fem.results.runs.folder import open_run
 C = TypeVar("C", bound=Table | Scene)
 T = TypeVar("T", bound=Table)
 METAVARS, QUOTE = {float: "X", int: "N", str: "NAME"}, '"'
-
-
-class UsageError(TorosError, ValueError):
-    """The command line is not understood; the message names the word and the nearest known one."""
-
-
-class SuggestingParser(argparse.ArgumentParser):
-    """A parser that suggests the nearest option or command for an unknown one.
-
-    Only the first rank prints.
-
-    Raises:
-        UsageError: The command line is not understood.
-    """
-
-    def __init__(self, *, first_rank: bool, **rest: Any) -> None:
-        self._first_rank = first_rank
-        super().__init__(
-            formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **rest
-        )
-
-    def error(self, message: str) -> NoReturn:
-        """Raise an error instead of the end of the program."""
-        raise UsageError(f"{self.prog}: {message}")
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse, and refuse options that are not known, with the nearest of this very command."""
-        found, extra = super().parse_known_args(args, namespace)
-        options = [word.partition("=")[0] for word in extra if word.startswith("--")]
-        if options:
-            known = [flag for action in self._actions for flag in action.option_strings]
-            advice = nearest(options[0], known, "--help lists all options.")
-            self.error(f"unknown option {options[0]}; {advice}")
-        return found, extra
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            known = [str(choice) for choice in action.choices]
-            advice = nearest(str(value), known, f"known are {', '.join(known)}.")
-            what = action.metavar or action.dest
-            self.error(f"unknown {str(what).lower()} {value!r}; {advice}")
-
-    def _print_message(self, message: str, file: Any = None) -> None:
-        if self._first_rank:
-            super()._print_message(message, file)
-
-
-def nearest(word: str, known: Sequence[str], otherwise: str) -> str:
-    """Return the question for the known word that is nearest, or another text if none is near."""
-    near = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {near[0]}?" if near else otherwise
 
 
 def run_from_command_line(
@@ -265,14 +213,6 @@ def _reader(one: Key) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(caught)) from None
 
     return read
-
-
-def tell_alone(comm: MPI.Comm, error: Exception) -> None:
-    """Print an error that this rank has and others have not."""
-    text = f"{type(error).__name__}: {error}"
-    if not isinstance(error, TorosError):
-        text = "".join(traceback.format_exception(error))
-    print(f"rank {comm.rank} alone: {text}", file=sys.stderr, flush=True)
 
 
 def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:

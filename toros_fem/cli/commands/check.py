@@ -218,8 +218,6 @@ def _duration(seconds: float) -> str:
 
 
 COMMAND = Command(
-    "check",
-    "reads a scene file and says what is wrong, or what the design will cost",
     "Everything is read. An error names file, line and key, and the nearest right key. Otherwise\n"
     "it says how many triangles and unknowns there will be, the memory, and the time, from a few\n"
     "real steps on a coarse mesh. Meshes of too many triangles are refused before they are made.",

@@ -30,8 +30,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "design",
-    "designs the pattern of a scene",
     "The pattern is designed, cleaned so that it can be printed, simulated again and written,\n"
     "with pictures and all figures in summary.json. The state is written while it runs: a run\n"
     "that was stopped goes on by `toros resume`.",

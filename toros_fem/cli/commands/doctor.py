@@ -216,8 +216,6 @@ def _list(found: dict[str, bool]) -> str:
 
 
 COMMAND = Command(
-    "doctor",
-    "says what the package runs on, and tries it",
     "Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The\n"
     "equilibrium of a small tube is found, which takes a second, or half a minute where forms are\n"
     "compiled first. Please add what it prints to a report of a fault.",

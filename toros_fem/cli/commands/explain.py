@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import nearest
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.scripts import UsageError
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.products.kinds import KINDS
 
 
@@ -49,8 +49,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "explain",
-    "says what a key of a scene file means",
     "Meaning, unit, bounds and the default in each kind of scene, as `toros new` writes them.",
     ("toros explain filter_radius", "toros explain design.levels --kind walker"),
     _options,

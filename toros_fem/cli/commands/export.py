@@ -113,8 +113,6 @@ def _exists(comm: MPI.Comm, path: Path) -> bool:
 
 
 COMMAND = Command(
-    "export",
-    "writes the files for printer and cutter again",
     "From the print that a design stores (print.npz): print_1.3mf and .stl for the printer's bed,\n"
     "cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; bladder.svg and .dxf;\n"
     "manufacture.json with all of their content; and make_it.html, which shows how to make the\n"

@@ -11,8 +11,9 @@ from mpi4py import MPI
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.units import read_quantity
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.scripts import UsageError, add_options
-from toros_fem.materials.library.writing import write_material
+from toros_fem.cli.command_line.parser import UsageError
+from toros_fem.cli.command_line.scripts import add_options
+from toros_fem.materials.library import write_material
 from toros_fem.products.fitting.columns import UNITS
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.options import FitOptions
@@ -195,8 +196,6 @@ def _write_entry(result: FitResult, given: argparse.Namespace) -> None:
 
 
 COMMAND = Command(
-    "fit",
-    "fits a material to tensile tests",
     "CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %\n"
     "intervals. The header names the columns with their units: 'strain [%]', 'force [N]',\n"
     "'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import logging
 import math
@@ -11,6 +12,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TextIO, cast
 
 import numpy as np
@@ -18,46 +20,42 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import RunStoppedError, TorosError
 from toros_fem.base.mpi import ending_together
-from toros_fem.base.versions import versions
+from toros_fem.base.versions import __version__
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code
+from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code, tell_alone
+from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.command_line.pipe import OpenPipe
-from toros_fem.cli.command_line.scripts import SuggestingParser, UsageError, tell_alone
-from toros_fem.cli.commands import (
-    check,
-    design,
-    doctor,
-    explain,
-    export,
-    fit,
-    materials,
-    new,
-    resume,
-    simulate,
-    tolerance,
-    unwrap,
-    view,
-)
 
-COMMANDS: Mapping[str, Command] = {
-    command.name: command
-    for command in (
-        new.COMMAND,
-        explain.COMMAND,
-        materials.COMMAND,
-        check.COMMAND,
-        simulate.COMMAND,
-        design.COMMAND,
-        resume.COMMAND,
-        view.COMMAND,
-        export.COMMAND,
-        tolerance.COMMAND,
-        unwrap.COMMAND,
-        fit.COMMAND,
-        doctor.COMMAND,
-    )
-}
+# The word for each command, which is its module, and what it does.
+COMMANDS: Mapping[str, str] = MappingProxyType(
+    {
+        "new": "writes a commented scene file",
+        "explain": "says what a key of a scene file means",
+        "materials": "lists materials that scenes know by name",
+        "check": "reads a scene file and says what is wrong, or what the design will cost",
+        "simulate": "inflates a plain skin or a given pattern",
+        "design": "designs the pattern of a scene",
+        "resume": "goes on with a run that was stopped",
+        "view": "writes a run as a page for the browser",
+        "export": "writes the files for printer and cutter again",
+        "tolerance": "simulates a design that is not made as drawn",
+        "unwrap": "cuts a surface along seams and lays it flat as a sewing pattern",
+        "fit": "fits a material to tensile tests",
+        "doctor": "says what the package runs on, and tries it",
+    }
+)
 ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
+
+
+def named(words: Sequence[str]) -> str | None:
+    """Return the command that the words after `toros` name; None without."""
+    return next((word for word in words if word in COMMANDS), None)
+
+
+def loaded(name: str) -> Command:
+    """Return a command, whose module is imported now: `toros --help` needs none of them."""
+    found: Command = importlib.import_module(f"toros_fem.cli.commands.{name}").COMMAND
+    return found
 
 
 def run(comm: MPI.Comm, words: Sequence[str]) -> int:
@@ -68,17 +66,18 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         words: The words after `toros`.
     """
     as_json, out = "--json" in words, cast(TextIO, OpenPipe(sys.stdout))
-    name = next((word for word in words if word in COMMANDS), None)
-    quiet = "--quiet" in words
+    name, quiet = named(words), "--quiet" in words
     free = _stdout_free(as_json=as_json, quiet=quiet)
     with contextlib.redirect_stdout(out), _spoken(comm, quiet=quiet), free:
         try:
             try:
-                given = _parser(comm).parse_args(list(words))
+                command = None if name is None else loaded(name)
+                given = _parser(comm, name, command).parse_args(list(words))
             except SystemExit:  # --help and --version, which are printed now
                 return DONE
             with ending_together(comm, lambda error: tell_alone(comm, error)):
-                answer = COMMANDS[given.command].run(comm, given)
+                assert command is not None  # or the parser had refused the words
+                answer = command.run(comm, given)
         except TorosError as error:
             answer = _failed(error)
         except KeyboardInterrupt as error:
@@ -130,8 +129,9 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | None) else str(value)
 
 
-def _parser(comm: MPI.Comm) -> SuggestingParser:
-    first, version = comm.rank == 0, versions()["toros_fem"]
+def _parser(comm: MPI.Comm, name: str | None, command: Command | None) -> SuggestingParser:
+    """Return the parser of `toros`, which knows the options of the named command alone."""
+    first = comm.rank == 0
     codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
     parser = SuggestingParser(
         prog="toros",
@@ -139,19 +139,17 @@ def _parser(comm: MPI.Comm) -> SuggestingParser:
         description=f"{ABOUT}\n\n`toros COMMAND --help` tells about one command.",
         epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
     )
-    parser.add_argument("--version", action="version", version=f"toros_fem {version}")
+    parser.add_argument("--version", action="version", version=f"toros_fem {__version__}")
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", title="commands", required=True
     )
-    for command in COMMANDS.values():
+    for word, about in COMMANDS.items():
+        sub = commands.add_parser(word, first_rank=first, help=about)
+        if word != name or command is None:
+            continue
         examples = "\n".join(f"  {line}" for line in command.examples)
-        sub = commands.add_parser(
-            command.name,
-            first_rank=first,
-            help=command.about,
-            description=f"{command.about[:1].upper()}{command.about[1:]}.\n\n{command.details}",
-            epilog=f"examples:\n{examples}",
-        )
+        sub.description = f"{about[:1].upper()}{about[1:]}.\n\n{command.details}"
+        sub.epilog = f"examples:\n{examples}"
         command.add_options(sub)
         group = sub.add_argument_group("output of the command")
         group.add_argument(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
 
 from mpi4py import MPI
@@ -43,14 +42,12 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     library = read_library(*given.file, comm=comm)
     if given.name is not None:
         entry = named(library, given.name, given.kind)
-        return Answer(material_details(entry), asdict(entry))
+        return Answer(material_details(entry), entry.as_dict())
     found = [entry for entry in library.values() if given.kind in (None, entry.kind)]
-    return Answer(table_text(found), {"materials": [asdict(entry) for entry in found]})
+    return Answer(table_text(found), {"materials": [entry.as_dict() for entry in found]})
 
 
 COMMAND = Command(
-    "materials",
-    "lists materials that scenes know by name",
     "Each has its modulus, thickness, range of stretches, trust and source. Scenes name them:\n"
     'fabric = "jersey-light", reinforcement = "tpu-95a", bladder = "dragon-skin-20".',
     (

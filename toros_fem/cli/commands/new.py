@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.files import write_together
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.scripts import UsageError
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.materials import KIND_OF, roles_of
 from toros_fem.cli.scene_files.schema import scene_schema
 from toros_fem.cli.scene_files.writing import DEFAULTS, scene_text, short_scene_text
@@ -84,8 +84,6 @@ def _write(texts: Mapping[Path, str]) -> None:
 
 
 COMMAND = Command(
-    "new",
-    "writes a commented scene file",
     "The file has the keys that you are likely to change, each with its meaning, unit and bounds;\n"
     "--all writes every key. Change what differs in your case, and let `toros check` look at it.",
     (

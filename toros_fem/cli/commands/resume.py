@@ -24,8 +24,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "resume",
-    "goes on with a run that was stopped",
     "The run goes on from its last state, with the inputs that it began with (RUN/scene.toml), on\n"
     "any number of ranks. On the same number its result is the same to the last digit.",
     ("toros resume run", "mpirun -n 2 toros resume run"),

@@ -9,6 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.running import action_of, run_scene
 from toros_fem.cli.command_line.scene_options import (
     add_run_options,
@@ -16,7 +17,6 @@ from toros_fem.cli.command_line.scene_options import (
     meshes_allowed,
     scene_of,
 )
-from toros_fem.cli.command_line.scripts import UsageError
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +48,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "simulate",
-    "inflates a plain skin or a given pattern",
     "The pressure rises to the scene's in curve_steps equal steps. The run's folder gets\n"
     "summary.json, curve.csv, skin.vtu, curve.png and shapes.png.",
     (

@@ -62,8 +62,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "tolerance",
-    "simulates a design that is not made as drawn",
     "Lines wider or narrower than drawn, stiffer or softer materials, another pressure: how angle\n"
     "or other metrics, objective, lines and gaps move, as simulated and to first order. The\n"
     "command names the worst. The folder gets tolerance.json, tolerance.csv and tolerance.png.",

@@ -156,8 +156,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "unwrap",
-    "cuts a surface along seams and lays it flat as a sewing pattern",
     "The surface is repaired and cut. Line elements in the file and the borders between its\n"
     "groups of triangles become seams. Without them the seams are found: along creases, and\n"
     "wherever a panel would be stretched too far. The folder gets pattern.npz, which scenes\n"

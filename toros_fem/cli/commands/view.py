@@ -44,8 +44,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 
 
 COMMAND = Command(
-    "view",
-    "writes a run as a page for the browser",
     "RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat\n"
     "pattern, the curves and all figures. It needs no network. A run that is not finished is\n"
     "shown as far as it has come.",

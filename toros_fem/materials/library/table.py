@@ -1,9 +1,9 @@
-"""Materials of a library as text: for terminals, and as the tables of the documentation."""
+"""Materials of a library as text."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from toros_fem.base.units import write_quantity
@@ -19,109 +19,65 @@ HEADER = ("name", "E", "ν", "thickness", "E h", "stretches", "trust")
 
 def table_text(entries: Iterable[LibraryMaterial]) -> str:
     """Return materials as lines for a terminal, by kind, each with its source below."""
-    found = list(entries)
-    rows = [HEADER, *(_row(entry) for entry in found)]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(HEADER))]
-    head, *lines = (
-        "  ".join(f"{cell:{width}}" for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    )
-    parts: list[str] = []
+    found, gap = list(entries), 4 * " "
+    widths = [max(map(len, cells)) for cells in zip(HEADER, *map(row, found), strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = (f"{cell:{width}}" for cell, width in zip(cells, widths, strict=True))
+        return "  ".join(padded).rstrip()
+
+    lines: list[str] = []
     for kind in MATERIAL_KINDS:
-        of_kind = [k for k, entry in enumerate(found) if entry.kind == kind]
-        if of_kind:
-            parts += ["", TITLES[kind], head]
-        for k in of_kind:
-            parts += [lines[k], *_wrapped(f"{found[k].title}. {_sentence(found[k].source)}")]
-    return "\n".join(parts[1:])
+        of_kind = [entry for entry in found if entry.kind == kind]
+        lines += ["", TITLES[kind], line(HEADER)] if of_kind else []
+        for entry in of_kind:
+            text = f"{entry.title}. {sentence(entry.source)}"
+            below = textwrap.wrap(
+                text, WIDTH, initial_indent=gap, subsequent_indent=gap, break_on_hyphens=False
+            )
+            lines += [line(row(entry)), *below]
+    return "\n".join(lines[1:])
 
 
 def material_details(entry: LibraryMaterial) -> str:
     """Return all that is known of a material, as lines for a terminal."""
-    low, high = entry.stretch_range
-    rows = [
-        ("kind", entry.kind),
-        ("E", write_quantity(entry.young, "Pa")),
-        ("ν", f"{entry.poisson:g}"),
-        ("thickness", write_quantity(entry.thickness, "m")),
-        ("E h", _stiffness(entry)),
-        ("c1", None if entry.c1 is None else f"{entry.c1:g}"),
-        ("c2", None if entry.c2 is None else f"{entry.c2:g}"),
-        ("knit ratio", None if entry.knit_ratio is None else f"{entry.knit_ratio:g}"),
-        ("mass", None if entry.density is None else write_quantity(entry.density, "kg/m²")),
-        ("sheet", "print and fabric as one" if entry.with_fabric else None),
-        ("stretches", f"{low:g} to {high:g}"),
-        ("trust", entry.trust),
-        ("source", entry.source),
-        ("note", entry.note),
-    ]
     lines = [f"{entry.name}: {entry.title}"]
-    for name, text in rows:
-        if text is not None:
-            first, *rest = textwrap.wrap(text, WIDTH - 12)
-            lines += [f"{name:12s}{first}", *(f"{'':12s}{line}" for line in rest)]
+    for label, text in _cells(entry).items():
+        if label != "name":
+            head, gap = f"{label:12s}", 12 * " "
+            lines += textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=gap)
     return "\n".join(lines)
 
 
-def table_markdown(entries: Iterable[LibraryMaterial]) -> str:
-    """Return materials as tables in Markdown, by kind, with titles and sources below each."""
-    found, lines = list(entries), list[str]()
-    for kind in MATERIAL_KINDS:
-        of_kind = [entry for entry in found if entry.kind == kind]
-        if not of_kind:
-            continue
-        header = tuple("h" if title == "thickness" else title for title in HEADER)
-        rows = [header, *(_row(entry) for entry in of_kind)]
-        bounds = [_bounds(entry) for entry in of_kind]
-        if any(bounds):  # a column before that of the stretches
-            cells = ["c₁, c₂", *bounds]
-            rows = [(*r[:-2], c, *r[-2:]) for r, c in zip(rows, cells, strict=True)]
-        table = [f"| {' | '.join(row)} |" for row in rows]
-        lines += [f"**{TITLES[kind]}**", "", table[0], f"|{len(rows[0]) * '---|'}", *table[1:], ""]
-        lines += [line for entry in of_kind for line in _markdown_source(entry)]
-        lines.append("")
-    return "\n".join(lines).rstrip() + "\n"
+def row(entry: LibraryMaterial) -> list[str]:
+    """Return the cells of a material below `HEADER`."""
+    return [_cells(entry)[label] for label in HEADER]
 
 
-def _row(entry: LibraryMaterial) -> tuple[str, ...]:
-    low, high = entry.stretch_range
-    return (
-        entry.name,
-        write_quantity(entry.young, "Pa"),
-        f"{entry.poisson:g}",
-        write_quantity(entry.thickness, "m"),
-        _stiffness(entry),
-        f"{low:g} to {high:g}",
-        entry.trust,
-    )
-
-
-def _bounds(entry: LibraryMaterial) -> str:
-    bounds = [f"{c:g}" if c is not None else "–" for c in (entry.c1, entry.c2)]
-    return "" if bounds == ["–", "–"] else ", ".join(bounds)
-
-
-def _markdown_source(entry: LibraryMaterial) -> list[str]:
-    text = f"`{entry.name}`, {entry.title}. {_sentence(entry.source)}"
-    if entry.knit_ratio is not None:
-        text += f" Modulus along the courses over that along the wales: {entry.knit_ratio:g}."
-    if entry.note is not None:
-        text += f" {_sentence(entry.note)}"
-    text = text.replace(" %", "\u00a0%")  # a line that begins with % is a comment
-    return textwrap.wrap(
-        text, 118, initial_indent="- ", subsequent_indent="  ",
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
-
-
-def _stiffness(entry: LibraryMaterial) -> str:
-    value = entry.membrane_stiffness
-    return f"{value / 1e3:.3g} kN/m" if value >= 1e3 else f"{value:.3g} N/m"
-
-
-def _wrapped(text: str) -> list[str]:
-    return [f"    {line}" for line in textwrap.wrap(text, WIDTH - 4, break_on_hyphens=False)]
-
-
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
+    """Return a text with a capital letter and a full stop."""
     return f"{text[0].upper()}{text[1:].rstrip('.')}."
+
+
+def _cells(entry: LibraryMaterial) -> dict[str, str]:
+    """Return what is known of a material, by its label."""
+    (low, high), stiffness = entry.stretch_range, entry.membrane_stiffness
+    thousands, unit = (1e3, "kN/m") if stiffness >= 1e3 else (1.0, "N/m")
+    cells = {
+        "name": entry.name,
+        "kind": entry.kind,
+        "E": write_quantity(entry.young, "Pa"),
+        "ν": f"{entry.poisson:g}",
+        "thickness": write_quantity(entry.thickness, "m"),
+        "E h": f"{stiffness / thousands:.3g} {unit}",
+        "c1": entry.c1 and f"{entry.c1:g}",
+        "c2": entry.c2 and f"{entry.c2:g}",
+        "knit ratio": entry.knit_ratio and f"{entry.knit_ratio:g}",
+        "mass": entry.density and write_quantity(entry.density, "kg/m²"),
+        "sheet": entry.with_fabric and "print and fabric as one",
+        "stretches": f"{low:g} to {high:g}",
+        "trust": entry.trust,
+        "source": entry.source,
+        "note": entry.note,
+    }
+    return {label: str(text) for label, text in cells.items() if text}

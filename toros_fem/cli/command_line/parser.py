@@ -1,0 +1,61 @@
+"""Parser of command lines: an unknown word is answered by the nearest known one."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from toros_fem.base.errors import TorosError
+
+
+class UsageError(TorosError, ValueError):
+    """The command line is not understood; the message names the word and the nearest known one."""
+
+
+class SuggestingParser(argparse.ArgumentParser):
+    """A parser that suggests the nearest option or command for an unknown one.
+
+    Only the first rank prints.
+
+    Raises:
+        UsageError: The command line is not understood.
+    """
+
+    def __init__(self, *, first_rank: bool, **rest: Any) -> None:
+        self._first_rank = first_rank
+        super().__init__(
+            formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **rest
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Raise an error instead of the end of the program."""
+        raise UsageError(f"{self.prog}: {message}")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and refuse options that are not known, with the nearest of this very command."""
+        found, extra = super().parse_known_args(args, namespace)
+        options = [word.partition("=")[0] for word in extra if word.startswith("--")]
+        if options:
+            known = [flag for action in self._actions for flag in action.option_strings]
+            advice = nearest(options[0], known, "--help lists all options.")
+            self.error(f"unknown option {options[0]}; {advice}")
+        return found, extra
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            advice = nearest(str(value), known, f"known are {', '.join(known)}.")
+            what = action.metavar or action.dest
+            self.error(f"unknown {str(what).lower()} {value!r}; {advice}")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if self._first_rank:
+            super()._print_message(message, file)
+
+
+def nearest(word: str, known: Sequence[str], otherwise: str) -> str:
+    """Return the question for the known word that is nearest, or another text if none is near."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise

@@ -1,0 +1,160 @@
+"""Files of materials: read strictly, and written entry by entry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import LibraryError, OutputError, ParameterError
+from toros_fem.base.files import replace_file
+from toros_fem.base.keys import nearest
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.toml_files.document import Document, read_text
+from toros_fem.base.toml_files.lines import key_lines
+from toros_fem.base.validation import checked_path, require_kind
+from toros_fem.materials.library.material import LibraryMaterial
+
+WHAT, SHIPPED = "a file of materials", "materials.toml"
+HEAD = "# Materials of one's own. Scenes name this file by: materials, in their table [files].\n"
+# Keys of a material in a file, where its name is that of the table.
+KEYS = {name: one for name, one in LibraryMaterial.described().items() if name != "name"}
+
+
+def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[str, LibraryMaterial]:
+    """Return the shipped materials by name, and those of other files over them.
+
+    Args:
+        paths: Files of one's own; a material of the same name replaces an earlier one.
+        comm: Communicator whose first rank reads for all (collective); None: each rank reads.
+
+    Raises:
+        LibraryError: A file cannot be read, or a key or value is wrong; with file, line and key.
+            It is raised on all ranks.
+    """
+    places = [checked_path("path", path, LibraryError) for path in paths]
+
+    def read() -> dict[str, LibraryMaterial]:
+        with as_file(files(__package__) / SHIPPED) as shipped:
+            found = read_materials(shipped)
+        for path in places:
+            found |= read_materials(path)
+        return found
+
+    return read() if comm is None else on_first_rank(comm, read)
+
+
+def read_materials(path: Path, text: str | None = None) -> dict[str, LibraryMaterial]:
+    """Return the materials of one file by name, in its order; of a text that it may hold.
+
+    Raises:
+        LibraryError: As of `read_library`.
+    """
+    text = read_text(path, WHAT, LibraryError) if text is None else text
+    document = Document(path, text, LibraryError)
+    return {name: _entry(document, name, values) for name, values in document.content.items()}
+
+
+def named(
+    library: Mapping[str, LibraryMaterial], name: str, kind: str | None = None
+) -> LibraryMaterial:
+    """Return a material of a library, of a kind where one is asked for.
+
+    Raises:
+        LibraryError: There is none of this name; the nearest one is named. Or it is of another
+            kind.
+    """
+    known = [one for one, entry in library.items() if kind in (None, entry.kind)]
+    if name not in library:
+        raise LibraryError(
+            f"{name!r} is no {kind or 'material'} of the library; {nearest(name, known)} `toros "
+            "materials` lists all."
+        )
+    if name not in known:
+        raise LibraryError(
+            f"{name!r} is a {library[name].kind}, and a {kind} is asked for; known are "
+            f"{', '.join(known) or 'none'}."
+        )
+    return library[name]
+
+
+def write_material(path: str | Path, entry: LibraryMaterial) -> None:
+    """Write a material into a file of materials, made if it is missing (one rank).
+
+    An entry of the same name is replaced. Others stay, with their comments.
+
+    Raises:
+        LibraryError: The file is there and cannot be read, or holds the entry in a form that
+            cannot be replaced.
+        OutputError: The file cannot be written.
+    """
+    path = checked_path("path", path, LibraryError)
+    require_kind("entry", entry, LibraryMaterial, "a LibraryMaterial")
+    mode = path.stat().st_mode if path.exists() else None
+    text = HEAD if mode is None else read_text(path, WHAT, LibraryError)
+    wanted, changed = {**read_materials(path, text), entry.name: entry}, _replaced(text, entry)
+    try:
+        found = read_materials(path, changed)
+    except LibraryError:
+        found = {}
+    if found != wanted:
+        raise LibraryError(
+            f"{path}: {entry.name} does not stand there as a table [{entry.name}] of its own, and "
+            "cannot be replaced. Take it out by hand.",
+            path,
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, changed.encode())
+        if mode is not None:
+            path.chmod(mode)
+    except OSError as caught:
+        raise OutputError(
+            f"{path} could not be written: {caught}. Choose another file, or free some space."
+        ) from None
+
+
+def material_text(entry: LibraryMaterial) -> str:
+    """Return the table of a material, as a file holds it, without defaults."""
+    lines = [
+        f"{key} = {one.written(getattr(entry, key))}"
+        for key, one in KEYS.items()
+        if getattr(entry, key) != one.default
+    ]
+    return "\n".join([f"[{entry.name}]", *lines, ""])
+
+
+def _entry(document: Document, name: str, values: Any) -> LibraryMaterial:
+    if not isinstance(values, dict):
+        document.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
+    for key in values:
+        if key not in KEYS:
+            document.fail((name, key), f"unknown key {key!r}; {nearest(key, KEYS)}")
+    lacking = [key for key, one in KEYS.items() if one.default is MISSING and key not in values]
+    if lacking:
+        document.fail((name,), f"it has no {', '.join(lacking)}.")
+    try:
+        given = {key: KEYS[key].read(value) for key, value in values.items()}
+        return LibraryMaterial(name=name, **given)
+    except ParameterError as caught:
+        document.fail((name, caught.key or "") if caught.key in values else (name,), str(caught))
+
+
+def _replaced(text: str, entry: LibraryMaterial) -> str:
+    """Return the text of a file with an entry in the place of that of the same name, or added."""
+    lines, block, places = text.splitlines(keepends=True), material_text(entry), key_lines(text)
+    begin = places.get((entry.name,))
+    if begin is None:
+        gap = "" if not text else "\n" if text.endswith("\n") else "\n\n"
+        return f"{text}{gap}{block}"
+    headers = [line for place, line in places.items() if len(place) == 1 and line > begin]
+    end = min(headers, default=len(lines) + 1)
+    # What stands right above the next table, comments and empty lines, belongs to that.
+    while end - 2 >= begin and re.fullmatch(r"\s*(#.*)?\n?", lines[end - 2]):
+        end -= 1
+    return "".join([*lines[: begin - 1], block, *lines[end - 1 :]])
