@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
-from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
+from toros_fem.cli.command_line.scripts import run_from_command_line
 
 
 @dataclass(frozen=True)
@@ -84,11 +84,8 @@ def test_options(script: Script) -> None:
     assert script.given == [Path("there"), expected, True, {}]
     assert script("--load", "none", "--no-rigid") == 0
     assert script.given[1] == Sample()
-
-
-def test_other_options_override_the_coarse_variant(script: Script) -> None:
     assert script("--count", "9", "--coarse") == 0
-    assert script.given[1] == Sample(width=1.0, count=9)
+    assert script.given[1] == Sample(width=1.0, count=9), "options override the coarse variant"
 
 
 def test_files(script: Script) -> None:
@@ -101,12 +98,9 @@ def test_files(script: Script) -> None:
     ("words", "message"),
     [
         ("--widht 3", "unknown option --widht; did you mean --width?"),
-        ("--widht=3", "unknown option --widht; did you mean --width?"),
         ("--coars", "unknown option --coars; did you mean --coarse?"),
         ("--zzz 3", "unknown option --zzz; --help lists all options."),
         ("--count wide", "argument --count: count = 'wide' must be a whole number."),
-        ("--count 1.5", "argument --count: count = 1.5 must be a whole number."),
-        ("--count none", "argument --count: count = 'none' must be a whole number."),
         ("--width -1", "argument --width: width = -1 m must be a finite number, above 0."),
         ("--kind oval", "argument --kind: kind = 'oval' must be one of 'round', 'square'."),
         ("extra", "unrecognized arguments: extra"),
@@ -120,13 +114,6 @@ def test_bad_options(
     assert caught.value.code == 2
     assert capsys.readouterr().err == f"sample.py: {message}\n"
     assert script.given == []
-
-
-def test_errors_end_in_one_line(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
-    assert script("--count", "13") == 4
-    captured = capsys.readouterr()
-    assert captured.err == "OutputError: nothing could be written.\n"
-    assert captured.out == ""
 
 
 def test_only_the_first_rank_prints(
@@ -143,6 +130,9 @@ def test_only_the_first_rank_prints(
         script("--widht", "3")
     captured = capsys.readouterr()
     assert bool(captured.out) == bool(captured.err) == (comm.rank == 0)
+    assert comm.rank or captured.err.startswith(
+        "OutputError: nothing could be written.\nsample.py:"
+    )
 
 
 def test_help_groups_options(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
@@ -153,16 +143,3 @@ def test_help_groups_options(script: Script, capsys: pytest.CaptureFixture[str])
     assert text.startswith("usage: sample.py [options]\n\nA sample.\n")
     assert text.index("Numbers of this sample:") < text.index("--width") < text.index("--count")
     assert "growth of the sample; in %; below 100; default 8 %" in text
-
-
-def test_help_of_a_field() -> None:
-    wanted = {
-        "width": "width of the sample; in m; above 0; default 500 mm",
-        "load": "load; none leaves it out; in N; above 0; default none",
-        "kind": "shape; one of round, square; default round",
-        "rigid": "also stiffen the sample; true or false; default no",
-        "count": "number of samples; at least 1; default 3",
-    }
-    made = Sample()
-    for name, text in wanted.items():
-        assert option_help(Sample.described()[name], getattr(made, name)) == text

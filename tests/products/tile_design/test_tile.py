@@ -27,11 +27,8 @@ def test_own_stiffnesses(alone: MPI.Comm) -> None:
 
 def test_coarse_variant() -> None:
     small = demo.TileScene.of(target="auxetic", seed=5).coarse()
-    assert (small.target.target, small.design.seed, small.skin.edge_length) == (
-        "auxetic",
-        5,
-        0.2e-3,
-    )
+    found = (small.target.target, small.design.seed, small.skin.edge_length)
+    assert found == ("auxetic", 5, 0.2e-3)
 
 
 def test_linear_profile() -> None:
