@@ -392,6 +392,7 @@ SUPPORTS: Table = {
     "the displacement of a load is flat": lambda s: s.solver.solve(
         s.plain, 1.0, displacement=np.zeros((3, 3))
     ),
+    "poses without bodies": lambda s: s.solver.solve(s.plain, 1.0, poses=np.zeros((1, 6))),
     "a fabric of negative weight": lambda s: tf.Weight(-1.0, 1.0),
     "a force is infinite": lambda s: tf.spread_force(s.pattern, "tip", [1.0, INF, 0.0]),
     "a force on an unknown panel": lambda s: tf.spread_force(s.pattern, "top", [1.0, 0.0, 0.0]),

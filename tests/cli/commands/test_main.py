@@ -140,8 +140,8 @@ def started(*words: str, out: int = subprocess.PIPE) -> subprocess.CompletedProc
     """Run Python as a shell does, in a process that no mpirun knows of."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     return subprocess.run(
-        [sys.executable, *words], env={**environment, "PYTHONPATH": str(ROOT)}, text=True,
-        stdout=out, stderr=subprocess.PIPE, check=False,
+        [sys.executable, *words], text=True, stdout=out, stderr=subprocess.PIPE, check=False,
+        env={**environment, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": ""},
     )  # fmt: skip
 
 

@@ -120,12 +120,8 @@ def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
     skin = sew(comm, pattern)
     edge = np.isin(np.arange(49), np.unique(pattern.free_edges))
     ball = rigid_sphere("ball", 0.003, (0.01, 0.01, 0.004))
-    solver = EquilibriumSolver(
-        skin,
-        Composite(),
-        Supports(np.repeat(edge[:, None], 3, axis=1)),
-        contact=Contact(bodies=[ball]),
-    )
+    frame, contact = Supports(np.repeat(edge[:, None], 3, axis=1)), Contact(bodies=[ball])
+    solver = EquilibriumSolver(skin, Composite(), frame, contact=contact)
     density = np.zeros(len(skin.owned_cells))
     rest = solver.solve(density, 0.0)
     below = solver.solve(density, 0.0, start=rest, poses=[[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]])

@@ -1,5 +1,7 @@
 """Factors in parts against dense algebra, and their verdict at the edge of definiteness."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -48,6 +50,16 @@ def make(K: csr_matrix, comm: MPI.Comm, threads: int) -> tuple[CondensedFactor, 
     joined = (part[i] != part[j]) & ~np.isin(i, interface) & ~np.isin(j, interface)
     assert not joined.any()
     return CondensedFactor(comm, module, *pattern, partition), rows, upper
+
+
+def test_the_calls_are_compiled_where_they_are_not_there(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if cholmod.library(alone) is None:
+        pytest.skip("needs CHOLMOD with its header")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = cholmod._build.__wrapped__()
+    assert made.parent == tmp_path / "toros_fem"
 
 
 @pytest.mark.parametrize("threads", [1, 2, 4])

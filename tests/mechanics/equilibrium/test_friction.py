@@ -7,6 +7,7 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_box
@@ -45,10 +46,12 @@ class Dragged:
         self.density = np.ones(len(self.skin.owned_cells))
         self.force = np.tile([0.0, 0.0, -0.005], (len(points), 1))
 
-    def __call__(self, ahead: float, before: EquilibriumResult | None = None) -> EquilibriumResult:
-        displacement = np.tile([-ahead, 0.0, 0.0], (len(self.force), 1))
+    def __call__(
+        self, ahead: float, start: EquilibriumResult | Floats | None = None, *, trial: bool = False
+    ) -> EquilibriumResult:
+        way = np.tile([-ahead, 0.0, 0.0], (len(self.force), 1))
         return self.solver.solve(
-            self.density, 0.0, force=self.force, displacement=displacement, start=before
+            self.density, 0.0, force=self.force, displacement=way, start=start, trial=trial
         )
 
     def pull(self, at: EquilibriumResult) -> float:
@@ -105,27 +108,14 @@ def test_forces_do_not_depend_on_the_number_of_steps(dragged: Dragged) -> None:
 def test_a_start_is_no_begin_of_the_path(dragged: Dragged) -> None:
     """Arrays tell where the iteration starts: friction begins at the assembled positions."""
     cold = dragged(2e-4)
-    displacement = np.tile([-2e-4, 0.0, 0.0], (len(dragged.force), 1))
-    moved = dragged(4e-4, dragged(0.0))
-    again = dragged.solver.solve(
-        dragged.density, 0.0, force=dragged.force, displacement=displacement, start=moved.state
-    )
+    again = dragged(2e-4, dragged(4e-4, dragged(0.0)).state)
     assert np.abs(again.state - cold.state).max(initial=0.0) < 1e-6 * SLIP
 
 
 def test_a_trial_is_finished_from_the_same_begin(dragged: Dragged) -> None:
     before = dragged(1e-4, dragged(0.0))
     whole = dragged(3e-4, before)
-    displacement = np.tile([-3e-4, 0.0, 0.0], (len(dragged.force), 1))
-    trial = dragged.solver.solve(
-        dragged.density,
-        0.0,
-        force=dragged.force,
-        displacement=displacement,
-        start=before,
-        trial=True,
-    )
-    finished = dragged.solver.finish(trial)
+    finished = dragged.solver.finish(dragged(3e-4, before, trial=True))
     assert np.abs(finished.state - whole.state).max(initial=0.0) < 1e-6 * SLIP
 
 

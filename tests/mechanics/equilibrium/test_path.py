@@ -65,6 +65,7 @@ def arch(alone: MPI.Comm) -> Arch:
 def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
     free = arch.pushed(0.0)
     assert free.condition.snapped is None  # its start, the assembled shape, is no equilibrium
+    assert arch.pushed(50e-3, free).condition.snapped is True, "far over it"
     below = arch.pushed(6e-3, free)
     assert below.condition.snapped is False
     assert arch.height(below) > 5e-3
@@ -79,14 +80,13 @@ def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
     assert arch.height(back) == pytest.approx(-arch.height(free), rel=1e-3)
 
 
-def test_a_step_far_over_the_snap_is_a_snap(arch: Arch) -> None:
-    assert arch.pushed(50e-3, arch.pushed(0.0)).condition.snapped is True
-
-
 def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:
     free = arch.pushed(0.0)
     early = arch.pushed(5e-3, free)
     assert early.condition.critical_load is None
+    solver, x = arch.solver, np.cos(np.arange(len(early.state))) * arch.solver.model.free
+    same = solver.solve_tangent(solver._factor.multiply(x), early)
+    assert same == pytest.approx(x, abs=1e-7), "the factors and the tangent are of one state"
     near = arch.pushed(6.8e-3, early)
     critical = near.condition.critical_load
     assert critical is not None

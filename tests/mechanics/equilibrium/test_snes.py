@@ -86,7 +86,7 @@ def test_another_snes_finds_the_same(tube: Skin, tube_solver: EquilibriumSolver)
         options.delValue("toros_snes_type")
     density = np.ones(len(tube.owned_cells))
     own = tube_solver.solve(density, 1e3)
-    found = other.solve(density, 1e3, start=own.state + 1e-6 * tube_solver.model.free)
-    assert found.converged
+    found = other.solve(density, 1e3, start=tube_solver.solve(density, 1.1e3).state)
+    assert found.factorisations > 2, "each step has a tangent of its own"
     gap = norm(tube.comm, found.state - own.state)
     assert gap < 1e-8 * norm(tube.comm, own.state)
