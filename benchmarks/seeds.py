@@ -83,14 +83,15 @@ QUICK = {
 
 
 def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -> dict[str, Any]:
-    """Design a skin and return its summary."""
+    """Design a skin and return the entries of its summary, and its figures by their keys."""
     scene: Any = KINDS[kind]()
     scene = (scene.coarse() if coarse else scene).updated(**changes)
     if "curve_pressure" in scene.described():
         scene = scene.updated(curve_pressure=None)
     run = scene.run_design if hasattr(scene, "run_design") else scene.run_simulation
     with tempfile.TemporaryDirectory() as folder:
-        return dict(run(MPI.COMM_SELF, Path(folder)))
+        found = run(MPI.COMM_SELF, Path(folder))
+    return {**found.entries(), **{figure.key: figure.value for figure in found.figures}}
 
 
 def value_of(summary: Mapping[str, Any], key: str) -> Any:

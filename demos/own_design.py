@@ -17,7 +17,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
@@ -60,8 +60,8 @@ def run(
     files: Mapping[str, Path] | None = None,
     *,
     verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the skin in a mesh file and write the results; return the summary.
+) -> str:
+    """Design the skin in a mesh file and write the results; return a sentence.
 
     Args:
         comm: Communicator.
@@ -105,17 +105,8 @@ def run(
     printed = tf.as_printed(
         result.problem, result, limits, island_area=c.island_area, journal=journal
     )
-    return tf.write_results(output, result, printed, config=c, seconds=reporter.seconds)
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in words."""
-    printed = summary["distance_mm"]
-    found = "no equilibrium" if printed is None else f"{printed:.1f} mm from the target"
-    return (
-        f"{found} as printed, {summary['design']['distance_mm']:.1f} mm as designed, at "
-        f"{summary['pressure_pa'] / 1e3:.2f} kPa, {summary['manufacture']['islands']} islands"
-    )
+    summary = tf.write_results(output, result, printed, config=c, seconds=reporter.seconds)
+    return ", ".join(f"{row['name']} {row['value']} {row['unit']}" for row in summary["figures"])
 
 
 if __name__ == "__main__":
@@ -126,7 +117,6 @@ if __name__ == "__main__":
             OwnDesignConfig(),
             run,
             Path("output/own_design"),
-            sentence=sentence,
             files={"file": "closed triangle surface whose long axis is z; default: a finger"},
         )
     )

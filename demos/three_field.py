@@ -36,6 +36,7 @@ from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
+from toros_fem.results.summary import PrintedResult
 from toros_fem.results.writer import write_comparison, write_pictures
 
 # β of almost 0 makes the projection the identity.
@@ -97,8 +98,8 @@ def run(
     files: Mapping[str, Path] | None = None,
     *,
     verbose: bool = False,
-) -> dict[str, Any]:
-    """Design all variants and write table and picture strip; return the table.
+) -> str:
+    """Design all variants and write table and picture strip; return a sentence.
 
     Args:
         comm: Communicator.
@@ -117,12 +118,12 @@ def run(
         with warnings.catch_warnings():
             # The radius of the first variant is too small on purpose.
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
-            made = design_actuator(comm, folder, variant, verbose=verbose)
-        rows.append(row(name, made.summary))
-        pattern = made.printed.pattern
-        wall = made.printed.contours[pattern.panel_index("wall")]
+            made = design_actuator(comm, folder, variant, verbose=verbose).made
+        rows.append(row(name, made))
+        pattern, printed, design = made.printed.pattern, made.printed, made.design
+        wall = printed.contours[pattern.panel_index("wall")]
         prints.append((name, wall, caption(rows[-1])))
-        final, gather = made.result.final, made.problem.skin.gather_cells
+        final, gather = design.final, made.problem.skin.gather_cells
         densities = {"ρ": final.density, "ρ̃": final.filtered, "ρ̄": final.projected}
         fields.append((name, {key: gather(values) for key, values in densities.items()}))
     if comm.rank == 0:
@@ -142,28 +143,29 @@ def run(
         plot_variants(path, pattern, "wall", [named[name] for name in WITHOUT_AND_WITH])
 
     write_pictures(comm, output, {"fig4.png": draw_fields, "fig5.png": draw_pairs})
-    return content
+    return f"{len(rows)} variants designed"
 
 
-def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
+def row(name: str, found: PrintedResult) -> dict[str, Any]:
     """Return the figures of one variant; widths, islands and border are of the bare contours."""
-    made = summary["dropped"]["before"]
+    made, last = found.printed.before.summary(), found.design.history[-1]
+    simulated = found.printed.evaluation
     return {
         "variant": name,
-        "shape_designed": summary["design"]["shape"],
-        "shape_printed": summary["printed_objective"],
-        "angle_designed_deg": summary["design"]["angle_deg"],
-        "angle_printed_deg": summary["angle_deg"],
-        "pressure_pa": summary["pressure_pa"],
-        "grey_level": summary["grey_level"],
+        "shape_designed": last.shape,
+        "shape_printed": None if simulated is None else simulated.shape,
+        "angle_designed_deg": last.metrics["angle_deg"],
+        "angle_printed_deg": found.metrics.get("angle_deg"),
+        "pressure_pa": found.design.final.equilibrium.pressure,
+        "grey_level": last.grey_level,
         "islands": made["islands"],
         "pieces": made["pieces"],
         "holes": made["holes"],
         "smallest_width_mm": made["smallest_width_mm"],
         "smallest_gap_mm": made["smallest_gap_mm"],
         "border_mm": made["border_mm"],
-        "iterations": summary["iterations"],
-        "seconds": summary["seconds"]["total"],
+        "iterations": last.iteration,
+        "seconds": found.seconds["total"],
     }
 
 
@@ -208,6 +210,5 @@ if __name__ == "__main__":
             ThreeFieldScene(),
             run,
             Path("output/three_field"),
-            sentence=lambda summary: f"{len(summary['rows'])} variants designed",
         )
     )

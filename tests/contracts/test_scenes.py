@@ -26,6 +26,7 @@ from kit.scene_runs import (
     pinned_heads,
     run_scene,
     summary_of,
+    value_of,
 )
 from mpi4py import MPI
 
@@ -111,8 +112,8 @@ def test_fields(done: Run) -> None:
             assert field != "printed" or set(np.unique(values)) == {0.0, 1.0}
         a, b, c = np.moveaxis(mesh.points[mesh.cells_dict["triangle"]], 1, 0)
         volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
-        if "volume_m3" in summary:
-            assert volume == pytest.approx(summary["volume_m3"], rel=1e-6)
+        if done.name != "unwrap":
+            assert volume == pytest.approx(value_of(summary, "volume_m3"), rel=1e-6)
 
 
 def test_drawings_are_true_to_scale(done: Run) -> None:
@@ -137,5 +138,5 @@ def test_a_simulation_finds_the_print_again(done: Run) -> None:
     """Along another path, from the files of a run."""
     if "simulate" in done.names:
         designed, again = (summary_of(done.folder / name) for name in ("bend", "simulate"))
-        assert again["angle_deg"] == pytest.approx(designed["angle_deg"], abs=0.01)
-        assert again["length_ratio"] == pytest.approx(designed["length_ratio"], rel=1e-4)
+        for key, off in (("angle_deg", 0.01), ("length_ratio", 1e-4)):
+            assert value_of(again, key) == pytest.approx(value_of(designed, key), abs=off)

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_table
 from toros_fem.making.panels.svg import write_svg
+from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern, bend, cylinder
 from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
 from toros_fem.results.frames.files import FOLDER
@@ -17,12 +18,12 @@ from toros_fem.results.frames.files import FOLDER
 LENGTH, DIAMETER = 0.15, 0.02
 STRIPE = shapely.box(0.01, 0.005, 0.03, 0.145).difference(shapely.Point(0.02, 0.07).buffer(6e-3))
 SUMMARY: dict[str, Any] = {
-    "angle_deg": 88.25,
-    "angle_target_deg": 90.0,
-    "angle_error_deg": 1.5,
-    "pressure_pa": 5e3,
-    "volume_m3": 5e-5,
-    "stretch_use": 0.5,
+    "figures": [
+        Figure("angle", "deg", 88.25, 1.5, 90.0, 2.7).as_dict(),
+        Figure("pressure", "pa", 5e3).as_dict(),
+        Figure("volume", "m3", 5e-5).as_dict(),
+        Figure("stretch", "use", 0.5).as_dict(),
+    ],
     "equilibrium": "A stable equilibrium was found at 5000 Pa.",
     "printed_failure": None,
     "objective_first": 0.5,

@@ -102,11 +102,20 @@ def summary_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "summary.json").read_text(encoding="utf-8")))
 
 
+def value_of(summary: dict[str, Any], key: str) -> float | None:
+    """Return the value of a figure of a summary."""
+    found = {f"{row['name']}_{row['unit']}": row["value"] for row in summary["figures"]}
+    return None if found[key] is None else float(found[key])
+
+
 def figures(content: Any, name: str = "") -> Iterator[tuple[str, float]]:
     """Yield the figures of a summary with their places."""
     if isinstance(content, dict):
+        for row in content.get("figures", ()):
+            for word, of in (("", "value"), ("_target", "target"), ("_error", "interval")):
+                yield from figures(row[of], f"{row['name']}{word}_{row['unit']}")
         for key, value in content.items():
-            if key not in ("inputs", "curve", "trials"):
+            if key not in ("inputs", "curve", "trials", "figures"):
                 yield from figures(value, f"{name}: {key}" if name else key)
     elif isinstance(content, list):
         for k, value in enumerate(content):

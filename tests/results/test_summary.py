@@ -2,14 +2,29 @@
 
 import copy
 import dataclasses
+from pathlib import Path
+from typing import Any
 
 import pytest
+from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.measures.figures import Figure
 from toros_fem.products.tables.steps import Filtering
-from toros_fem.results.summary import design_summary, level_figures, shape_problem
+from toros_fem.results.result import read_summary, write_summary
+from toros_fem.results.summary import (
+    PrintedResult,
+    level_figures,
+    printed_metrics,
+    shape_problem,
+)
+
+
+def of(result: DesignResult, printed: PrintedDesign, **more: Any) -> PrintedResult:
+    """The result of a design and its print (collective)."""
+    return PrintedResult(result, printed, printed_metrics(result, printed), **more)
 
 
 def test_levels_have_figures_of_their_own(result: DesignResult) -> None:
@@ -27,18 +42,19 @@ def test_levels_have_figures_of_their_own(result: DesignResult) -> None:
 
 
 def test_summary_is_equal_on_all_ranks_and_changes_nothing(
-    comm: MPI.Comm, result: DesignResult, printed: PrintedDesign
+    comm: MPI.Comm, tmp_path: Path, result: DesignResult, printed: PrintedDesign
 ) -> None:
     """Each rank has its own clock, yet all return the first one's."""
-    figures, seconds = {"note": [1]}, {"total": float(comm.rank)}
-    before = copy.deepcopy((figures, seconds, result.seconds))
-    config = Filtering(seed=5)
-    summary = design_summary(result, printed, config=config, figures=figures, seconds=seconds)
-    assert (figures, seconds, result.seconds) == before
+    seconds = {"total": float(comm.rank)}
+    before = copy.deepcopy((seconds, result.seconds))
+    config, folder = Filtering(seed=5), shared(comm, tmp_path)
+    summary = write_summary(comm, folder, of(result, printed, config=config, seconds=seconds))
+    assert (seconds, result.seconds) == before
     assert summary == comm.bcast(summary, root=0)
     assert summary["seconds"]["total"] == 0.0
-    assert summary["inputs"] == config.as_dict()
-    assert summary["note"] == [1]
+    assert (summary["inputs"], summary["ranks"]) == (config.as_dict(), comm.size)
+    comm.barrier()
+    assert read_summary(folder).value("angle_deg") == summary["figures"][0]["value"]
 
 
 def test_parts_that_are_left_out_are_none(result: DesignResult, printed: PrintedDesign) -> None:
@@ -52,33 +68,34 @@ def test_parts_that_are_left_out_are_none(result: DesignResult, printed: Printed
         history=tuple(dataclasses.replace(row, metrics={}) for row in result.history),
     )
     failed = dataclasses.replace(printed, evaluation=None, failure="made to fail")
-    summary = design_summary(plain, failed)
+    found = of(plain, failed)
+    summary = found.summary()
     assert summary["length_scale"] is summary["design"]["perimeter_m"] is None
-    assert summary["volume_m3"] is summary["stretch_use"] is None
+    assert found.value("volume_m3") is found.value("stretch_use") is None
     assert summary["printed_failure"] == "made to fail"
-    assert not any(key.startswith("angle") for key in summary)
+    assert found.metric_figures == ()
 
 
 def test_infinite_residual_is_none(result: DesignResult, printed: PrintedDesign) -> None:
     """JSON has no infinity."""
     last = dataclasses.replace(result.history[-1], kkt=float("inf"))
     short = dataclasses.replace(result, history=(last,))
-    assert design_summary(short, printed)["design"]["kkt_residual"] is None
+    assert of(short, printed).summary()["design"]["kkt_residual"] is None
     finite = dataclasses.replace(result, history=(dataclasses.replace(last, kkt=0.5),))
-    assert design_summary(finite, printed)["design"]["kkt_residual"] == pytest.approx(0.5)
+    assert of(finite, printed).summary()["design"]["kkt_residual"] == pytest.approx(0.5)
 
 
 def test_figures_are_those_of_the_print(
     comm: MPI.Comm, result: DesignResult, printed: PrintedDesign
 ) -> None:
-    summary = design_summary(result, printed)
-    made, last = printed.evaluation, result.history[-1]
+    found = dataclasses.replace(of(result, printed), intervals={"angle_deg": 1.5})
+    summary, made, last = found.summary(), printed.evaluation, result.history[-1]
+    assert made is not None
     angle = shape_problem(result).metrics_of(made.equilibrium)["angle_deg"]
-    assert summary["angle_deg"] == angle != last.metrics["angle_deg"]
-    assert summary["angle_target_deg"] == 60.0
-    assert summary["design"]["angle_deg"] == last.metrics["angle_deg"]
+    assert angle != last.metrics["angle_deg"] == summary["design"]["angle_deg"]
+    assert found.figures[0] == Figure("angle", "deg", angle, 1.5, 60.0, 0.03 * 60.0)
     assert summary["printed_objective"] == made.shape
-    assert summary["volume_m3"] == made.equilibrium.volume
+    assert found.value("volume_m3") == made.equilibrium.volume
     assert summary["design"]["volume_m3"] == result.final.equilibrium.volume
     assert summary["objective_first"] == result.history[0].objective
     assert summary["objective_last"] == last.objective
@@ -87,6 +104,7 @@ def test_figures_are_those_of_the_print(
     assert summary["length_scale"]["g_r"] == last.g_r
     assert summary["manufacture"] == printed.after.summary()
     assert summary["dropped"]["islands"] == len(printed.cleaned.dropped)
-    assert summary["ranks"] == comm.size
     assert summary["linear_solver"].startswith("CHOLMOD on ")
     assert summary["parts_by_symmetry"] == 1
+    designed = f"({last.metrics['angle_deg']:.3g}° as designed)"
+    assert found.sentence().startswith(f"angle {angle:.1f} ± 1.5° of 60° {designed} as printed at ")

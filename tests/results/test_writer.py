@@ -25,11 +25,11 @@ from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
 from toros_fem.results.frames import read_frames
+from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.writer import (
     if_plotting,
     write_comparison,
     write_pictures,
-    write_pressure_path,
     write_results,
 )
 
@@ -67,7 +67,8 @@ def test_print_without_equilibrium(
     failed = dataclasses.replace(printed, evaluation=None, failure="made to fail")
     summary = write_results(folder, result, failed)
     comm.barrier()
-    assert summary["angle_deg"] is summary["volume_m3"] is summary["printed_objective"] is None
+    assert {row["value"] for row in summary["figures"] if row["name"] != "pressure"} == {None}
+    assert summary["printed_objective"] is None
     assert summary["printed_failure"] == "made to fail"
     assert summary["design"]["angle_deg"] == result.history[-1].metrics["angle_deg"]
     mesh = meshio.read(folder / "skin.vtu")
@@ -95,10 +96,9 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     wide = Metric("radius", "ratio", 1.0, swelling).of_whole((1,))
     points = list(trace(solver, density[skin.owned_cells], [0.0, 500.0], [wide]))
     folder = tmp_path
-    summary = write_pressure_path(
-        alone, folder, half, points, density, [wide], whole=images, composite=composite
-    )
-    assert (summary["triangles"], summary["parts_by_symmetry"]) == (len(half.panel), 2)
+    found = PathResult(half, points, density, [wide], images, composite)
+    write_pressure_path(alone, folder, found)
+    assert found.parts == 2
     mesh = meshio.read(folder / "skin.vtu")
     assert mesh.points == pytest.approx(images.at_vertices(points[1].positions))
     assert mesh.cell_data["density"][0] == pytest.approx(images.at_cells(density))
@@ -114,14 +114,11 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     assert volumes[1] == pytest.approx(np.einsum("ij,ij->", a, np.cross(b, c)) / 6, rel=1e-6)
     assert volumes == pytest.approx([2 * p.result.volume for p in points])
     with pytest.MonkeyPatch.context() as patch:  # of a skin that is no part, without pictures
-        patch.setattr("toros_fem.results.writer.if_plotting", lambda draw: None)
-        figures = {"note": 1}
-        plain = write_pressure_path(
-            alone, folder / "new", half, points, density, [wide], figures=figures
-        )
-    assert (plain["triangles"], plain["parts_by_symmetry"]) == (len(half.panel), 1)
-    assert (plain["note"], figures) == (1, {"note": 1})
-    assert plain["newton_steps"] == sum(point.result.steps for point in points)
+        patch.setattr("toros_fem.results.pressure_path.if_plotting", lambda draw: None)
+        plain = PathResult(half, points, density, [wide])
+        write_pressure_path(alone, folder / "new", plain)
+    assert (plain.entries()["triangles"], plain.parts) == (len(half.panel), 1)
+    assert plain.entries()["newton_steps"] == sum(point.result.steps for point in points)
     assert meshio.read(folder / "new" / "skin.vtu").points == pytest.approx(points[1].positions)
 
 

@@ -21,6 +21,7 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
+from toros_fem.measures.figures import TOLERANCE, Figure, formatted, unit_of
 from toros_fem.measures.rotation import axial, best_rotation, polar_rotation
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -135,12 +136,23 @@ class Metric:
         """Name in pictures, such as "angle in degrees"."""
         if self.unit == "ratio":
             return f"{self.name} over its rest value"
-        return f"{self.name} in {UNITS.get(self.unit, (self.unit, ''))[0]}"
+        return f"{self.name} in {unit_of(self.unit).words}"
 
     def formatted(self, value: float) -> str:
         """Return a value with its unit, such as "180°"."""
-        sign = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
-        return f"{value:.3g}{sign}"
+        return formatted(float(f"{value:.3g}"), self.unit)
+
+    def figure(self, value: float | None, interval: float | None = None) -> Figure:
+        """Return the figure of a value, within `TOLERANCE` of the target if it is reached.
+
+        Args:
+            value: Value in the metric's unit; None without an equilibrium.
+            interval: Half-width of the interval that holds the true value; None if unknown.
+        """
+        tolerance = None
+        if self.target is not None:
+            tolerance = TOLERANCE * (abs(self.target) or self.scale or 1.0)
+        return Figure(self.name, self.unit, value, interval, self.target, tolerance)
 
 
 def check_metrics(metrics: Sequence[Metric]) -> None:
@@ -197,15 +209,6 @@ class Measurement:
     def belongs_to(self, metric: Metric) -> bool:
         """Return whether this is a value of a metric with the same target."""
         return self.key == metric.key and self.target == metric.target
-
-
-# Each unit in words, and as it follows a number.
-UNITS = {
-    "deg": ("degrees", "°"),
-    "percent": ("per cent", " %"),
-    "mm": ("mm", " mm"),
-    "ratio": ("times the rest value", "×"),
-}
 
 
 def turn_angle(

@@ -1,8 +1,9 @@
-"""The summary of a design: all figures of summary.json."""
+"""Result of the design of a shape and of its print: figures, summary and sentence."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,12 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
-from toros_fem.base.versions import versions
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.measures.figures import Figure
+from toros_fem.results.result import RunResult
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
@@ -52,84 +54,149 @@ def level_figures(history: Sequence[Iteration]) -> list[dict[str, float]]:
     return figures
 
 
-def design_summary(
-    result: DesignResult,
-    printed: PrintedDesign,
-    *,
-    config: Scene | Table | None = None,
-    figures: Mapping[str, Any] | None = None,
-    seconds: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
-    """Return the summary of the design of a shape, equal on all ranks (collective).
+@dataclass(frozen=True, eq=False)
+class PrintedResult(RunResult):
+    """The design of a shape and its print: what `write_results` writes.
 
-    Metrics, volume and shape are those of the printed pattern, simulated again; None if it has no
-    equilibrium. The figures of the design itself, with its grey borders, are under "design".
+    Attributes:
+        design: Result of the design loop.
+        printed: The printed pattern, simulated again.
+        metrics: Metrics of the print, by key; empty without an equilibrium.
+        intervals: Half-width of the interval of each metric, by key, as far as they are known.
+        config: Configuration of the run; None if it has none.
+        seconds: Wall times in s.
+    """
 
-    Args:
-        result: Result of the design loop.
-        printed: The printed pattern, by `as_printed`.
-        config: Configuration of the run, for "inputs".
-        figures: Further entries.
-        seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
+    design: DesignResult
+    printed: PrintedDesign
+    metrics: Mapping[str, float]
+    intervals: Mapping[str, float] = field(default_factory=dict)
+    config: Scene | Table | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def problem(self) -> ShapeProblem:
+        """The design problem."""
+        return shape_problem(self.design)
+
+    @property
+    def parts(self) -> int:
+        """Number of equal parts of the skin, of which one is designed."""
+        return len(self.printed.pattern.panel) // len(self.problem.skin.pattern.panel)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, pressure and volume of the print."""
+        made = self.printed.evaluation
+        state = None if made is None else made.equilibrium
+        return (
+            *self.metric_figures,
+            Figure("pressure", "pa", self.design.final.equilibrium.pressure),
+            Figure("volume", "m3", None if state is None else self.parts * state.volume),
+            Figure("stretch", "use", None if state is None else state.stretch_use),
+        )
+
+    @property
+    def metric_figures(self) -> tuple[Figure, ...]:
+        """The metrics of the print."""
+        return tuple(
+            metric.figure(self.metrics.get(metric.key), self.intervals.get(metric.key))
+            for metric in self.problem.metrics
+        )
+
+    def entries(self) -> dict[str, Any]:
+        """Return design, print and cost."""
+        design, simulated = self.design, self.printed.evaluation
+        return {
+            "pressures_pa": list(design.final.equilibrium.pressures),
+            "equilibrium": simulated and simulated.equilibrium.reason,
+            "printed_objective": simulated and simulated.shape,
+            "printed_failure": self.printed.failure or None,
+            **self._designed(),
+            **self._cleaned(),
+            **self._cost(),
+            "seconds": {**design.seconds, **self.seconds},
+            "inputs": None if self.config is None else self.config.as_dict(),
+        }
+
+    def sentence(self) -> str:
+        """Return metrics, pressure and cost in a sentence."""
+        first, last = (self.design.history[k].objective for k in (0, -1))
+        designed = self.design.history[-1].metrics
+        told = []
+        for metric, figure in zip(self.problem.metrics, self.metric_figures, strict=True):
+            beside = f" ({metric.formatted(designed[metric.key])} as designed)"
+            told.append(figure.words + (beside if metric.key in designed else ""))
+        steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
+        return self.told(told, steps)
+
+    def told(self, metrics: Sequence[str], steps: str) -> str:
+        """Return a sentence of what is said of the metrics and of the steps of the design."""
+        pressure = self.design.final.equilibrium.pressure
+        return (
+            f"{', '.join(metrics)} as printed at {pressure / 1e3:.2f} kPa, {steps}, "
+            f"{self.printed.after.summary()['islands']} islands, "
+            f"{self.seconds.get('total', 0.0):.0f} s"
+        )
+
+    def _designed(self) -> dict[str, Any]:
+        """Return what is known of the design with its grey borders."""
+        problem, final, history = self.problem, self.design.final, self.design.history
+        first, last = history[0], history[-1]
+        limits, widths = problem.length_scale, final.length_scale
+        return {
+            "objective_first": first.objective,
+            "objective_last": last.objective,
+            "design": {
+                **last.metrics,
+                "shape": last.shape,
+                "perimeter_m": final.perimeter and self.parts * final.perimeter,
+                "volume_m3": self.parts * final.equilibrium.volume,
+                "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
+            },
+            "gradient_norm_first": first.gradient_norm,
+            "gradient_norm_last": last.gradient_norm,
+            "volume_fraction": last.volume_fraction,
+            "grey_level": last.grey_level,
+            "length_scale": None if limits is None or widths is None else limits.summary(widths),
+        }
+
+    def _cleaned(self) -> dict[str, Any]:
+        """Return widths and islands of the print, before and after it was cleaned."""
+        printed = self.printed
+        return {
+            "manufacture": printed.after.summary(),
+            "dropped": {
+                "islands": len(printed.cleaned.dropped),
+                "islands_mm2": 1e6 * sum(piece.area for piece in printed.cleaned.dropped),
+                "islands_bridged": len(printed.cleaned.bridged),
+                "holes_filled": len(printed.cleaned.filled),
+                "before": printed.before.summary(),
+            },
+        }
+
+    def _cost(self) -> dict[str, Any]:
+        """Return sizes, steps and the reason of the end."""
+        history, skin = self.design.history, self.problem.skin
+        return {
+            "iterations": history[-1].iteration,
+            "levels": level_figures(history),
+            "rejected": sum(row.rejected for row in history),
+            "newton_steps": sum(row.newton_steps for row in history),
+            "factorisations": sum(row.factorisations for row in history),
+            "triangles": len(skin.pattern.panel),
+            "vertices": len(skin.pattern.points),
+            "parts_by_symmetry": self.parts,
+            "linear_solver": self.problem.solver.linear_solver,
+            "reason": self.design.reason,
+        }
+
+
+def printed_metrics(result: DesignResult, printed: PrintedDesign) -> dict[str, float]:
+    """Return the metrics of a print, by key; none without an equilibrium (collective).
 
     Raises:
         ParameterError: The result is not the design of a shape.
     """
-    problem = shape_problem(result)
-    skin, final, simulated = problem.skin, result.final, printed.evaluation
-    first, last = result.history[0], result.history[-1]
-    limits, widths = problem.length_scale, final.length_scale
-    parts = len(printed.pattern.panel) // len(skin.pattern.panel)
-    metrics: dict[str, float | None] = {metric.key: None for metric in problem.metrics}
-    if simulated is not None:
-        metrics.update(problem.metrics_of(simulated.equilibrium))
-    summary = {
-        **metrics,
-        **{f"{m.name}_target_{m.unit}": m.target for m in problem.metrics if m.target is not None},
-        **(figures or {}),
-        "pressure_pa": final.equilibrium.pressure,
-        "pressures_pa": list(final.equilibrium.pressures),
-        "volume_m3": simulated and parts * simulated.equilibrium.volume,
-        "stretch_use": simulated and simulated.equilibrium.stretch_use,
-        "equilibrium": simulated and simulated.equilibrium.reason,
-        "printed_objective": simulated and simulated.shape,
-        "printed_failure": printed.failure or None,
-        "objective_first": first.objective,
-        "objective_last": last.objective,
-        "design": {
-            **last.metrics,
-            "shape": last.shape,
-            "perimeter_m": final.perimeter and parts * final.perimeter,
-            "volume_m3": parts * final.equilibrium.volume,
-            "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
-        },
-        "gradient_norm_first": first.gradient_norm,
-        "gradient_norm_last": last.gradient_norm,
-        "volume_fraction": last.volume_fraction,
-        "grey_level": last.grey_level,
-        "length_scale": None if limits is None or widths is None else limits.summary(widths),
-        "manufacture": printed.after.summary(),
-        "dropped": {
-            "islands": len(printed.cleaned.dropped),
-            "islands_mm2": 1e6 * sum(piece.area for piece in printed.cleaned.dropped),
-            "islands_bridged": len(printed.cleaned.bridged),
-            "holes_filled": len(printed.cleaned.filled),
-            "before": printed.before.summary(),
-        },
-        "iterations": last.iteration,
-        "levels": level_figures(result.history),
-        "rejected": sum(row.rejected for row in result.history),
-        "newton_steps": sum(row.newton_steps for row in result.history),
-        "factorisations": sum(row.factorisations for row in result.history),
-        "triangles": len(skin.pattern.panel),
-        "vertices": len(skin.pattern.points),
-        "parts_by_symmetry": parts,
-        "ranks": skin.comm.size,
-        "linear_solver": problem.solver.linear_solver,
-        "reason": result.reason,
-        "seconds": {**result.seconds, **(seconds or {})},
-        "versions": versions(),
-        "inputs": None if config is None else config.as_dict(),
-    }
-    # Each rank has its own clock: the first one's counts.
-    return dict(skin.comm.bcast(summary, root=0))
+    problem, made = shape_problem(result), printed.evaluation
+    return {} if made is None else problem.metrics_of(made.equilibrium)

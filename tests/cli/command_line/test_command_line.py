@@ -45,11 +45,11 @@ class Script:
 
     def run(
         self, comm: MPI.Comm, output: Path, config: Sample, files: Any, *, verbose: bool
-    ) -> dict[str, Any]:
+    ) -> str:
         self.given = [output, config, verbose, files]
         if config.count == 13:
             raise OutputError("nothing could be written.")
-        return {"count": config.count}
+        return f"{config.count} made"
 
     def __call__(self, *words: str, **options: Any) -> int:
         self.patch.setattr(sys, "argv", ["sample.py", *words])
@@ -59,7 +59,6 @@ class Script:
             Sample(),
             self.run,
             Path("out"),
-            sentence=lambda summary: f"{summary['count']} made",
             **options,
         )
 

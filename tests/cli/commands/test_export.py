@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.command_runs import changes
+from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
@@ -17,10 +18,6 @@ from toros_fem.meshes.pattern_file import read_print
 Designed = tuple[Path, Path]
 # What the files may change of printed area and angle.
 BOUND = 0.005
-
-
-def summary_of(folder: Path) -> dict:
-    return dict(json.loads((folder / "summary.json").read_text(encoding="utf-8")))
 
 
 @pytest.mark.slow
@@ -64,5 +61,5 @@ def test_exported_print_is_the_design(
     words = ["simulate", str(scene), "--output", str(again), "--pattern", str(output), "--json"]
     assert run(alone, [*words, *changes()]) == 0
     captured = capsys.readouterr()
-    angle = summary_of(folder)["angle_deg"]
-    assert json.loads(captured.out)["angle_deg"] == pytest.approx(angle, rel=BOUND)
+    angle = value_of(summary_of(folder), "angle_deg")
+    assert value_of(json.loads(captured.out), "angle_deg") == pytest.approx(angle, rel=BOUND)

@@ -23,11 +23,12 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.products.actuators.pressure_curve import (
+    CurveFigures,
     PressureCurve,
-    curve_figures,
     trace_pressure_curve,
+    write_curve,
 )
-from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tables.loads import Results
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[EquilibriumResult]
@@ -113,7 +114,7 @@ def printed_as(made: Print | None) -> Any:
     )
 
 
-CONFIG = ActuatorScene.of(curve_pressure=4e3, curve_steps=2)
+CONFIG = Results(curve_pressure=4e3, curve_steps=2)
 
 
 @pytest.mark.slow
@@ -123,16 +124,17 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
         Measurement("angle_deg", 60.0, 9e3, 50.0, "another"),
         Measurement("angle_deg", 90.0, 4e3, 70.0, "of another target"),
     ]
-    entry = curve_figures(tmp_path, problem, printed_as(made), CONFIG, measured)["curve"]
+    entry = write_curve(tmp_path, problem, printed_as(made), CONFIG, measured)
+    assert entry is not None
     with (tmp_path / "curve.csv").open(encoding="utf-8") as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     assert list(rows[0]) == ["pressure_pa", "volume_m3", "stretch_use", "angle_deg"]
     assert [row["pressure_pa"] for row in rows[-4:]] == [2e3, 3e3, 3.5e3, 4e3]
     assert rows[-3]["angle_deg"] == problem.metrics_of(made.equilibrium)["angle_deg"]
-    assert entry["points"] == len(rows)
-    assert entry["lowest_pa"] == rows[0]["pressure_pa"] > entry["unfilled_at_pa"]
-    assert entry["highest_pa"] == 4e3
-    found = [(m["measured"], m["simulated"]) for m in entry["measured"]]
+    assert (entry.points, entry.highest_pa) == (len(rows), 4e3)
+    assert entry.unfilled_at_pa is not None
+    assert entry.lowest_pa == rows[0]["pressure_pa"] > entry.unfilled_at_pa
+    found = [(m["measured"], m["simulated"]) for m in entry.measured]
     assert found == [(40.0, rows[-2]["angle_deg"]), (50.0, None)]
     assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
 
@@ -140,9 +142,9 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
 def test_left_out_or_without_a_print(tmp_path: Path, problem: ShapeProblem, made: Print) -> None:
     folder = tmp_path / "none"
     off = CONFIG.updated(curve_pressure=None)
-    assert curve_figures(folder, problem, printed_as(made), off) == {}
-    failed = curve_figures(folder, problem, printed_as(None), CONFIG)
-    assert failed == {"curve": {"failure": "It fails."}}
+    assert write_curve(folder, problem, printed_as(made), off) is None
+    failed = write_curve(folder, problem, printed_as(None), CONFIG)
+    assert failed == CurveFigures("It fails.")
     assert not folder.exists()
 
 
@@ -155,8 +157,8 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     problem = replace(make_problem(skin, solver), metrics=(ANGLE,))
     made = problem.simulate_binary(np.zeros(len(skin.owned_cells), dtype=bool), pressure=1e3)
     config = CONFIG.updated(curve_pressure=6e3)
-    entry = curve_figures(tmp_path, problem, printed_as(made), config)["curve"]
-    assert entry["failure_above"].startswith("the path ends between 1000 and 3000 Pa, after")
-    assert entry["failure_below"] is None
-    assert entry["highest_pa"] == 1e3
+    entry = write_curve(tmp_path, problem, printed_as(made), config)
+    assert entry is not None
+    assert str(entry.failure_above).startswith("the path ends between 1000 and 3000 Pa, after")
+    assert (entry.failure_below, entry.highest_pa) == (None, 1e3)
     assert (tmp_path / "curve.png").exists()

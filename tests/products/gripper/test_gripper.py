@@ -1,12 +1,13 @@
 """The demo of a gripper: the object beside the finger, the target, and what is to touch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.designs import case_of
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper as demo
 
 SMALL = demo.GripperScene.of(edge_length=4e-3)
@@ -96,10 +97,9 @@ def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
     assert asked.body == config.body
 
 
-def test_a_lift_without_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ActuatorScene, "told_design", lambda self, summary: "designed")
-    load = {"slip_mm": None, "held_mass_kg": None, "initial": {"held_mass_kg": None},
-            "mass_kg": 0.1, "failure": "no equilibrium"}  # fmt: skip
-    assert SMALL.told_design({"load": load}) == "designed; 100 g are not lifted: no equilibrium"
-    dropped = {**load, "held_mass_kg": 0.05, "failure": None}
-    assert "100 g are dropped, at most 50 g are held" in SMALL.told_design({"load": dropped})
+def test_a_lift_without_equilibrium_is_told() -> None:
+    failed, none = demo.LiftFigures(failure="no equilibrium"), demo.LiftFigures()
+    load = demo.Load(0.1, 0.3, 3, failed, none)
+    assert load.words == "100 g are not lifted: no equilibrium"
+    dropped = replace(load, printed=demo.LiftFigures(held_mass_kg=0.05))
+    assert dropped.words == "100 g are dropped, at most 50 g are held"

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.products.tile_design.as_printed import PrintMeasurement
 from toros_fem.products.tile_design.case import Trial
-from toros_fem.products.tile_design.report import write_tile_results
+from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tiles.objectives import Contrast
 from toros_fem.products.tiles.printed_tile import PrintedTile
 
@@ -26,7 +26,7 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
     measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3, symmetry="tetragonal")
-    write_tile_results(alone, folder, case, result, measured, made, config=SMALL)
+    write_tile_results(alone, folder, TileRun(case, result, measured, made, SMALL, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
     assert written["target"]["stiffness_n_per_m"] == [2000, 1000, 500, 400]
@@ -57,10 +57,13 @@ def test_failed_print(alone: MPI.Comm, tmp_path: Path) -> None:
     case = replace(case, objective=Contrast(~some, some))
     result = replace(result, profile=None, failure="made to fail")
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3)
-    summary = write_tile_results(alone, folder, case, result, None, made)
+    found = TileRun(case, result, None, made, SMALL, {})
+    write_tile_results(alone, folder, found)
+    summary = found.entries()
     for key in ("printed", "objective_printed", "worst_percent", "target", "blank_n_per_m",
-                "buckling", "inputs"):  # fmt: skip
+                "buckling"):  # fmt: skip
         assert summary[key] is None
+    assert {figure.value for figure in found.figures} == {None}
     assert summary["printed_failure"] == "made to fail"
     assert summary["objective_designed"] > 0
     assert summary["trials"] == summary["corrections_percent"] == []

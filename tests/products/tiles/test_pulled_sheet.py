@@ -19,7 +19,7 @@ def test_a_tile_from_a_file(alone: MPI.Comm, tmp_path: Path) -> None:
     made = printed_tile(alone)
     write_tile(tmp_path, made)
     config = SMALL.updated(edge_length=None, direction="y", strain_steps=1, margin=0.0)
-    summary = config.run_simulation(alone, tmp_path / "read", {"tile": tmp_path})
+    summary = config.run_simulation(alone, tmp_path / "read", {"tile": tmp_path}).summary()
     assert list(summary["directions"]) == ["y"]
     assert summary["triangles"] == 3 * len(made.printed)
     assert summary["tile_m"] == made.size

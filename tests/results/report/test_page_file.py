@@ -10,6 +10,7 @@ import pytest
 from helpers.runs import change_summary
 
 from toros_fem.base.errors import OutputError
+from toros_fem.measures.figures import Figure
 from toros_fem.results.frames import read_frames, write_frame
 from toros_fem.results.report import write_report
 
@@ -34,7 +35,7 @@ def test_all_parts_are_there(run: Path) -> None:
     assert [entry["label"] for entry in scene["series"]["iteration"]][-1] == "11 of 11"
     assert ["angle", "60°"] in scene["series"]["pressure"][4]["shown"]
     assert "the design's pressure" in html.unescape(page)
-    change_summary(run, pressure_pa=2e4)
+    change_summary(run, figures=[Figure("pressure", "pa", 2e4).as_dict()])
     page = html.unescape(write_report(run).read_text(encoding="utf-8"))
     assert "the design's pressure" not in page, "the curve ends before it"
 
@@ -95,6 +96,8 @@ def test_history_alone_makes_a_report(run: Path) -> None:
     [
         ("summary.json", "{", "summary.json cannot be read"),
         ("summary.json", "[]", "holds no summary"),
+        ("summary.json", '{"angle_deg": 1.0}', "written by an earlier version of toros_fem"),
+        ("summary.json", '{"figures": [{"name": "angle"}]}', "is no figure"),
         ("history.csv", "a,b\n1,x\n", "history.csv cannot be read"),
         ("frames/iteration-000003.npz", "no archive", "iteration-000003.npz cannot be read"),
     ],

@@ -5,8 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,44 +18,27 @@ from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
+from toros_fem.results.result import RunResult, read_content
 from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
 
 log = logging.getLogger(__name__)
 
 
-class Run(Protocol):
+class Action(Protocol):
     """Designs or simulates a scene: a method of it, `run_design` or `run_simulation`."""
 
     def __call__(
         self, comm: MPI.Comm, output: Path, files: Mapping[str, Path], *, verbose: bool
-    ) -> dict[str, Any]:
-        """Write into the folder and return the summary (collective)."""
+    ) -> RunResult:
+        """Write into the folder (collective)."""
 
 
-@dataclass(frozen=True)
-class Action:
-    """What is done with a scene.
-
-    Attributes:
-        run: Does it.
-        told: Returns the result in a sentence, from the summary.
-        files: Names of the files that it can take.
-    """
-
-    run: Run
-    told: Callable[[dict[str, Any]], str]
-    files: Collection[str]
+# Names of the methods of a scene that do what a command asks for.
+_METHODS = {"design": "run_design", "simulate": "run_simulation"}
 
 
-# Names of the methods of a scene that do and tell what a command asks for.
-_METHODS = {
-    "design": ("run_design", "told_design"),
-    "simulate": ("run_simulation", "told_simulation"),
-}
-
-
-def action_of(scene: SceneFile, name: str) -> Action:
-    """Return an action of a scene.
+def action_of(scene: SceneFile, name: str) -> tuple[Action, tuple[str, ...]]:
+    """Return an action of a scene, and the names of the files that it can take.
 
     Args:
         scene: The scene.
@@ -65,7 +47,7 @@ def action_of(scene: SceneFile, name: str) -> Action:
     Raises:
         UsageError: Its kind has no such action.
     """
-    run, told = _METHODS[name]
+    run = _METHODS[name]
     if not hasattr(scene.kind, run):
         known = ", ".join(kind for kind, of in KINDS.items() if hasattr(of, run))
         raise UsageError(
@@ -74,7 +56,7 @@ def action_of(scene: SceneFile, name: str) -> Action:
         )
     of = scene.kind
     files = of.DESIGN_FILES if name == "design" else of.SIMULATION_FILES
-    return Action(getattr(scene.config, run), getattr(scene.config, told), tuple(files))
+    return getattr(scene.config, run), tuple(files)
 
 
 def run_scene(
@@ -102,16 +84,17 @@ def run_scene(
         UsageError: The kind of the scene has no such action.
         TorosError: As of `open_run` and of the action.
     """
-    action = action_of(scene, name)
-    files = {key: scene.files[key].resolve() for key in action.files if key in scene.files}
+    action, names = action_of(scene, name)
+    files = {key: scene.files[key].resolve() for key in names if key in scene.files}
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
     text = scene_text(scene.kind, scene.config, files, scene.materials)
     run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
     with run:
         if resume:
             log.info("the run in %s goes on", folder)
-        summary = action.run(comm, folder, files, verbose=verbose)
-    return Answer(f"{action.told(summary)}; see {folder}/", summary)
+        found = action(comm, folder, files, verbose=verbose)
+    summary = on_first_rank(comm, lambda: read_content(folder))
+    return Answer(f"{found.sentence()}; see {folder}/", summary)
 
 
 def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> Answer:

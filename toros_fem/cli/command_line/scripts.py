@@ -19,6 +19,7 @@ from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library import read_library
+from toros_fem.results.result import RunResult
 from toros_fem.results.runs.folder import open_run
 
 C = TypeVar("C", bound=Table | Scene)
@@ -30,10 +31,9 @@ def run_from_command_line(
     comm: MPI.Comm,
     about: str,
     config: C,
-    run: Callable[..., dict[str, Any]],
+    run: Callable[..., str],
     output: Path,
     *,
-    sentence: Callable[[dict[str, Any]], str],
     files: Mapping[str, str] | None = None,
 ) -> int:
     """Run a script with the values that the command line gives; return the exit code.
@@ -44,9 +44,8 @@ def run_from_command_line(
         config: The configuration with its defaults. Where it has a method `coarse` the script has
             `--coarse`, whose values other options override.
         run: `run(comm, output, config, files, verbose=…)` with the paths that were given; returns
-            the summary.
+            the result in a sentence.
         output: Default folder.
-        sentence: Returns the result in a sentence, from the summary.
         files: Further options that name a file or folder, with their help.
     """
     parser = SuggestingParser(
@@ -93,8 +92,8 @@ def run_from_command_line(
             there = {name: path.resolve() for name, path in named.items()}
             text = scene_text(type(chosen), chosen, there)
         with open_run(comm, folder, inputs, scene=text, resume=resume, again=again):
-            summary = run(comm, folder, chosen, named, verbose=verbose)
-        return f"{sentence(summary)}; see {folder}/"
+            told = run(comm, folder, chosen, named, verbose=verbose)
+        return f"{told}; see {folder}/"
 
     return run_guarded(comm, action)
 
@@ -113,8 +112,9 @@ def run_scene_script(comm: MPI.Comm, about: str, scene: Scene, output: Path) -> 
 
     def run(
         comm: MPI.Comm, output: Path, scene: Any, files: Mapping[str, Path], *, verbose: bool
-    ) -> dict[str, Any]:
-        return dict(getattr(scene, f"run_{action}")(comm, output, files, verbose=verbose))
+    ) -> str:
+        made: RunResult = getattr(scene, f"run_{action}")(comm, output, files, verbose=verbose)
+        return made.sentence()
 
     return run_from_command_line(
         comm,
@@ -122,7 +122,6 @@ def run_scene_script(comm: MPI.Comm, about: str, scene: Scene, output: Path) -> 
         scene,
         run,
         output,
-        sentence=getattr(of, f"told_{action}"),
         files=scene.DESIGN_FILES if action == "design" else scene.SIMULATION_FILES,
     )
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
 from toros_fem.base.files import write_together
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
@@ -23,7 +21,7 @@ from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.reading import read_regions
 from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
 from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-from toros_fem.results.runs.folder import SUMMARY
+from toros_fem.results.result import read_content
 from toros_fem.results.writer import if_plotting
 
 
@@ -42,7 +40,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     stored = read_print_polygons(comm, given.run)
     run = given.run.parent if given.run.suffix == ".npz" else given.run
-    summary = _summary(comm, run)
+    summary = on_first_rank(comm, lambda: read_content(run))
     # What is simulated is the part of a symmetric skin; its triangles are the first of the whole.
     part = read_pattern(comm, run / NAME) if _exists(comm, run / NAME) else stored.pattern
     options = given_config(given, made_as(summary))
@@ -87,25 +85,6 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
         f"{mass:.2f} g of print, and how to make it",
         figures,
     )
-
-
-def _summary(comm: MPI.Comm, run: Path) -> dict[str, Any] | None:
-    """Return a run's summary; None where only its print is given."""
-    path = run / SUMMARY
-    if not _exists(comm, path):
-        return None
-
-    def read() -> dict[str, Any] | None:
-        try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as caught:
-            raise OutputError(
-                f"{path} cannot be read: {caught}. Design again, or remove it: then the files have "
-                "neither materials nor pressure."
-            ) from None
-        return found if isinstance(found, dict) else None
-
-    return on_first_rank(comm, read)
 
 
 def _exists(comm: MPI.Comm, path: Path) -> bool:

@@ -34,9 +34,9 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     scene = scene_of(comm, given)
-    action = action_of(scene, "simulate")
+    _, files = action_of(scene, "simulate")
     if given.pattern is not None:
-        if "pattern" not in action.files:
+        if "pattern" not in files:
             raise UsageError(
                 f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
             )

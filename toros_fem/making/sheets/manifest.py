@@ -73,8 +73,8 @@ def manifest(
     names = [one.name for one in layout.drawings]
     run = dict(summary or {})
     inputs = run.get("inputs") or {}
-    metrics = [key for key in run if key.replace("_target_", "_") in run and "_target_" in key]
-    found = {key.replace("_target_", "_"): run[key.replace("_target_", "_")] for key in metrics}
+    figures = {f"{row['name']}_{row['unit']}": row for row in run.get("figures", [])}
+    found = {key: row["value"] for key, row in figures.items() if row["target"] is not None}
     printed = float(sum(one.printed.area for one in layout.drawings))
     return {
         "format": FORMAT,
@@ -115,7 +115,7 @@ def manifest(
         "print": _print(printed, options),
         "options": options.as_dict(),
         "materials": {name: inputs[name] for name in MATERIALS if name in inputs},
-        "pressure_pa": run.get("pressure_pa"),
+        "pressure_pa": figures["pressure_pa"]["value"] if "pressure_pa" in figures else None,
         "metrics": found,
         "versions": versions(),
     }

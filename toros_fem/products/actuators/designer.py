@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,6 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
-from toros_fem.design.relaxed.find import RelaxedResult
 from toros_fem.making.as_printed.as_printed import (
     PrintedDesign,
     as_printed,
@@ -33,8 +32,13 @@ from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_last, discover
-from toros_fem.products.actuators.estimates import error_figures, error_of_lines
-from toros_fem.products.actuators.pressure_curve import curve_figures
+from toros_fem.products.actuators.estimates import (
+    MetricErrors,
+    errors_by_refinement,
+    errors_of_lines,
+)
+from toros_fem.products.actuators.pressure_curve import write_curve
+from toros_fem.products.actuators.result import ActuatorResult, Search
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
@@ -44,8 +48,10 @@ from toros_fem.products.actuators.space_mapping import (
     largest_error,
 )
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import journal_of, run_of
-from toros_fem.results.writer import write_results
+from toros_fem.results.summary import PrintedResult, printed_metrics
+from toros_fem.results.writer import write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene
@@ -53,23 +59,6 @@ if TYPE_CHECKING:  # a scene is designed here, and says so
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class ActuatorResult:
-    """The result of a design run.
-
-    Attributes:
-        summary: All figures, as written to summary.json.
-        result: The result of the design loop.
-        printed: The printed pattern and its simulation.
-        problem: The design problem.
-    """
-
-    summary: dict[str, Any]
-    result: DesignResult
-    printed: PrintedDesign
-    problem: ShapeDesign
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +105,6 @@ class Designer:
     reporter: DesignReporter
     journal: Journal | None
     verbose: bool
-    figures: dict[str, Any] = field(default_factory=dict)  # entries of the summary
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
@@ -143,16 +131,14 @@ class Designer:
             attempts = self._corrected(lambda other: other.case(comm, levels[-1]), *made)
         chosen = self._best(attempts)
         problem = _problem(chosen.result)
-        self.figures["seed"] = design.seed if best is None else best.seed
-        self.figures["start"] = "random" if problem.start is None else "pattern"
-        self.figures["rounds"] = len(attempts) - 1
-        if best is not None:
-            self.figures["starts"] = {
-                str(seed): value if np.isfinite(value) else None
-                for seed, value in best.objectives.items()
-            }
-        self.figures.update(_robust_figures(chosen))
-        return self._written(chosen.result, chosen.printed)
+        search = Search(
+            design.seed if best is None else best.seed,
+            "random" if problem.start is None else "pattern",
+            len(attempts) - 1,
+            None if best is None else best.objectives,
+            _robust_figures(chosen),
+        )
+        return self._written(chosen.result, chosen.printed, search)
 
     def _from_lines(self) -> ActuatorResult:
         """Design line families, lay them as lines, and design densities from these last."""
@@ -167,18 +153,17 @@ class Designer:
             if lines.density_iterations:
                 self.reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
                 better = self._densities(found)
-        self.figures.update(seed=scene.design.seed, start="random", **found.figures())
-        self.figures["rounds"] = len(found.rounds) - 1
-        self.figures["densities_kept"] = better is not None
-        if better is not None:
-            self.figures.update(_robust_figures(better))
-            return self._written(better.result, better.printed, relaxed)
-        return self._written(
-            found.result(),
-            found.best.printed,
-            relaxed,
-            lambda: error_of_lines(self.comm, scene, found),
+        search = Search(
+            scene.design.seed,
+            "relaxed",
+            len(found.rounds) - 1,
+            robust=None if better is None else _robust_figures(better),
+            lines=found,
+            densities_kept=better is not None,
         )
+        if better is not None:
+            return self._written(better.result, better.printed, search)
+        return self._written(found.result(), found.best.printed, search)
 
     def _best_start(self) -> BestStart:
         """Return the best of several starts on the coarsest mesh, each rank trying its own."""
@@ -346,60 +331,67 @@ class Designer:
         return min(attempts, key=badness)
 
     def _written(
-        self,
-        result: DesignResult,
-        printed: PrintedDesign,
-        relaxed: RelaxedResult | None = None,
-        estimate: Callable[[], dict[str, Any]] | None = None,
+        self, result: DesignResult, printed: PrintedDesign, search: Search
     ) -> ActuatorResult:
         """Write a design, then its error and its curve, then pictures and machine files.
 
         What took longest to find is on disk first.
-
-        Args:
-            result, printed: The design and its print.
-            relaxed: The relaxed design that the lines come from; None without lines.
-            estimate: Returns the error of the print's metrics; None takes that of a refined mesh.
         """
-        scene, problem, made = self.scene, _problem(result), printed.evaluation
-
-        def write(*, pictures: bool) -> dict[str, Any]:
-            return write_results(
-                self.output,
-                result,
-                printed,
-                config=scene,
-                figures=self.figures,
-                seconds=self.reporter.seconds,
-                field=None if relaxed is None else relaxed.field,
-                start=None if relaxed is None else relaxed.start,
-                pictures=pictures,
-            )
-
-        def of_refined_mesh() -> dict[str, Any]:
-            if made is None:
-                return {}
-            return error_figures(problem.solver, made.projected, made.equilibrium, problem.metrics)
-
-        def curve() -> dict[str, Any]:
-            return curve_figures(self.output, problem, printed, scene, scene.MEASURED)
-
-        run = run_of(self.output)
-        write(pictures=False)
-        for step in [estimate or of_refined_mesh] * scene.results.estimate_error + [curve]:
-            if run is not None:
-                run.check()
-            self.figures.update(step())
-        summary, place = write(pictures=True), Path(self.output) / FOLDER
+        scene, folder = self.scene, Path(self.output)
+        metrics = printed_metrics(result, printed)
+        made = PrintedResult(result, printed, metrics, config=scene)
+        found = self._write(ActuatorResult(made, search), pictures=False)
+        if scene.results.estimate_error:
+            self._check()
+            errors = self._errors(found)
+            if errors is not None:
+                made = replace(made, intervals=errors.intervals)
+            found = replace(found, made=made, errors=errors)
+        self._check()
+        curve = write_curve(folder, made.problem, printed, scene.results, scene.MEASURED)
+        found = self._write(replace(found, curve=curve), pictures=True)
+        summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
         write_together(
             self.comm,
-            self.output,
+            folder,
             lambda: if_possible(
                 lambda: write_manufacture(place, pattern, regions, summary=summary)
             ),
         )
-        return ActuatorResult(summary, result, printed, problem)
+        return found
+
+    def _check(self) -> None:
+        """Stop here if the run was asked to stop."""
+        run = run_of(self.output)
+        if run is not None:
+            run.check()
+
+    def _write(self, found: ActuatorResult, *, pictures: bool) -> ActuatorResult:
+        """Write a design and return it with the time that it took until now."""
+        found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
+        lines = found.search.lines
+        relaxed = None if lines is None else lines.best.relaxed
+        write_summary(self.comm, self.output, found)
+        write_design(
+            self.output,
+            found.made,
+            field=None if relaxed is None else relaxed.field,
+            start=None if relaxed is None else relaxed.start,
+            pictures=pictures,
+        )
+        return found
+
+    def _errors(self, found: ActuatorResult) -> MetricErrors | None:
+        """Return the errors of the metrics of a print; None without an equilibrium."""
+        problem, made, lines = found.made.problem, found.made.printed.evaluation, found.search.lines
+        if found.search.laid and lines is not None:
+            return errors_of_lines(self.comm, self.scene, lines)
+        if made is None:
+            return None
+        return errors_by_refinement(
+            problem.solver, made.projected, made.equilibrium, problem.metrics
+        )
 
 
 def design_actuator(
@@ -461,14 +453,13 @@ def _error(attempt: Attempt) -> float:
     return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN
 
 
-def _robust_figures(made: Attempt) -> dict[str, Any]:
-    """Return figures of a robust design and of its print with other widths; none of another."""
+def _robust_figures(made: Attempt) -> dict[str, Any] | None:
+    """Return figures of a robust design and of its print with other widths; None of another."""
     figures = _problem(made.result).robust_figures(made.result.final)
     if not figures:
-        return {}
+        return None
     both = (None, None) if made.spread is None else made.spread.metrics
-    printed = dict(zip(("narrower", "wider"), both, strict=True))
-    return {"robust": {**figures, "printed": printed}}
+    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 
 
 def _without_free_islands(result: DesignResult, printed: PrintedDesign) -> Floats:

@@ -1,9 +1,10 @@
-"""Errors of a print's metrics, from a finer or a coarser mesh, as entries of the summary."""
+"""Errors of a print's metrics, from a finer or a coarser mesh."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
@@ -27,16 +28,43 @@ if TYPE_CHECKING:  # errors of a scene's print
 ORDER_OF_LINES = 1.5
 
 
-def error_figures(
+@dataclass(frozen=True)
+class MetricErrors:
+    """How far metrics may be off because of their mesh.
+
+    Attributes:
+        mesh: The mesh that they are compared with, "refined" or "coarser".
+        metrics: The metrics on it, by key; empty where they cannot be compared.
+        intervals: Half-width of the interval of each metric, by key.
+        failure: Why they cannot be compared; None if they can.
+        seconds: Wall time.
+    """
+
+    mesh: str
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    intervals: Mapping[str, float] = field(default_factory=dict)
+    failure: str | None = None
+    seconds: float | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as summaries hold it; the intervals are with the figures."""
+        return {name: value for name, value in asdict(self).items() if name != "intervals"}
+
+    @property
+    def words(self) -> str:
+        """What there was nothing to compare with, in words; empty if there was."""
+        if self.failure is None:
+            return ""
+        return f"nothing to compare with on a {self.mesh} mesh, so that its error is unknown"
+
+
+def errors_by_refinement(
     solver: EquilibriumSolver,
     density: Floats,
     result: EquilibriumResult,
     metrics: Sequence[Metric],
-) -> dict[str, Any]:
-    """Return each metric on a refined mesh and its estimated error, by key (collective).
-
-    All are None if the refined mesh has no equilibrium near that of the given one; the key
-    "refined" then says why. "error_seconds" is the wall time that this took.
+) -> MetricErrors:
+    """Return the errors of metrics, from a refined mesh (collective).
 
     Args:
         solver: The solver on the given mesh.
@@ -45,36 +73,31 @@ def error_figures(
         metrics: The metrics.
     """
     if not metrics:
-        return {}
+        return MetricErrors("refined")
     try:
         found = estimate_error(solver, density, result, [m.measure for m in metrics], direct=True)
     except EquilibriumError as caught:  # raised by all ranks or by none
-        keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("refined", "error")]
-        return {**dict.fromkeys(keys), "refined": str(caught)}
-    figures: dict[str, Any] = {"error_seconds": found[0].seconds}
-    for metric, estimate in zip(metrics, found, strict=True):
-        figures[f"{metric.name}_refined_{metric.unit}"] = estimate.refined
-        figures[f"{metric.name}_error_{metric.unit}"] = estimate.error
-    return figures
+        return MetricErrors("refined", failure=str(caught))
+    keys = [metric.key for metric in metrics]
+    return MetricErrors(
+        "refined",
+        dict(zip(keys, (one.refined for one in found), strict=True)),
+        dict(zip(keys, (one.error for one in found), strict=True)),
+        seconds=found[0].seconds,
+    )
 
 
-def error_of_lines(comm: MPI.Comm, scene: ActuatorScene, found: Discovery) -> dict[str, Any]:
-    """Return each metric of laid lines on a coarser mesh and its estimated error (collective).
+def errors_of_lines(comm: MPI.Comm, scene: ActuatorScene, found: Discovery) -> MetricErrors:
+    """Return the errors of the metrics of laid lines, from a coarser mesh (collective).
 
     The mesh of a print of lines is so fine already that a refined one would take longer than the
-    design. All are None if there is no coarser mesh, or no equilibrium on it; the key "coarser"
-    then says why.
+    design.
     """
-    metrics, begin = found.problem.metrics, time.perf_counter()
+    begin, fine = time.perf_counter(), found.best.metrics
     try:
-        ratio, other = metrics_on_coarser_mesh(comm, scene, found)
+        ratio, coarse = metrics_on_coarser_mesh(comm, scene, found)
     except (NoEquilibriumError, ParameterError) as caught:  # raised by all ranks or by none
-        keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("coarser", "error")]
-        return {**dict.fromkeys(keys), "coarser": str(caught)}
-    figures: dict[str, Any] = {"error_seconds": time.perf_counter() - begin}
+        return MetricErrors("coarser", failure=str(caught))
     caution = 1 / (ratio**ORDER_OF_LINES - 1)
-    for metric in metrics:
-        value, coarser = found.best.metrics[metric.key], other[metric.key]
-        figures[f"{metric.name}_coarser_{metric.unit}"] = coarser
-        figures[f"{metric.name}_error_{metric.unit}"] = caution * abs(value - coarser)
-    return figures
+    errors = {key: caution * abs(value - coarse[key]) for key, value in fine.items()}
+    return MetricErrors("coarser", coarse, errors, seconds=time.perf_counter() - begin)

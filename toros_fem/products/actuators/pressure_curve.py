@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +18,9 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumResult
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
 from toros_fem.results.writer import if_plotting
-
-if TYPE_CHECKING:  # a scene's curve is followed here, and says so
-    from toros_fem.products.actuators.scene import ActuatorScene
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
@@ -115,16 +113,40 @@ def _pressures(
     return lower, [float(p) for p in grid if p > (1 + SAME) * design]
 
 
-def curve_figures(
-    folder: str | Path,
+@dataclass(frozen=True)
+class CurveFigures:
+    """What the curve of a print tells.
+
+    Attributes:
+        failure: Why there is none; None if there is one.
+        lowest_pa, highest_pa: Its ends.
+        points: Number of equilibria.
+        unfilled_at_pa, failure_below, failure_above: As of `PressureCurve`.
+        measured: Measured values, each beside the simulated one.
+        seconds: Wall time.
+    """
+
+    failure: str | None = None
+    lowest_pa: float | None = None
+    highest_pa: float | None = None
+    points: int = 0
+    unfilled_at_pa: float | None = None
+    failure_below: str | None = None
+    failure_above: str | None = None
+    measured: Sequence[Mapping[str, Any]] = ()
+    seconds: float | None = None
+
+
+def write_curve(
+    folder: Path,
     problem: ShapeProblem,
     printed: PrintedDesign,
-    config: ActuatorScene,
+    config: Results,
     measured: Sequence[Measurement] = (),
-) -> dict[str, Any]:
-    """Write curve.csv and curve.png and return the entry "curve" of the summary (collective).
+) -> CurveFigures | None:
+    """Write curve.csv and curve.png and return what they tell (collective).
 
-    Nothing is done, and nothing returned, if the configuration leaves the curve out.
+    None if the configuration leaves the curve out.
 
     Args:
         folder: Output folder, made if missing.
@@ -136,17 +158,15 @@ def curve_figures(
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
-    if config.results.curve_pressure is None:
-        return {}
+    if config.curve_pressure is None:
+        return None
     if printed.evaluation is None:
-        return {"curve": {"failure": printed.failure}}
+        return CurveFigures(printed.failure)
     begin = time.perf_counter()
-    made, whole, folder = printed.evaluation, problem.whole, Path(folder)
+    made, whole = printed.evaluation, problem.whole
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
-    curve = trace_pressure_curve(
-        problem, made, config.results.curve_pressure, config.results.curve_steps, further
-    )
+    curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
     parts = 1 if whole is None else len(whole.cell) // len(problem.skin.pattern.panel)
     rows = [
         {
@@ -157,48 +177,43 @@ def curve_figures(
         }
         for point in curve.points
     ]
-    figures = {
-        "lowest_pa": rows[0]["pressure_pa"],
-        "highest_pa": rows[-1]["pressure_pa"],
-        "points": len(rows),
-        "unfilled_at_pa": curve.unfilled_at,
-        "failure_below": curve.failure_below,
-        "failure_above": curve.failure_above,
-        "measured": [
-            {
-                "metric": m.key,
-                "pressure_pa": m.pressure,
-                "measured": m.value,
-                "simulated": _at(m.pressure, rows, m.key),
-                "source": m.source,
-            }
-            for m in compared
-        ],
-        "seconds": time.perf_counter() - begin,
-    }
-
-    def draw() -> None:
-        from toros_fem.results.pictures.curve_plot import plot_metrics_over_pressure
-
-        broken = (curve.failure_below is not None, curve.failure_above is not None)
-        plot_metrics_over_pressure(
-            folder / "curve.png",
-            rows,
-            problem.metrics,
-            made.equilibrium.pressure,
-            compared,
-            broken,
-        )
-
-    skin = shown_skin(problem, printed.regions)
+    skin, at = shown_skin(problem, printed.regions), made.equilibrium.pressure
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", skin, curve.points, whole)
         if_plotting(draw)
 
+    def draw() -> None:
+        from toros_fem.results.pictures.curve_plot import plot_metrics_over_pressure
+
+        broken = (curve.failure_below is not None, curve.failure_above is not None)
+        place = folder / "curve.png"
+        plot_metrics_over_pressure(place, rows, problem.metrics, at, compared, broken)
+
     write_together(problem.comm, folder, write)
-    return {"curve": figures}
+    return CurveFigures(
+        None,
+        rows[0]["pressure_pa"],
+        rows[-1]["pressure_pa"],
+        len(rows),
+        curve.unfilled_at,
+        curve.failure_below,
+        curve.failure_above,
+        [_beside(m, rows) for m in compared],
+        time.perf_counter() - begin,
+    )
+
+
+def _beside(measured: Measurement, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+    """Return a measured value beside the simulated one."""
+    return {
+        "metric": measured.key,
+        "pressure_pa": measured.pressure,
+        "measured": measured.value,
+        "simulated": _at(measured.pressure, rows, measured.key),
+        "source": measured.source,
+    }
 
 
 def _at(pressure: float, rows: Sequence[Mapping[str, float]], key: str) -> float | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -23,11 +23,11 @@ from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.metrics import Measurement
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
-from toros_fem.products.actuators.told import simulation_sentence, summary_sentence
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
+from toros_fem.results.result import RunResult
 
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
@@ -150,8 +150,8 @@ class ActuatorScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Design the pattern, write all results and return the summary (collective).
+    ) -> RunResult:
+        """Design the pattern and write all results (collective).
 
         Args:
             comm: Communicator.
@@ -163,11 +163,7 @@ class ActuatorScene(Scene):
             TorosError: As of `design_actuator`.
         """
         scene = self.with_files(comm, files or {})
-        return design_actuator(comm, output, scene, verbose=verbose).summary
-
-    def told_design(self, summary: Mapping[str, Any]) -> str:
-        """Return the result of a design in words."""
-        return summary_sentence(summary)
+        return design_actuator(comm, output, scene, verbose=verbose)
 
     def run_simulation(
         self,
@@ -176,8 +172,8 @@ class ActuatorScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Inflate the plain skin, or a given print, and return the summary (collective).
+    ) -> RunResult:
+        """Inflate the plain skin, or a given print, and write all results (collective).
 
         Args:
             comm: Communicator.
@@ -191,10 +187,6 @@ class ActuatorScene(Scene):
         given = files or {}
         scene, pattern = self.with_files(comm, given), given.get("pattern")
         return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
-
-    def told_simulation(self, summary: Mapping[str, Any]) -> str:
-        """Return the result of a simulation in words."""
-        return simulation_sentence(summary)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).

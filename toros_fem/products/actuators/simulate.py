@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.design.loop.case import Case
+from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
@@ -20,14 +21,48 @@ from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import error_figures
+from toros_fem.products.actuators.estimates import MetricErrors, errors_by_refinement
 from toros_fem.results.console import print_step
-from toros_fem.results.writer import write_pressure_path
+from toros_fem.results.pressure_path import PathResult, write_pressure_path
+from toros_fem.results.result import RunResult, write_summary
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene
 
 FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationResult(RunResult):
+    """An actuator that was inflated without being designed.
+
+    Attributes:
+        path: The equilibria.
+        pattern: Where its print was read; None for a plain skin.
+        failure: Why the pressures were not followed to their end; None if they were.
+        errors: Errors of its metrics; None if they were not estimated.
+    """
+
+    path: PathResult
+    pattern: str | None
+    failure: str | None
+    errors: MetricErrors | None = None
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, pressure and volume at the last pressure."""
+        return self.path.figures_within({} if self.errors is None else self.errors.intervals)
+
+    def entries(self) -> dict[str, Any]:
+        """Return errors, inputs and cost."""
+        found = {"failure": self.failure, "pattern": self.pattern, **self.path.entries()}
+        return found if self.errors is None else {**found, "errors": self.errors.as_dict()}
+
+    def sentence(self) -> str:
+        """Return metrics and pressure in a sentence."""
+        what = "plain skin" if self.pattern is None else "as printed"
+        ended = "" if self.failure is None else f"; it ends there: {self.failure}"
+        return f"{self.path.told(self.figures)}, {what}{ended}"
 
 
 def simulate_actuator(
@@ -37,7 +72,7 @@ def simulate_actuator(
     *,
     pattern: Path | str | None = None,
     verbose: bool = False,
-) -> dict[str, Any]:
+) -> SimulationResult:
     """Inflate an actuator without designing it, and write curve, fields and pictures (collective).
 
     The pressure rises to that of the scene in `curve_steps` equal steps. Where it cannot be
@@ -51,9 +86,6 @@ def simulate_actuator(
             the simulation is that of its print. On another mesh a triangle is printed where at
             least half of it is. None: only what is always printed is.
         verbose: Whether to print every Newton step.
-
-    Returns:
-        The summary, as in summary.json.
 
     Raises:
         ParameterError: The pressure is 0, or a number is out of its bounds.
@@ -87,20 +119,24 @@ def simulate_actuator(
         failure = str(caught)
         if not points:
             raise
-    figures: dict[str, Any] = {
-        **points[-1].metrics,
-        "pressure_pa": points[-1].result.pressure,
-        "failure": failure,
-        "pattern": None if pattern is None else str(pattern),
-    }
+    path = PathResult(
+        made.pattern,
+        points,
+        density,
+        made.judged,
+        made.whole,
+        scene.material.composite,
+        scene,
+        {"total": time.perf_counter() - begin},
+    )
+    write_pressure_path(comm, output, path)
+    errors = None
     if scene.results.estimate_error:
-        figures |= error_figures(solver, own, points[-1].result, made.judged)
-    return write_pressure_path(
-        comm, output, made.pattern, points, density, made.judged,
-        whole=made.whole,
-        composite=scene.material.composite, config=scene,
-        figures=figures, seconds={"total": time.perf_counter() - begin},
-    )  # fmt: skip
+        errors = errors_by_refinement(solver, own, points[-1].result, made.judged)
+    where = None if pattern is None else str(pattern)
+    found = SimulationResult(path, where, failure, errors)
+    write_summary(comm, output, found)
+    return found
 
 
 def _printed(

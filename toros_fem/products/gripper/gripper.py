@@ -15,7 +15,7 @@ contact area and pressure, and the force of each finger.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -24,10 +24,10 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_json, write_together
 from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Positive, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.gap import SHAPES, Body, GapObjective
 from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective, Part
@@ -39,14 +39,16 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
-from toros_fem.products.actuators.designer import ActuatorResult, design_actuator
+from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
+from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
 from toros_fem.results.frames.record import repeated
+from toros_fem.results.result import RunResult, write_summary
 
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
@@ -57,8 +59,6 @@ TIP_TWELFTHS = 3  # of the finger beyond its root, whose angle is measured
 GRAVITY = 9.81  # m/s²
 # Steps of the lift while the object slides by up to the limit, and from there on.
 NEAR_STEPS, FAR_STEPS = 8, 8
-# Figures of the lift that the summary itself has too.
-HEADLINE = ("held_mass_kg", "slip_mm", "smallest_distance_mm")
 
 
 @dataclass(frozen=True)
@@ -360,33 +360,94 @@ class GripperScene(ActuatorScene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Design the finger and lift the object; return the summary (collective).
-
-        The figures of the lift are in its entry "load".
-        """
-        output = Path(output)
+    ) -> RunResult:
+        """Design the finger and lift the object (collective)."""
         made = design_actuator(comm, output, self, verbose=verbose)
         if self.object.lift_distance is None:
-            return made.summary
-        load = lift(comm, output, self, made)
-        summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}
-        write_together(comm, output, lambda: write_json(output / "summary.json", summary))
-        return summary
+            return made
+        found = GripperResult(made, lift(comm, Path(output), self, made))
+        write_summary(comm, output, found)
+        return found
 
-    def told_design(self, summary: Mapping[str, Any]) -> str:
-        """Return the result of a design in words."""
-        load = summary.get("load")
-        if load is None:
-            return super().told_design(summary)
-        slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
-        lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
-        if slip is None and held is None and load["failure"]:
-            lifted = f"are not lifted: {load['failure']}"
-        found = f"{super().told_design(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
-        if held is not None:
-            found += f", at most {1e3 * held:.0f} g are held"
+
+@dataclass(frozen=True)
+class LiftFigures:
+    """What one design does to the object; None where this has no meaning.
+
+    Attributes:
+        held_mass_kg: The largest mass that the fingers bear.
+        slip_mm: The sliding at which they bear the object; None if they do not.
+        smallest_distance_mm: Smallest distance between faces.
+        finger_force_n: Force of a finger on the object, where the sliding ends.
+        contact_area_mm2, contact_pressure_kpa: Area that touches it, and the mean pressure there.
+        failure: Why the pull ended early; None if it did not.
+    """
+
+    held_mass_kg: float | None = None
+    slip_mm: float | None = None
+    smallest_distance_mm: float | None = None
+    finger_force_n: float | None = None
+    contact_area_mm2: float | None = None
+    contact_pressure_kpa: float | None = None
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Load:
+    """An object that is lifted, by the print and by the initial design.
+
+    Attributes:
+        mass_kg, friction, fingers: Mass of the object, its friction, and the number of fingers.
+        printed, initial: What print and initial design do.
+    """
+
+    mass_kg: float
+    friction: float | None
+    fingers: int
+    printed: LiftFigures
+    initial: LiftFigures
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The most important figures of the print."""
+        return (
+            Figure("held_mass", "kg", self.printed.held_mass_kg),
+            Figure("slip", "mm", self.printed.slip_mm),
+            Figure("smallest_distance", "mm", self.printed.smallest_distance_mm),
+        )
+
+    @property
+    def words(self) -> str:
+        """It in words."""
+        made, initial = self.printed, self.initial.held_mass_kg
+        lifted = "are dropped" if made.slip_mm is None else f"slide by {made.slip_mm:.1f} mm"
+        if made.slip_mm is None and made.held_mass_kg is None and made.failure:
+            lifted = f"are not lifted: {made.failure}"
+        found = f"{1e3 * self.mass_kg:.0f} g {lifted}"
+        if made.held_mass_kg is not None:
+            found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
         return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
+
+
+@dataclass(frozen=True, eq=False)
+class GripperResult(RunResult):
+    """A designed gripper, and how it lifts its object."""
+
+    actuator: ActuatorResult
+    load: Load
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Those of the gripper, and of the lift."""
+        return (*self.actuator.figures, *self.load.figures)
+
+    def entries(self) -> dict[str, Any]:
+        """Return those of the gripper, and the lift."""
+        return {**self.actuator.entries(), "load": asdict(self.load)}
+
+    def sentence(self) -> str:
+        """Return both in a sentence."""
+        return f"{self.actuator.sentence()}; {self.load.words}"
 
 
 def touching_vertices(pattern: Pattern, config: GripperScene, edge: float) -> Bools:
@@ -419,10 +480,8 @@ def gap_metric(config: GripperScene, edge: float) -> Metric:
     return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.object.size)
 
 
-def lift(
-    comm: MPI.Comm, output: Path, config: GripperScene, design: ActuatorResult
-) -> dict[str, Any]:
-    """Let the printed gripper lift its object, and the initial design too; return the figures.
+def lift(comm: MPI.Comm, output: Path, config: GripperScene, design: ActuatorResult) -> Load:
+    """Let the printed gripper lift its object, and the initial design too.
 
     Seen from the mounts the post goes down by the distance of the lift, and the object with it
     until the fingers hold its weight. It moves along its axis alone, by symmetry, or where it is a
@@ -431,13 +490,14 @@ def lift(
 
     Args:
         comm: Communicator.
-        output: Folder for pictures, frames and figures.
+        output: Folder for pictures and frames.
         config: Numbers of the gripper.
         design: The designed finger.
     """
     problem, printed = design.problem, design.printed
-    shown = printed.evaluation or design.result.final
-    _, initial = problem.fields(problem.with_passive(problem.start_density(design.summary["seed"])))
+    assert isinstance(problem, ShapeDesign)
+    shown = printed.evaluation or design.design.final
+    _, initial = problem.fields(problem.with_passive(problem.start_density(design.search.seed)))
     grip = _grip(comm, problem, config)
     lifts, rows = {}, []
     for name, owned in (("initial design", initial), ("as printed", shown.projected)):
@@ -449,17 +509,11 @@ def lift(
         lifts[name] = _figures(made, grip, config)
         if made.points:
             rows.append((grip.shown_density(density), _shapes(name, made, grip, config)))
-    figures = {
-        "mass_kg": config.object.mass,
-        "friction": config.contact.friction,
-        "fingers": config.fingers,
-        **lifts["as printed"],
-        "initial": lifts["initial design"],
-    }
     if rows:
         regions = list(printed.regions) * (config.fingers // grip.copies)
-        write_lift(comm, output, grip.shown_pattern, rows, regions, grip.body, grip.copies, figures)
-    return figures
+        write_lift(comm, output, grip.shown_pattern, rows, regions, grip.body, grip.copies)
+    mass, friction = config.object.mass, config.contact.friction
+    return Load(mass, friction, config.fingers, lifts["as printed"], lifts["initial design"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -586,15 +640,10 @@ def _lifted(
     return _Lift(tuple(points), "")
 
 
-def _figures(lifted: _Lift, grip: _Grip, config: GripperScene) -> dict[str, Any]:
+def _figures(lifted: _Lift, grip: _Grip, config: GripperScene) -> LiftFigures:
     """Return the figures of a lift; those of fingers are at the end of the object's sliding."""
     if not lifted.points:
-        return {
-            "held_mass_kg": None,
-            "slip_mm": None,
-            "smallest_distance_mm": None,
-            "failure": lifted.failure,
-        }
+        return LiftFigures(failure=lifted.failure)
     slip, pattern = lifted.slip(grip, config), grip.closing.skin.pattern
     depths = np.array([point.depth for point in lifted.points])
     at = lifted.points[int(np.argmin(np.abs(depths - (slip or 0.0))))]
@@ -605,15 +654,15 @@ def _figures(lifted: _Lift, grip: _Grip, config: GripperScene) -> dict[str, Any]
     normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / config.fingers
     area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
     held = grip.parts * largest_force(lifted.points, config.object.slip_limit) / GRAVITY
-    return {
-        "held_mass_kg": max(held, 0.0),
-        "slip_mm": None if slip is None else 1e3 * slip,
-        "smallest_distance_mm": 1e3 * min(p.result.smallest_distance or 0.0 for p in lifted.points),
-        "finger_force_n": force,
-        "contact_area_mm2": 1e6 * area,
-        "contact_pressure_kpa": 1e-3 * force / area if area else None,
-        "failure": lifted.failure or None,
-    }
+    return LiftFigures(
+        held_mass_kg=max(held, 0.0),
+        slip_mm=None if slip is None else 1e3 * slip,
+        smallest_distance_mm=1e3 * min(p.result.smallest_distance or 0.0 for p in lifted.points),
+        finger_force_n=force,
+        contact_area_mm2=1e6 * area,
+        contact_pressure_kpa=1e-3 * force / area if area else None,
+        failure=lifted.failure or None,
+    )
 
 
 def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperScene) -> list[LiftShape]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.files import write_json, write_together
+from toros_fem.base.files import write_together
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
@@ -76,9 +75,8 @@ def write_lift(
     regions: Sequence[BaseGeometry],
     body: RigidBody,
     fingers: int,
-    figures: Mapping[str, Any],
 ) -> None:
-    """Write load.json, frames, and pictures of all fingers around the object (collective).
+    """Write frames, and pictures of all fingers around the object (collective).
 
     The fingers hang down along their own x; their own z points to the object's axis.
 
@@ -91,14 +89,12 @@ def write_lift(
         regions: Print on each of its panels, polygons in m.
         body: The object before the lift, in the finger's frame.
         fingers: Number of fingers around it.
-        figures: Content of load.json.
 
     Raises:
         OutputError: A file cannot be written.
     """
 
     def write() -> None:
-        write_json(folder / "load.json", figures)
         axis, count = float(body.centre[2]), len(pattern.points)
         around = 2 * np.pi * np.arange(fingers) / fingers
         post, faces = _post(body)

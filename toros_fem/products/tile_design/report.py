@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import write_table, write_together
 from toros_fem.base.scene import Scene
-from toros_fem.base.versions import versions
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.products.tile_design.as_printed import PrintMeasurement
 from toros_fem.products.tile_design.case import TileCase, TileResult
 from toros_fem.products.tiles.objectives import ProfileTarget
@@ -24,20 +24,120 @@ from toros_fem.products.tiles.printed_tile import PrintedTile, write_tile
 from toros_fem.products.tiles.sheet import swatch
 from toros_fem.products.tiles.stiffness_profile import Profile
 from toros_fem.results.files import write_fields
+from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
 
 
-def write_tile_results(
-    comm: MPI.Comm,
-    folder: str | Path,
-    case: TileCase,
-    result: TileResult,
-    measured: PrintMeasurement | None,
-    printed_tile: PrintedTile,
-    *,
-    config: Scene | None = None,
-    seconds: Mapping[str, float] | None = None,
-) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class TileRun(RunResult):
+    """The design of a tile, and what is measured of its print.
+
+    Attributes:
+        case: The tile and its target.
+        made: Result of the design.
+        measured: Measurement of the print; None if it has no equilibrium.
+        printed_tile: The printed tile for `write_tile`.
+        config: Configuration of the run.
+        seconds: Wall times in s.
+    """
+
+    case: TileCase
+    made: TileResult
+    measured: PrintMeasurement | None
+    printed_tile: PrintedTile
+    config: Scene
+    seconds: Mapping[str, float]
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Stiffness and contraction in each direction of the objective."""
+        target, profile = self.case.target, self.made.profile
+        found = []
+        for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
+            goals = None if target is None else getattr(target, name)
+            values = None if profile is None else getattr(profile, name)
+            for k, angle in enumerate(np.degrees(self.case.angles)):
+                goal = None if goals is None or np.isnan(goals[k]) else float(goals[k])
+                found.append(
+                    Figure(
+                        f"{name}_at_{angle:g}_deg".replace(".", "_"),
+                        unit,
+                        None if values is None else float(values[k]),
+                        target=goal,
+                        tolerance=None if goal is None else TOLERANCE * abs(goal),
+                    )
+                )
+        return tuple(found)
+
+    @property
+    def worst(self) -> float | None:
+        """Largest deviation from the target in per cent; None without target or equilibrium."""
+        target, profile = self.case.target, self.made.profile
+        if target is None or profile is None:
+            return None
+        return 100 * target.largest_deviation(profile)
+
+    def entries(self) -> dict[str, Any]:
+        """Return print, design, search and cost."""
+        case, made = self.case, self.made
+        target, profile, design = case.target, made.profile, made.result
+        designed, last = design.final.equilibrium, design.history[-1]
+        limits, widths = made.problem.length_scale, design.final.length_scale
+        buckling = None if self.measured is None else self.measured.buckling
+        return {
+            "objective_printed": profile and case.objective.forward(profile),
+            "objective_designed": case.objective.forward(designed),
+            "worst_percent": self.worst,
+            "angles_deg": np.degrees(case.angles).tolist(),
+            "strain": designed.strain,
+            "target": target and _target_values(target),
+            "printed": profile and _profile_values(profile),
+            "design": _profile_values(designed),
+            "blank_n_per_m": self.measured and self.measured.fabric_stiffness,
+            "buckling": None if buckling is None else buckling.tolist(),
+            "printed_failure": made.failure or made.printed.failure or None,
+            "volume_fraction": last.volume_fraction,
+            "grey_level": last.grey_level,
+            "length_scale": None if limits is None or widths is None else limits.summary(widths),
+            "trials": [asdict(trial) for trial in made.trials],
+            "corrections_percent": [100 * d if np.isfinite(d) else None for d in made.deviations],
+            "iterations": last.iteration,
+            "newton_steps": sum(row.newton_steps for row in design.history),
+            "triangles": len(case.tile.pattern.panel),
+            "reason": design.reason,
+            "manufacture": made.printability.summary(),
+            "seconds": {**design.seconds, **self.seconds},
+            "inputs": self.config.as_dict(),
+        }
+
+    def sentence(self) -> str:
+        """Return stiffness, deviation, widths and islands in a sentence."""
+        profile, made = self.made.profile, self.made.printability.summary()
+        seconds = self.seconds.get("total", 0.0)
+        if profile is None:
+            failure = self.made.failure or self.made.printed.failure
+            return f"the print has no equilibrium: {failure}; {seconds:.0f} s"
+        stiffness = ", ".join(f"{s:.0f}" for s in profile.stiffness)
+        deviation = "" if self.worst is None else f", at most {self.worst:.1f} % from the target"
+        flat = None if self.measured is None else self.measured.buckling
+        angles = zip(np.degrees(self.case.angles), () if flat is None else flat, strict=False)
+        buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
+        wrinkles = (
+            f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
+        )
+        widths = "".join(
+            f", {name} from {made[key]:.2f} mm"
+            for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
+            if made[key] is not None
+        )
+        return (
+            f"stiffness {stiffness} N/m as printed{deviation}; contraction "
+            f"{profile.contraction[0]:.2f} along x; {made['islands']} islands{widths}{wrinkles}; "
+            f"{seconds:.0f} s"
+        )
+
+
+def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> None:
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
     In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
@@ -45,29 +145,15 @@ def write_tile_results(
     Args:
         comm: Communicator of the whole run.
         folder: Output folder, made if missing.
-        case: The tile and its target.
-        result: Result of the design.
-        measured: Measurement of the print; None if it has no equilibrium.
-        printed_tile: The printed tile for `write_tile`.
-        config: Configuration of the run, for "inputs" in the summary.
-        seconds: Further wall times in s, those of the reporter for instance.
-
-    Returns:
-        The summary, as in summary.json; equal on all ranks.
+        found: The design.
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
-    folder, printed, tile, skin = Path(folder), result.printed, case.tile, result.problem.skin
-    summary = {
-        **_summary(case, result, measured),
-        "manufacture": result.printability.summary(),
-        "ranks": comm.size,
-        "seconds": {**result.result.seconds, **(seconds or {})},
-        "versions": versions(),
-        "inputs": None if config is None else config.as_dict(),
-    }
-    summary = dict(comm.bcast(summary, root=0))  # each rank has its own clock
+    folder, case, result, measured = Path(folder), found.case, found.made, found.measured
+    printed, tile, skin = result.printed, case.tile, result.problem.skin
+    printed_tile = found.printed_tile
+    summary = write_summary(comm, folder, found)
     fields = {
         "rho": skin.gather_cells(result.result.density),
         "rho_projected": skin.gather_cells(result.result.final.projected),
@@ -75,7 +161,6 @@ def write_tile_results(
     }
 
     def write() -> None:
-        write_json(folder / "summary.json", summary)
         write_svg(folder / "pattern.svg", tile.pattern, printed.regions)
         write_fields(folder / "tile.vtu", tile.pattern, tile.pattern.points, fields)
         write_tile(folder, printed_tile)
@@ -116,43 +201,6 @@ def write_tile_results(
             )
 
     write_together(comm, folder, write)
-    return summary
-
-
-def _summary(
-    case: TileCase, result: TileResult, measured: PrintMeasurement | None
-) -> dict[str, Any]:
-    """Return the entries of the summary on print, design and search."""
-    target, profile, design = case.target, result.profile, result.result
-    designed, last = design.final.equilibrium, design.history[-1]
-    limits, widths = result.problem.length_scale, design.final.length_scale
-    deviations = [100 * d if np.isfinite(d) else None for d in result.deviations]
-    buckling = None if measured is None else measured.buckling
-    worst = None
-    if target is not None and profile is not None:
-        worst = 100 * target.largest_deviation(profile)
-    return {
-        "objective_printed": profile and case.objective.forward(profile),
-        "objective_designed": case.objective.forward(designed),
-        "worst_percent": worst,
-        "angles_deg": np.degrees(case.angles).tolist(),
-        "strain": designed.strain,
-        "target": target and _target_values(target),
-        "printed": profile and _profile_values(profile),
-        "design": _profile_values(designed),
-        "blank_n_per_m": measured and measured.fabric_stiffness,
-        "buckling": None if buckling is None else buckling.tolist(),
-        "printed_failure": result.failure or result.printed.failure or None,
-        "volume_fraction": last.volume_fraction,
-        "grey_level": last.grey_level,
-        "length_scale": None if limits is None or widths is None else limits.summary(widths),
-        "trials": [asdict(trial) for trial in result.trials],
-        "corrections_percent": deviations,
-        "iterations": last.iteration,
-        "newton_steps": sum(row.newton_steps for row in design.history),
-        "triangles": len(case.tile.pattern.panel),
-        "reason": design.reason,
-    }
 
 
 def _target_values(target: ProfileTarget) -> dict[str, Any]:

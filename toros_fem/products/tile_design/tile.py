@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -28,12 +28,13 @@ from toros_fem.meshes import tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.case import TileCase, TileDesignScene
-from toros_fem.products.tile_design.report import write_tile_results
+from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.results.console import print_step
 from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.result import RunResult
 from toros_fem.results.runs.folder import journal_of
 
 # Symmetry of the design for each target.
@@ -133,8 +134,8 @@ class TileScene(TileDesignScene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Design the tile and return the summary (collective).
+    ) -> RunResult:
+        """Design the tile and write all results (collective).
 
         Args:
             comm: Communicator; its ranks share the directions.
@@ -154,40 +155,9 @@ class TileScene(TileDesignScene):
             symmetry=case.symmetry,
             composite=self.material.composite,
         )
-        return write_tile_results(
-            comm,
-            output,
-            case,
-            result,
-            measured,
-            printed_tile,
-            config=self,
-            seconds=reporter.seconds,
-        )
-
-    def told_design(self, summary: Mapping[str, Any]) -> str:
-        """Return the result in a sentence."""
-        worst, made = summary["worst_percent"], summary["manufacture"]
-        seconds = summary["seconds"]["total"]
-        if summary["printed"] is None:
-            return f"the print has no equilibrium: {summary['printed_failure']}; {seconds:.0f} s"
-        stiffness = ", ".join(f"{s:.0f}" for s in summary["printed"]["stiffness_n_per_m"])
-        deviation = "" if worst is None else f", at most {worst:.1f} % from the target"
-        contraction = summary["printed"]["contraction"][0]
-        angles = zip(summary["angles_deg"], summary["buckling"] or [], strict=False)
-        buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
-        wrinkles = (
-            f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
-        )
-        widths = "".join(
-            f", {name} from {made[key]:.2f} mm"
-            for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
-            if made[key] is not None
-        )
-        return (
-            f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} "
-            f"along x; {made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
-        )
+        found = TileRun(case, result, measured, printed_tile, self, dict(reporter.seconds))
+        write_tile_results(comm, output, found)
+        return found
 
 
 def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> np.ndarray:

@@ -12,7 +12,7 @@ with its diagonals as lines of 1 mm.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
@@ -20,18 +20,19 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import write_table, write_together
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
-from toros_fem.base.versions import versions
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.measures.figures import Figure
 from toros_fem.meshes import tile
 from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile
-from toros_fem.products.tiles.pull_test import pull_sheet
+from toros_fem.products.tiles.pull_test import PulledSheet, pull_sheet
 from toros_fem.products.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet
 from toros_fem.results.console import print_step
+from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
 
 # Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
@@ -84,8 +85,8 @@ class TileSheetScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Write the print file, pull the sheet, and return the summary (collective).
+    ) -> RunResult:
+        """Write the print file, and pull the sheet (collective).
 
         Args:
             comm: Communicator.
@@ -112,18 +113,15 @@ class TileSheetScene(Scene):
             for direction in directions
         ]
         area = float(np.prod(design.size))
-        summary = {
-            "directions": {one.sheet.direction: one.summary() for one in pulled},
-            "tile_m": design.size,
-            "printed_share": float(designed_mesh.pattern.areas[design.printed].sum()) / area,
-            "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,
-            "printed_m2": [region.area for region in regions],
-            "triangles": len(pulled[0].sheet.cell),
-            "ranks": comm.size,
-            "seconds": {"total": time.perf_counter() - begin},
-            "versions": versions(),
-            "inputs": {**self.as_dict(), "tile": None if given is None else str(given)},
-        }
+        shares = (
+            float(designed_mesh.pattern.areas[design.printed].sum()) / area,
+            float(mesh.pattern.areas[simulated.printed].sum()) / area,
+        )
+        printed = [float(region.area) for region in regions]
+        total = time.perf_counter() - begin
+        where = None if given is None else str(given)
+        found = SheetResult(pulled, design.size, shares, printed, (self, where), total)
+        summary = write_summary(comm, folder, found)
 
         def draw() -> None:
             from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
@@ -138,26 +136,73 @@ class TileSheetScene(Scene):
         def write() -> None:
             write_svg(folder / "pattern.svg", cloth, regions)
             write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
-            write_json(folder / "summary.json", summary)
             if_plotting(draw)
             high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
             place = folder / FOLDER
             if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
 
         write_together(comm, folder, write)
-        return summary
+        return found
 
-    def told_simulation(self, summary: Mapping[str, Any]) -> str:
-        """Return the result in a sentence."""
-        strain, told = 100 * summary["inputs"]["strain"], []
-        for name, f in summary["directions"].items():
+
+@dataclass(frozen=True, eq=False)
+class SheetResult(RunResult):
+    """A sheet of tiles that was pulled.
+
+    Attributes:
+        pulled: The pull in each direction.
+        tile: Sides of a tile in m.
+        shares: Printed part of its area, as designed and as simulated.
+        printed: Printed area of each panel in m².
+        inputs: The scene, and the folder that the tile was read from, or None.
+        seconds: Wall time in s.
+    """
+
+    pulled: Sequence[PulledSheet]
+    tile: tuple[float, float]
+    shares: tuple[float, float]
+    printed: Sequence[float]
+    inputs: tuple[TileSheetScene, str | None]
+    seconds: float
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Stiffness and contraction at the largest strain, and as predicted."""
+        found = []
+        for one in self.pulled:
+            curve, predicted, along = one.test.curve, one.predicted, one.sheet.direction
+            for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
+                for word, of in (("", curve), ("_predicted", predicted)):
+                    value = float(getattr(of, name)[-1])
+                    found.append(Figure(f"{name}_along_{along}{word}", unit, value))
+        return tuple(found)
+
+    def entries(self) -> dict[str, Any]:
+        """Return the pull in each direction, shares of print, inputs and cost."""
+        scene, tile = self.inputs
+        return {
+            "directions": {one.sheet.direction: one.summary() for one in self.pulled},
+            "tile_m": self.tile,
+            "printed_share": self.shares[0],
+            "printed_share_simulated": self.shares[1],
+            "printed_m2": list(self.printed),
+            "triangles": len(self.pulled[0].sheet.cell),
+            "seconds": {"total": self.seconds},
+            "inputs": {**scene.as_dict(), "tile": tile},
+        }
+
+    def sentence(self) -> str:
+        """Return it in a sentence."""
+        strain, told = 100 * self.inputs[0].pull.strain, []
+        for one in self.pulled:
+            f = one.summary()
             middle = f["middle"]
             told.append(
-                f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, predicted "
-                f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, "
-                f"predicted {f['contraction_predicted']:.2f}; in the middle "
-                f"{middle['contraction']:.2f}, predicted {middle['contraction_predicted']:.2f} at "
-                f"{100 * middle['strain']:.1f} %"
+                f"along {one.sheet.direction} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, "
+                f"predicted {f['stiffness_predicted_n_per_m']:.0f}; contraction "
+                f"{f['contraction']:.2f}, predicted {f['contraction_predicted']:.2f}; in the "
+                f"middle {middle['contraction']:.2f}, predicted "
+                f"{middle['contraction_predicted']:.2f} at {100 * middle['strain']:.1f} %"
             )
         return "; ".join(told)
 

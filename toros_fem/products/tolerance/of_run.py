@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
@@ -25,6 +23,7 @@ from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
+from toros_fem.results.result import Summary, read_summary
 from toros_fem.results.runs.folder import SUMMARY
 
 
@@ -53,8 +52,9 @@ def tolerances_of_run(
     """
     folder, begin = Path(run), time.perf_counter()
     summary = on_first_rank(comm, lambda: finished_summary(folder))
-    if summary.get("printed_failure"):
-        raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
+    failure = summary.entries["printed_failure"]
+    if failure:
+        raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
     scene = scene.with_files(comm, files)
     level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
     # A print has no eroded and dilated densities.
@@ -71,28 +71,24 @@ def tolerances_of_run(
     regions, near = on_first_rank(comm, polygons)
     problem = scene.problem(comm, case.following(comm, regions), level)
 
-    pressure = summary["pressures_pa"]
-    own = {m.key: summary[m.key] for m in case.judged if summary.get(m.key) is not None}
+    pressure = summary.entries["pressures_pa"]
+    values = {m.key: summary.value(m.key) for m in case.judged}
+    own = {key: value for key, value in values.items() if value is not None}
     drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
     return simulated_tolerances(problem, problem.on, drawn, config, begin=begin)
 
 
-def finished_summary(folder: Path) -> Mapping[str, Any]:
+def finished_summary(folder: Path) -> Summary:
     """Return the summary of a finished design (one rank).
 
     Raises:
         OutputError: The folder holds none.
     """
-    path = folder / SUMMARY
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as caught:
-        raise OutputError(
-            f"{path} cannot be read ({caught}): give the folder of a finished design."
-        ) from None
-    if not isinstance(content, dict) or "printed_failure" not in content:
-        raise OutputError(f"{folder} holds no finished design: {path} has no print.")
-    return content
+    found = read_summary(folder)
+    if "printed_failure" not in found.entries:
+        what = "has no print" if found else "is missing"
+        raise OutputError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")
+    return found
 
 
 def _shape(folder: Path) -> tuple[Pattern, Floats] | None:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.measures.metrics import UNITS, Metric
+from toros_fem.measures.figures import unit_of
+from toros_fem.measures.metrics import Metric
 
 # What is off, and how it reads where it is less and where it is more.
 WORDS = {
@@ -177,7 +178,7 @@ class Tolerances:
 def shown(metric: Metric, value: float) -> str:
     """Return a value with its unit, to a tenth, or a thousandth of a ratio."""
     digits = 3 if metric.unit == "ratio" else 1
-    return f"{value:.{digits}f}{UNITS.get(metric.unit, ('', f' {metric.unit}'))[1]}"
+    return f"{value:.{digits}f}{unit_of(metric.unit).sign}"
 
 
 def shown_change(metric: Metric, value: float | None) -> str:
@@ -190,7 +191,7 @@ def shown_change(metric: Metric, value: float | None) -> str:
 
 def text_table(found: Tolerances) -> str:
     """Return the table of all variants for a terminal, changes as simulated and to first order."""
-    names = [f"{m.name} ({UNITS.get(m.unit, ('', m.unit))[1].strip()})" for m in found.metrics]
+    names = [f"{m.name} ({unit_of(m.unit).sign.strip()})" for m in found.metrics]
     rows = [["", "", *names, "objective", "line, gap (mm)"]]
     for variant in found.variants:
         cells = [

@@ -15,18 +15,21 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import In, Modulus, Table, key
 from toros_fem.base.scene import Scene
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
-from toros_fem.results.writer import write_pressure_path
+from toros_fem.results.pressure_path import PathResult, write_pressure_path
+from toros_fem.results.result import RunResult, write_summary
 
 METRICS = (
-    Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x)),
-    Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x))),
+    Metric("radius", "percent", None, lambda of, x: 100 * swelling(of, x)),
+    Metric("length", "percent", None, lambda of, x: 100 * (1 - shortening(of, x))),
 )
 # First pressure of a tension field over the last one.
 SLACK = 0.01
@@ -95,8 +98,8 @@ class InflateScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Inflate the tube and write curve, fields and pictures; return the summary (collective).
+    ) -> RunResult:
+        """Inflate the tube and write curve, fields and pictures (collective).
 
         Args:
             comm: Communicator.
@@ -113,30 +116,68 @@ class InflateScene(Scene):
         levels = self.pressures
         metrics = [metric.of_whole(planes) for metric in METRICS]
         points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
-        radius = np.array([point.metrics["radius_percent"] for point in points])
-        half = int(np.argmin(np.abs(levels - self.pressure.pressure)))
-        figures = {
-            "radius_percent": radius[-1],
-            "length_percent": points[-1].metrics["length_percent"],
-            "radius_percent_at_pressure": radius[half],
-            "length_percent_at_pressure": points[half].metrics["length_percent"],
-            "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
-            "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
-        }
-        return write_pressure_path(
-            comm, output, pattern, points, density, METRICS,
-            whole=mirrored(pattern, planes),
-            composite=self.material.composite, config=self,
-            figures=figures, seconds={"total": time.perf_counter() - begin},
-        )  # fmt: skip
+        path = PathResult(
+            pattern,
+            points,
+            density,
+            METRICS,
+            mirrored(pattern, planes),
+            self.material.composite,
+            self,
+            {"total": time.perf_counter() - begin},
+        )
+        write_pressure_path(comm, output, path)
+        found = InflationResult(path, self.pressure.pressure)
+        write_summary(comm, output, found)
+        return found
 
-    def told_simulation(self, summary: Mapping[str, Any]) -> str:
-        """Return the result in words."""
-        inputs = summary["inputs"]
+
+@dataclass(frozen=True, eq=False)
+class InflationResult(RunResult):
+    """A tube that swells, and a pressure in Pa at which it counts as saturated."""
+
+    path: PathResult
+    pressure: float
+
+    @property
+    def half(self) -> TracePoint:
+        """The equilibrium at that pressure."""
+        return min(self.path.points, key=lambda point: abs(point.result.pressure - self.pressure))
+
+    @property
+    def growth_ratio(self) -> float:
+        """Growth of the radius above that pressure, over its growth below."""
+        first, half, last = (
+            point.metrics["radius_percent"]
+            for point in (self.path.points[0], self.half, self.path.points[-1])
+        )
+        return (last - half) / (half - first)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Radius and length at the highest pressure, and at that of the saturation."""
+        at = self.half.metrics
+        names = ("radius", "length")
         return (
-            f"radius {summary['radius_percent_at_pressure']:.0f} % and length "
-            f"{summary['length_percent_at_pressure']:.0f} % at {inputs['pressure'] / 1e3:g} kPa, "
-            f"{summary['radius_percent']:.0f} % and {summary['length_percent']:.0f} % at "
-            f"{inputs['highest_pressure'] / 1e3:g} kPa: above, the radius grows by "
-            f"{100 * summary['growth_above_over_below']:.0f} % of its growth below"
+            *self.path.figures,
+            *(Figure(f"{n}_when_saturated", "percent", at[f"{n}_percent"]) for n in names),
+        )
+
+    def entries(self) -> dict[str, Any]:
+        """Return how the radius grows, inputs and cost."""
+        points = self.path.points
+        radius = [point.metrics["radius_percent"] for point in points]
+        steepest = points[1 + int(np.argmax(np.diff(radius)))].result.pressure
+        growth = {"growth_above_over_below": self.growth_ratio, "steepest_pa": steepest}
+        return {**growth, **self.path.entries()}
+
+    def sentence(self) -> str:
+        """Return it in a sentence."""
+        at, last = self.half, self.path.points[-1]
+        return (
+            f"radius {at.metrics['radius_percent']:.0f} % and length "
+            f"{at.metrics['length_percent']:.0f} % at {at.result.pressure / 1e3:g} kPa, "
+            f"{last.metrics['radius_percent']:.0f} % and {last.metrics['length_percent']:.0f} % at "
+            f"{last.result.pressure / 1e3:g} kPa: above, the radius grows by "
+            f"{100 * self.growth_ratio:.0f} % of its growth below"
         )

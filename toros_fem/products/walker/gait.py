@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -14,8 +13,9 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import write_table, write_together
 from toros_fem.base.validation import require_count
+from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.mirror import Mirrored
@@ -132,51 +132,131 @@ def walk_of(
     )
 
 
+@dataclass(frozen=True)
+class GaitFigures:
+    """What a cycle on the ground tells; None where the cycle ends too early for it.
+
+    Attributes:
+        chambers: Names of the chambers.
+        pressures_pa: Full pressure of each.
+        failure: Why the cycle ends early; None if it does not.
+        equilibria: Number of equilibria.
+        stride_mm, slip_mm: How far the feet get ahead, and slide back.
+        measured_stride_mm: A measured stride, by those whom `measured` names.
+        smallest_distance_mm: Smallest distance between faces.
+        foot_lift_mm: Largest height of a foot.
+        supplied_energy_j, lost_energy_j: As of `Walk`.
+    """
+
+    chambers: tuple[str, ...]
+    pressures_pa: tuple[float, ...]
+    failure: str | None
+    equilibria: int = 0
+    stride_mm: float | None = None
+    slip_mm: float | None = None
+    measured_stride_mm: float | None = None
+    smallest_distance_mm: float | None = None
+    foot_lift_mm: float | None = None
+    supplied_energy_j: float | None = None
+    lost_energy_j: float | None = None
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The most important of them."""
+        return (
+            Figure("stride", "mm", self.stride_mm),
+            Figure("slip", "mm", self.slip_mm),
+            Figure("smallest_distance", "mm", self.smallest_distance_mm),
+        )
+
+    @property
+    def words(self) -> str:
+        """It in words."""
+        if self.failure is not None or self.stride_mm is None or self.slip_mm is None:
+            return f"its gait ends after {self.equilibria} equilibria: {self.failure}"
+        return f"a stride of {self.stride_mm:.1f} mm, {self.slip_mm:.1f} mm of slip"
+
+
+def gait_figures(
+    gait: Gait,
+    full: Sequence[float],
+    walk: Walk,
+    points: Sequence[TracePoint],
+    failure: str | None,
+    measured: tuple[str, float] | None = None,
+) -> GaitFigures:
+    """Return what a cycle tells.
+
+    Args:
+        gait: The cycle.
+        full: Full pressure of each chamber in Pa.
+        walk: What the robot does.
+        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
+            them if the cycle is not complete; then there is no stride.
+        failure: Why it is not complete; None if it is.
+        measured: Who measured the stride, and it in m; None for none.
+    """
+    complete = len(points) == len(gait.pressure_fractions)
+    distances = [point.result.smallest_distance for point in points]
+    return GaitFigures(
+        gait.names,
+        tuple(full),
+        failure,
+        len(points),
+        stride_mm=1e3 * walk.stride if complete else None,
+        slip_mm=1e3 * walk.slip if complete else None,
+        measured_stride_mm=None if measured is None else 1e3 * measured[1],
+        smallest_distance_mm=1e3 * min(d for d in distances if d is not None),
+        foot_lift_mm=1e3 * float(walk.feet[:, :, 2].max()),
+        supplied_energy_j=walk.supplied_energy,
+        lost_energy_j=walk.lost_energy if complete else None,
+    )
+
+
 def write_gait(
     comm: MPI.Comm,
     folder: Path,
     gait: Gait,
     walk: Walk,
     points: Sequence[TracePoint],
-    whole: Mirrored,
-    regions: Sequence[BaseGeometry],
-    figures: Mapping[str, Any],
+    skin: tuple[Mirrored, Sequence[BaseGeometry]],
     measured: tuple[str, float] | None = None,
-) -> dict[str, Any]:
-    """Write table, pictures and figures of a cycle and return the figures (collective).
+) -> None:
+    """Write table, frames and pictures of a cycle (collective).
 
     Args:
         comm: Communicator.
         folder: Output folder, which exists.
-        gait: The cycle.
-        walk: What the robot does.
-        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
-            them if the cycle is not complete; then there is no stride.
-        whole: The whole robot, and the part that the equilibria are of.
-        regions: Print on each panel of the whole, polygons in m.
-        figures: Further entries of gait.json.
-        measured: A measured stride in m, drawn beside that of the cycle, after who measured it;
-            None for none.
+        gait, walk, points, measured: As of `gait_figures`.
+        skin: The whole robot with the part that the equilibria are of, and the print on each panel
+            of the whole, polygons in m.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    complete = len(points) == len(gait.pressure_fractions)
-    stride = walk.stride if complete else None
-    distances = [point.result.smallest_distance for point in points]
-    found = {
-        **figures,
-        "stride_mm": stride and 1e3 * stride,
-        "slip_mm": 1e3 * walk.slip if complete else None,
-        "smallest_distance_mm": 1e3 * min(d for d in distances if d is not None),
-        "measured_stride_mm": measured and 1e3 * measured[1],
-        "supplied_energy_j": walk.supplied_energy,
-        "lost_energy_j": walk.lost_energy if complete else None,
-        "foot_lift_mm": 1e3 * float(walk.feet[:, :, 2].max()),
-        "equilibria": len(points),
-    }
-    shapes = [whole.at_vertices(point.positions) for point in points]
-    pattern = whole.pattern
+    whole, regions = skin
+    pattern, shapes = whole.pattern, [whole.at_vertices(point.positions) for point in points]
+    stride = walk.stride if len(points) == len(gait.pressure_fractions) else None
+
+    def draw() -> None:
+        from toros_fem.results.pictures.curve_plot import plot_tracks
+        from toros_fem.results.pictures.shape_plot import plot_shapes
+
+        shown = []
+        for number, k in enumerate(range(0, len(points), gait.steps)):
+            fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
+            full = [name for name, fraction in fractions if fraction >= 0.5]
+            shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
+        plot_shapes(
+            folder / "gait.png",
+            pattern.triangles,
+            shown,
+            np.zeros(len(pattern.triangles)),
+            view=(15.0, 15.0),
+            columns=4,
+            printed=cut_triangles(pattern, regions),
+        )
+        plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
 
     def write() -> None:
         rows = []
@@ -186,31 +266,8 @@ def write_gait(
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
-        write_json(folder / "gait.json", found)
-        skin = ShownSkin(pattern, regions=regions)
-        write_path(folder, "gait", skin, points, whole=whole, chambers=gait.names)
-        shown = []
-        for number, k in enumerate(range(0, len(points), gait.steps)):
-            fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
-            full = [name for name, fraction in fractions if fraction >= 0.5]
-            shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
-
-        def draw() -> None:
-            from toros_fem.results.pictures.curve_plot import plot_tracks
-            from toros_fem.results.pictures.shape_plot import plot_shapes
-
-            plot_shapes(
-                folder / "gait.png",
-                pattern.triangles,
-                shown,
-                np.zeros(len(pattern.triangles)),
-                view=(15.0, 15.0),
-                columns=4,
-                printed=cut_triangles(pattern, regions),
-            )
-            plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
-
+        drawn = ShownSkin(pattern, regions=regions)
+        write_path(folder, "gait", drawn, points, whole=whole, chambers=gait.names)
         if_plotting(draw)
 
     write_together(comm, folder, write)
-    return found

@@ -9,7 +9,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -18,7 +18,6 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.files import write_json, write_together
 from toros_fem.base.keys import (
     Count,
     Factor,
@@ -33,6 +32,7 @@ from toros_fem.base.keys import (
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.opening import opened
@@ -46,18 +46,28 @@ from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.products.actuators.designer import ActuatorResult, design_actuator
+from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.legs import (
     leg_cross_sections,
     leg_vertices,
     rest_on_body,
     tip_angle_metric,
 )
+from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
-from toros_fem.products.walker.gait import Gait, Walk, walk_of, write_gait
+from toros_fem.products.walker.gait import (
+    Gait,
+    GaitFigures,
+    Walk,
+    gait_figures,
+    walk_of,
+    write_gait,
+)
+from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.summary import PrintedResult
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
@@ -73,8 +83,6 @@ PHASES = {
 SHAPE_IN_STRIDE = 0.1
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
-# Figures of the gait that the summary repeats.
-SUMMARISED = ("stride_mm", "slip_mm", "smallest_distance_mm")
 DOWN = (0.0, 0.0, -1.0)
 # Fig. 10 of the paper: distance in m by which the crawling robot gets ahead in a cycle.
 MEASURED_STRIDE = ("paper, measured", 0.025)
@@ -271,31 +279,38 @@ class WalkerScene(ActuatorScene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> dict[str, Any]:
-        """Design the walker and let it walk; return the summary (collective).
-
-        The figures of the gait are in its entry "gait".
-        """
+    ) -> RunResult:
+        """Design the walker and let it walk (collective)."""
         steps = self.results.gait_steps
         if steps is not None:
             ipctk()  # what is missing is told before the design, not after it
         made = design_actuator(comm, output, self, verbose=verbose)
         if steps is None:
-            return made.summary
-        gait = walk(comm, Path(output), self, steps, made)
-        summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
-        write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
-        return summary
+            return made
+        found = WalkerResult(made, walk(comm, Path(output), self, steps, made.made))
+        write_summary(comm, output, found)
+        return found
 
-    def told_design(self, summary: Mapping[str, Any]) -> str:
-        """Return the result of a design in words."""
-        gait, walked = summary.get("gait"), ""
-        if gait and "failure" in gait:
-            count = gait.get("equilibria", 0)
-            walked = f"; its gait ends after {count} equilibria: {gait['failure']}"
-        elif gait:
-            walked = f"; a stride of {gait['stride_mm']:.1f} mm, {gait['slip_mm']:.1f} mm of slip"
-        return super().told_design(summary) + walked
+
+@dataclass(frozen=True, eq=False)
+class WalkerResult(RunResult):
+    """A designed walker, and what it does on the ground."""
+
+    actuator: ActuatorResult
+    gait: GaitFigures
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Those of the walker, and of its gait."""
+        return (*self.actuator.figures, *self.gait.figures)
+
+    def entries(self) -> dict[str, Any]:
+        """Return those of the walker, and its gait."""
+        return {**self.actuator.entries(), "gait": asdict(self.gait)}
+
+    def sentence(self) -> str:
+        """Return both in a sentence."""
+        return f"{self.actuator.sentence()}; {self.gait.words}"
 
 
 def stride_sections(
@@ -451,31 +466,27 @@ def follow_gait(
 
 
 def walk(
-    comm: MPI.Comm, output: Path, config: WalkerScene, steps: int, design: ActuatorResult
-) -> dict[str, Any]:
-    """Simulate the printed robot on the ground through its gait; return its figures.
+    comm: MPI.Comm, output: Path, config: WalkerScene, steps: int, design: PrintedResult
+) -> GaitFigures:
+    """Simulate the printed robot on the ground through its gait, and write table and pictures.
 
     Args:
         comm: Communicator.
-        output: Folder for table, pictures and figures.
+        output: Folder for table and pictures.
         config: Numbers of the walker.
         steps: Number of equilibria in each phase.
         design: The designed robot.
     """
     printed = design.printed
-    shown = printed.evaluation or design.result.final
+    shown = printed.evaluation or design.design.final
     # The triangles and vertices of the half come first, as in the whole that is printed.
     half = mirrored(design.problem.skin.pattern, (0,)).pattern
     whole = mirrored(half, (1,))
     full = [shown.equilibrium.pressures[k] for k in (0, -1, -1)]
     gait = Gait(CHAMBERS, PHASES[config.contact.feet].astype(np.float64), steps)
     points, found, failure = follow_gait(comm, config, gait, half, whole, printed.cells, full)
-    figures: dict[str, Any] = {"chambers": CHAMBERS, "pressures_pa": full}
-    if failure:
-        figures["failure"] = failure
     if found is None:
-        return figures
-    return write_gait(
-        comm, output, gait, found, points, whole, printed.regions, figures,
-        MEASURED_STRIDE if config.target.motion == "crawl" else None,
-    )  # fmt: skip
+        return GaitFigures(CHAMBERS, tuple(full), failure)
+    measured = MEASURED_STRIDE if config.target.motion == "crawl" else None
+    write_gait(comm, output, gait, found, points, (whole, printed.regions), measured)
+    return gait_figures(gait, full, found, points, failure or None, measured)

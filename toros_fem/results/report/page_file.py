@@ -12,6 +12,7 @@ from typing import Any
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import replace_file
+from toros_fem.measures.figures import Figure, formatted
 from toros_fem.results.report.charts import Chart, Line
 from toros_fem.results.report.flat_pattern import flat_pattern
 from toros_fem.results.report.run_folder import Run, read_run
@@ -24,7 +25,7 @@ from toros_fem.results.report.tables import (
     values_shown,
     warnings,
 )
-from toros_fem.results.report.words import Metric, metrics_of
+from toros_fem.results.report.words import label, metrics_of
 
 NAME = "report.html"
 # Columns of the history that say how the design was found, and not what it is.
@@ -69,7 +70,7 @@ def _page(run: Run) -> str:
         scene, data = packed_scene(run)
         scene |= _told(run, scene["series"], scene["step"])
     told = warnings(run)
-    version = (run.summary.get("versions") or {}).get("toros_fem", "")
+    version = (run.summary.entries.get("versions") or {}).get("toros_fem", "")
     parts = {
         "TITLE": escape(run.name),
         "NAME": escape(run.name),
@@ -120,7 +121,7 @@ def _told(run: Run, series: Mapping[str, list[dict[str, Any]]], step: float) -> 
                 entry["label"] = "closed on the object"
     name = next(iter(series))
     index = len(series[name]) - 1
-    at = run.summary.get("pressure_pa")
+    at = run.summary.value("pressure_pa")
     if name == "pressure" and at is not None:
         index = min(range(index + 1), key=lambda k: abs(series[name][k]["x"] - at / 1e3))
     return {
@@ -145,31 +146,30 @@ def _curve(run: Run) -> list[Chart]:
     rows = run.curve
     if len(rows) < 2:
         return []
-    measured = (run.summary.get("curve") or {}).get("measured") or []
-    at = run.summary.get("pressure_pa")
+    measured = (run.summary.entries.get("curve") or {}).get("measured") or []
+    at = run.summary.value("pressure_pa")
     charts = []
     for metric in _by_target(metrics_of(run.summary, list(rows[0]))):
         here = [row for row in rows if metric.key in row]
         x = [row["pressure_pa"] / 1e3 for row in here]
         points = [
             (
-                f"{m['source']}: {metric.formatted(m['measured'])}",
+                f"{m['source']}: {formatted(m['measured'], metric.unit)}",
                 m["pressure_pa"] / 1e3,
                 m["measured"],
             )
             for m in measured
             if m["metric"] == metric.key
         ]
-        value = run.summary.get(metric.key)
-        chosen = None
+        value, chosen = metric.value, None
         if at and value is not None and x[0] <= at / 1e3 <= x[-1]:
             chosen = ("the design's pressure", at / 1e3, value)
         charts.append(
             Chart(
                 "pressure",
                 "pressure (kPa)",
-                metric.label,
-                [Line(metric.name, x, [row[metric.key] for row in here])],
+                label(metric),
+                [Line(metric.name.replace("_", " "), x, [row[metric.key] for row in here])],
                 metric.target,
                 points,
                 chosen,
@@ -195,7 +195,7 @@ def _convergence(run: Run) -> list[Chart]:
     for metric in _by_target(metrics_of(run.summary, list(rows[0]))):
         if metric.target is not None or not run.summary:
             y = [row[metric.key] for row in rows]
-            charts.append(chart(metric.label, [Line(metric.name, x, y)], target=metric.target))
+            charts.append(chart(label(metric), [Line(metric.name, x, y)], target=metric.target))
     lines = [
         Line(name.replace("_", " "), x, [row[name] for row in rows], look)
         for name, look in (("volume_fraction", "first"), ("grey_level", "second"))
@@ -204,5 +204,5 @@ def _convergence(run: Run) -> list[Chart]:
     return charts + ([chart("fraction", lines)] if lines else [])
 
 
-def _by_target(metrics: Sequence[Metric]) -> list[Metric]:
+def _by_target(metrics: Sequence[Figure]) -> list[Figure]:
     return sorted(metrics, key=lambda metric: metric.target is None)

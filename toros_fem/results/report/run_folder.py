@@ -12,6 +12,7 @@ from typing import Any
 from toros_fem.base.errors import OutputError
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
+from toros_fem.results.result import Summary, read_summary
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")
@@ -23,7 +24,7 @@ class Run:
 
     Attributes:
         folder: The folder.
-        summary: Content of summary.json; empty for a run that was stopped.
+        summary: Its summary; empty for a run that was stopped.
         history: Rows of history.csv, numbers by column.
         curve: Rows of curve.csv.
         series: Frames by what they follow, in the order of `SERIES`.
@@ -33,7 +34,7 @@ class Run:
     """
 
     folder: Path
-    summary: Mapping[str, Any]
+    summary: Summary
     history: Sequence[Mapping[str, float]]
     curve: Sequence[Mapping[str, float]]
     series: Mapping[str, Sequence[Frame]]
@@ -60,7 +61,7 @@ def read_run(folder: str | Path) -> Run:
     folder = Path(folder)
     if not folder.is_dir():
         raise OutputError(f"{folder} is no folder. Give the folder of a run, its --output.")
-    summary, history = _read_json(folder / "summary.json"), _read_table(folder / "history.csv")
+    summary, history = read_summary(folder), _read_table(folder / "history.csv")
     frames = folder / FOLDER
     series = {name: read_frames(frames, name) for name in SERIES}
     made = read_frames(frames, "print")

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from toros_fem.measures.figures import NONE, formatted
 from toros_fem.results.report.run_folder import Run
-from toros_fem.results.report.words import NONE, as_shown, metrics_of
+from toros_fem.results.report.words import as_shown, label, metrics_of
 
 # What the files of a run hold, in the order of the list.
 FILES = {
@@ -21,8 +22,6 @@ FILES = {
     "history.csv": "every step of the design",
     "curve.csv": "metrics over the pressure",
     "gait.csv": "metrics and feet over a cycle",
-    "gait.json": "figures of the cycle",
-    "load.json": "figures of the lift",
     "tolerance.csv": "metrics of skins that are not made as drawn",
     "inflation.gif": "inflation of the print",
     "shape.png": "inflated skin beside its target",
@@ -44,42 +43,42 @@ FILES = {
 
 def key_figures(run: Run) -> str:
     """Return the table of metrics with error estimates and targets, and the figures beside it."""
-    summary = run.summary
+    entries = run.summary.entries
     columns = [*dict.fromkeys([*_columns(run.history), *_columns(run.curve)])]
     # Where a relaxed design is laid as lines, no design by densities stands beside the print.
-    laid = "lines" in summary and not summary.get("densities_kept")
+    laid = "lines" in entries and not entries.get("densities_kept")
     rows = []
-    for metric in metrics_of(summary, columns):
-        name, _, unit = metric.key.rpartition("_")
-        value, error = summary.get(metric.key), summary.get(f"{name}_error_{unit}")
-        designed = (summary.get("design") or {}).get(metric.key)
-        if not summary and run.history:
-            designed = run.history[-1].get(metric.key)
+    for figure in metrics_of(run.summary, columns):
+        designed = (entries.get("design") or {}).get(figure.key)
+        if not run.summary and run.history:
+            designed = run.history[-1].get(figure.key)
+        width, unit = figure.interval, figure.unit
         cells = [
-            metric.formatted(value),
-            NONE if error is None else f"± {error:.2g}{metric.unit}",
-            metric.formatted(metric.target),
-            metric.formatted(None if laid else designed),
+            formatted(figure.value, unit),
+            NONE if width is None else f"± {formatted(float(f'{width:.2g}'), unit)}",
+            formatted(figure.target, unit),
+            formatted(None if laid else designed, unit),
+            "" if figure.reached is None else ("yes" if figure.reached else "no"),
         ]
-        rows.append([metric.name, *cells])
-    head = ["", "as printed", "error estimate", "target", "as designed"]
-    if summary and "design" not in summary:
+        rows.append([figure.name.replace("_", " "), *cells])
+    head = ["", "as printed", "interval", "target", "as designed", "reached"]
+    if run.summary and "design" not in entries:
         head[1] = "value"  # of a simulation
-    kept = [k for k in range(5) if k == 0 or any(row[k] != NONE for row in rows)]
+    kept = [k for k in range(6) if k == 0 or any(row[k] not in (NONE, "") for row in rows)]
     table = _table([[row[k] for k in kept] for row in rows], [head[k] for k in kept])
     table = table if rows else ""
     return table + _pairs(_further(run))
 
 
 def _further(run: Run) -> list[tuple[str, str]]:
-    summary, found = run.summary, []
+    summary, found = run.summary.entries, list[tuple[str, str]]()
     made = summary.get("manufacture") or {}
-    use = summary.get("stretch_use")
-    if _is_number(summary.get("pressure_pa")):
-        found.append(("pressure", f"{summary['pressure_pa'] / 1e3:.4g} kPa"))
-    if _is_number(summary.get("volume_m3")):
-        found.append(("volume", f"{summary['volume_m3'] * 1e6:.4g} ml"))
-    if _is_number(use):
+    for key in ("pressure_pa", "volume_m3"):
+        value = run.summary.value(key)
+        if value is not None:
+            found.append(as_shown(key, value))
+    use = run.summary.value("stretch_use")
+    if use is not None:
         found.append(("of the stretch bounds", f"{use:.0%} used"))
     first, last = summary.get("objective_first"), summary.get("objective_last")
     if _is_number(first) and _is_number(last):
@@ -128,7 +127,7 @@ def tolerances(run: Run) -> str:
         ]
         for row in variants
     ]
-    head = ["not as drawn", *(f"{m.name} ({m.unit.strip()})" for m in metrics), ""]
+    head = ["not as drawn", *(label(m) for m in metrics), ""]
     kept = [k for k in range(len(head)) if k < len(head) - 1 or any(row[k] for row in rows)]
     return told + _table([[row[k] for k in kept] for row in rows], [head[k] for k in kept])
 
@@ -139,8 +138,8 @@ def _signed(value: float | None) -> str:
 
 def warnings(run: Run) -> list[str]:
     """Return what a reader must know before trusting the figures, as sentences."""
-    summary, found = run.summary, []
-    if not summary:
+    summary, found = run.summary.entries, []
+    if not run.summary:
         found.append(
             "This run has no summary: it was stopped, or it still goes on. What is shown is the "
             "design so far, not a print."
@@ -149,11 +148,9 @@ def warnings(run: Run) -> list[str]:
         found.append(f"The print has no equilibrium: {summary['printed_failure']}")
     if run.note:
         found.append(f"At the design's pressure: {run.note}")
-    found.extend(
-        f"The discretisation error is unknown: {summary[key]}"
-        for key in ("refined", "coarser")
-        if summary.get(key)
-    )
+    errors = summary.get("errors") or {}
+    if errors.get("failure"):
+        found.append(f"The discretisation error is unknown: {errors['failure']}")
     curve = summary.get("curve") or {}
     for key, where in (("failure_below", "lower"), ("failure_above", "higher")):
         if curve.get(key):
@@ -183,8 +180,8 @@ def _place(values: Mapping[str, float]) -> str:
 
 def inputs(run: Run) -> str:
     """Return the tables of inputs and versions."""
-    given = run.summary.get("inputs") or {}
-    versions = run.summary.get("versions") or {}
+    given = run.summary.entries.get("inputs") or {}
+    versions = run.summary.entries.get("versions") or {}
     shown = [(key, "none" if value is None else str(value)) for key, value in given.items()]
     parts = []
     if shown:

@@ -1,0 +1,118 @@
+"""Result of the design of an actuator: its print, how it was searched, its errors, its curve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.measures.figures import Figure
+from toros_fem.products.actuators.discovery import Discovery
+from toros_fem.products.actuators.estimates import MetricErrors
+from toros_fem.products.actuators.pressure_curve import CurveFigures
+from toros_fem.results.result import RunResult
+from toros_fem.results.summary import PrintedResult
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """How a design was searched.
+
+    Attributes:
+        seed: Seed of the start that led to it.
+        start: What it began with: "random", "pattern" (a given density) or "relaxed" (line
+            families from a random start).
+        rounds: How often it was asked again for what its print missed.
+        starts: Objective of each start by seed, infinite without an equilibrium; None of one start.
+        robust: Figures of a robust design; None of another.
+        lines: The lines that it was made of; None of densities.
+        densities_kept: Whether densities that began with these lines were better.
+    """
+
+    seed: int
+    start: str
+    rounds: int
+    starts: Mapping[int, float] | None = None
+    robust: Mapping[str, Any] | None = None
+    lines: Discovery | None = None
+    densities_kept: bool = False
+
+    @property
+    def laid(self) -> bool:
+        """Whether the print is one of laid lines, beside which there is no design by densities."""
+        return self.lines is not None and not self.densities_kept
+
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it."""
+        found: dict[str, Any] = {"seed": self.seed, "start": self.start, "rounds": self.rounds}
+        if self.starts is not None:
+            found["starts"] = {
+                str(seed): value if np.isfinite(value) else None
+                for seed, value in self.starts.items()
+            }
+        if self.robust is not None:
+            found["robust"] = dict(self.robust)
+        if self.lines is not None:
+            found |= {**self.lines.figures(), "densities_kept": self.densities_kept}
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatorResult(RunResult):
+    """The result of the design of an actuator.
+
+    Attributes:
+        made: The design and its print.
+        search: How it was found.
+        errors: Errors of its metrics; None if they were not estimated.
+        curve: What the print does over the pressure; None if this was left out.
+    """
+
+    made: PrintedResult
+    search: Search
+    errors: MetricErrors | None = None
+    curve: CurveFigures | None = None
+
+    @property
+    def problem(self) -> ShapeProblem:
+        """The design problem."""
+        return self.made.problem
+
+    @property
+    def design(self) -> DesignResult:
+        """Result of the design loop."""
+        return self.made.design
+
+    @property
+    def printed(self) -> PrintedDesign:
+        """The printed pattern and its simulation."""
+        return self.made.printed
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, pressure and volume of the print."""
+        return self.made.figures
+
+    def entries(self) -> dict[str, Any]:
+        """Return design, print, search, errors, curve and cost."""
+        found = {**self.search.entries(), **self.made.entries()}
+        if self.errors is not None:
+            found["errors"] = self.errors.as_dict()
+        if self.curve is not None:
+            found["curve"] = asdict(self.curve)
+        return found
+
+    def sentence(self) -> str:
+        """Return metrics, pressure and cost in a sentence."""
+        told = self.made.sentence()
+        if self.search.laid and self.search.lines is not None:
+            laid = len(self.search.lines.rounds)
+            words = [figure.words for figure in self.made.metric_figures]
+            told = self.made.told(words, f"lines laid {laid} times")
+        doubt = "" if self.errors is None else self.errors.words
+        return f"{told}; {doubt}" if doubt else told

@@ -1,0 +1,141 @@
+"""Result of a path of pressures, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.files import write_table, write_together
+from toros_fem.base.scene import Scene
+from toros_fem.materials.sheet import Composite
+from toros_fem.measures.figures import Figure
+from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.results.files import write_fields
+from toros_fem.results.frames.record import write_path
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.result import RunResult
+from toros_fem.results.writer import if_plotting, wrinkle_fields, wrinkles_of
+
+
+@dataclass(frozen=True, eq=False)
+class PathResult(RunResult):
+    """A skin followed over the pressure: what `write_pressure_path` writes.
+
+    Attributes:
+        pattern: The pattern.
+        points: The equilibria.
+        density: Density of all triangles, (t,), to colour by.
+        metrics: Numbers that were measured.
+        whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
+            and pictures are its own. None: the pattern is whole.
+        composite: Materials; those of a tension field add the wrinkles of the last state to the
+            fields and pictures. None adds nothing.
+        config: Configuration of the run; None if it has none.
+        seconds: Wall times in s.
+    """
+
+    pattern: Pattern
+    points: Sequence[TracePoint]
+    density: Floats
+    metrics: Sequence[Metric]
+    whole: Mirrored | None = None
+    composite: Composite | None = None
+    config: Scene | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> int:
+        """Number of equal parts of the skin, of which one is simulated."""
+        return 1 if self.whole is None else len(self.whole.cell) // len(self.pattern.panel)
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """Metrics, pressure and volume at the last point."""
+        return self.figures_within({})
+
+    def figures_within(self, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
+        """Return the figures at the last point.
+
+        Args:
+            intervals: Half-width of the interval of each metric, by key, as far as they are known.
+        """
+        last = self.points[-1]
+        return (
+            *(m.figure(last.metrics[m.key], intervals.get(m.key)) for m in self.metrics),
+            Figure("pressure", "pa", last.result.pressure),
+            Figure("volume", "m3", self.parts * last.result.volume),
+            Figure("stretch", "use", last.result.stretch_use),
+        )
+
+    def entries(self) -> dict[str, Any]:
+        """Return inputs and cost."""
+        return {
+            "newton_steps": sum(point.result.steps for point in self.points),
+            "triangles": len(self.pattern.panel),
+            "parts_by_symmetry": self.parts,
+            "inputs": None if self.config is None else self.config.as_dict(),
+            "seconds": dict(self.seconds),
+        }
+
+    def sentence(self) -> str:
+        """Return the metrics and the pressure in a sentence."""
+        return self.told(self.figures)
+
+    def told(self, figures: Sequence[Figure]) -> str:
+        """Return a sentence of figures at the last pressure."""
+        pressure = self.points[-1].result.pressure
+        values = [f"{f.name} {f.shown}" for f in figures[: len(self.metrics)]]
+        return f"{', '.join(values)} at {pressure / 1e3:.2f} kPa"
+
+
+def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -> None:
+    """Write table, fields and pictures of a pressure path (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+        found: The path.
+
+    Raises:
+        OutputError: A file cannot be written; on all ranks.
+    """
+    folder, points, whole = Path(folder), found.points, found.whole
+    skin, shapes, density = found.pattern, [p.positions for p in points], found.density
+    if whole is not None:
+        skin, density = whole.pattern, whole.at_cells(density)
+        shapes = [whole.at_vertices(x) for x in shapes]
+    rows = [
+        {"pressure_pa": p.result.pressure, "volume_m3": found.parts * p.result.volume, **p.metrics}
+        for p in points
+    ]
+    folds = wrinkles_of(skin, found.composite, density, shapes[-1])
+
+    def draw() -> None:
+        from toros_fem.results.pictures.curve_plot import plot_pressure_path
+        from toros_fem.results.pictures.line_plot import plot_wrinkles
+        from toros_fem.results.pictures.shape_plot import plot_shapes
+
+        chosen = np.linspace(0, len(points) - 1, 4).round().astype(int)
+        titled = [(f"{1e-3 * points[k].result.pressure:.3g} kPa", shapes[k]) for k in chosen]
+        plot_pressure_path(folder / "curve.png", rows, found.metrics)
+        plot_shapes(folder / "shapes.png", skin.triangles, titled, density)
+        if folds is not None:
+            plot_wrinkles(folder / "wrinkles.png", skin, folds)
+
+    def write() -> None:
+        write_table(folder / "curve.csv", rows)
+        write_path(folder, "pressure", ShownSkin(skin), points, whole, found.density)
+        fields = {"density": density} | wrinkle_fields(folds)
+        write_fields(folder / "skin.vtu", skin, shapes[-1], fields)
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
