@@ -31,6 +31,7 @@ class Scene:
         KIND: Name of its kind in scene files.
         ABOUT: What it is, in one line.
         FEW: Keys that a new user changes.
+        COARSE: Factors of the quick variant, by key.
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
             name, with their help.
         EXAMPLE_FILES: Files that a new scene file names.
@@ -42,6 +43,7 @@ class Scene:
     KIND: ClassVar[str] = ""
     ABOUT: ClassVar[str] = ""
     FEW: ClassVar[tuple[str, ...]] = ()
+    COARSE: ClassVar[Mapping[str, float]] = {}
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {}
@@ -63,8 +65,19 @@ class Scene:
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
 
     def coarse(self) -> Self:
-        """Return the quick variant: a coarse mesh and few steps."""
-        raise NotImplementedError(f"{type(self).__name__} has no quick variant.")
+        """Return the quick variant, a coarse mesh and few steps: values times `COARSE`."""
+        return self.updated(**self.coarse_values())
+
+    def coarse_values(self) -> dict[str, Any]:
+        """Return the values of the quick variant by key: numbers of things are at least 1."""
+        values = {key: self.value(key) for key in self.COARSE}
+        return {
+            key: max(1, round(self.COARSE[key] * value))
+            if isinstance(value, int)
+            else round(self.COARSE[key] * value, 9)
+            for key, value in values.items()
+            if value  # none stays none, and what is left out stays so
+        }
 
     @classmethod
     def of(cls, **values: Any) -> Self:

@@ -99,14 +99,20 @@ def test_length_is_watched(alone: MPI.Comm) -> None:
     assert [(m.key, m.target) for m in kept.metrics] == [("length_ratio", 1.0)]
 
 
-def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
-    config = TubeScene.of(length=0.1, seed=5)
+@pytest.mark.parametrize(
+    ("size", "edge", "longest"), [(0.02, 1.4e-3, 2.8e-3), (0.006, 1e-3, 1.05e-3)]
+)
+def test_coarse_variant_is_of_the_skin_s_own_size(size: float, edge: float, longest: float) -> None:
+    """Its edges are twice as long as far as that is of use, one mesh less, and all else stays."""
+    config = TubeScene.of(length=0.1, diameter=size, edge_length=edge, levels=1, seed=5)
     coarse = config.coarse()
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
-        "edge_length", "filter_radius", "levels", "iterations", "constrained_iterations",
+        "edge_length", "filter_radius", "iterations", "constrained_iterations",
         "relaxed_edge_length", "print_edge_length", "laid_width",
     }  # fmt: skip
+    assert coarse.skin.edge_length == pytest.approx(longest, abs=1e-5)
+    assert config.updated(diameter=0.04, levels=2).coarse().design.levels == 1
 
 
 def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:

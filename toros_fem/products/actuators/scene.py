@@ -115,6 +115,17 @@ class ActuatorScene(Scene):
     # Measured values of the metrics, which are drawn beside the curves.
     MEASURED: ClassVar[tuple[Measurement, ...]] = ()
 
+    def coarse(self) -> Self:
+        """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
+        values, bound, edge = self.coarse_values(), self.coarsest_edge, self.edge_length
+        if self.design.levels is not None:
+            values["levels"] = max(1, self.design.levels - 1)
+        if bound is not None and edge is not None:
+            most = max(1.0, bound / edge)
+            for key in ("edge_length", "filter_radius"):
+                values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
+        return self.updated(**values)
+
     def asked(self, targets: Mapping[str, float]) -> Self:
         """Return the scene of other targets.
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -184,6 +184,7 @@ class GripperScene(ActuatorScene):
                 "tail_length."
             )
 
+    COARSE: ClassVar[Mapping[str, float]] = {"edge_length": 2.0, "filter_radius": 74 / 43}
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "tip_angle"}
 
     @property
@@ -254,16 +255,6 @@ class GripperScene(ActuatorScene):
         sharper = 1 / self.body.radius - 1 / self.bend_radius
         half = max(np.sqrt(2 * TOUCHING_GAP / sharper), edge)
         return float(middle - half), float(middle + half)
-
-    def coarse(self) -> Self:
-        """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
-        return self.updated(
-            edge_length=2.4e-3,
-            filter_radius=3.7e-3,
-            levels=1,
-            iterations=60,
-            constrained_iterations=40,
-        )
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half a finger and its target (collective)."""

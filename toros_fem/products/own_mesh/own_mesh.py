@@ -207,6 +207,12 @@ class OwnMeshScene(ActuatorScene):
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {"mesh": "my.stl"}
+    COARSE: ClassVar[Mapping[str, float]] = {
+        "iterations": 1 / 2,
+        "constrained_iterations": 1 / 2,
+        "corrections": 1 / 3,
+        "polish_iterations": 1 / 2,
+    }
     FEW: ClassVar[tuple[str, ...]] = (
         "bend",
         "twist",
@@ -236,16 +242,11 @@ class OwnMeshScene(ActuatorScene):
 
     def coarse(self) -> Self:
         """Return the same design on the mesh of the file, with few steps."""
-        radius, design = self.design.filter_radius, self.design
-        return self.updated(
-            filter_radius=None if radius is None else radius * 2.0**self.skin.refinements,
-            levels=1,
-            refinements=0,
-            iterations=min(design.iterations, 30),
-            constrained_iterations=min(design.constrained_iterations, 20),
-            corrections=min(design.corrections, 1),
-            polish_iterations=min(design.polish_iterations, 10),
-        )
+        values, radius = self.coarse_values(), self.design.filter_radius
+        values |= {"levels": 1, "refinements": 0}
+        if radius is not None:
+            values["filter_radius"] = radius * 2.0**self.skin.refinements
+        return self.updated(**values)
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with its skin, and a filter radius if none is given (collective).

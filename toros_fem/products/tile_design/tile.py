@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -108,6 +108,12 @@ class TileScene(TileDesignScene):
 
     KIND: ClassVar[str] = "tile"
     ABOUT: ClassVar[str] = "a periodic fabric of designed stiffness"
+    COARSE: ClassVar[Mapping[str, float]] = {
+        "edge_length": 1.6,
+        "filter_radius": 8 / 7,
+        "starts": 5 / 8,
+        "draft_iterations": 2 / 5,
+    }
     FEW: ClassVar[tuple[str, ...]] = (
         "target",
         "stiffness_0",
@@ -116,16 +122,6 @@ class TileScene(TileDesignScene):
         "size",
         "seed",
     )
-
-    def coarse(self) -> Self:
-        """Return the quick variant: longer edges, a larger filter, fewer starts and steps."""
-        return self.updated(
-            edge_length=0.2e-3,
-            filter_radius=0.8e-3,
-            starts=5,
-            trial_iterations=12,
-            draft_iterations=16,
-        )
 
     def run_design(
         self,

@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -56,7 +56,10 @@ class SheetMesh(Table):
     """Sizes and mesh."""
 
     edge_length: Length | None = key(
-        None, "edge length of the simulated sheet; none takes the tile's own mesh"
+        None, "edge length of the simulated sheet; none takes that of the tile, times edge_factor"
+    )
+    edge_factor: Positive = key(
+        1.0, "edge length of the simulated sheet over that of the tile, where no length is given"
     )
 
 
@@ -72,11 +75,13 @@ class TileSheetScene(Scene):
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
         "tile": "output folder of a designed tile; none: a simple tile"
     }
+    COARSE: ClassVar[Mapping[str, float]] = {
+        "edge_length": 2.0,
+        "edge_factor": 2.0,
+        "along": 3 / 5,
+        "across": 3 / 5,
+    }
     FEW: ClassVar[tuple[str, ...]] = ("direction", "along", "across", "strain", "edge_length")
-
-    def coarse(self) -> Self:
-        """Return the quick variant: a small sheet on a coarse mesh."""
-        return self.updated(edge_length=0.72e-3, along=6, across=3)
 
     def run_simulation(
         self,
@@ -101,8 +106,9 @@ class TileSheetScene(Scene):
         directions = DIRECTIONS if self.pull.direction == "both" else (self.pull.direction,)
         design = cross_tile(comm) if given is None else read_tile(comm, given)
         simulated = design
-        if self.skin.edge_length is not None:
-            simulated = remesh(comm, design, self.skin.edge_length)
+        factor, edge = self.skin.edge_factor, self.skin.edge_length
+        if edge is not None or factor != 1.0:
+            simulated = remesh(comm, design, edge or factor * design.edge_length)
         designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
         counts = (self.pull.along, self.pull.across)
         sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]

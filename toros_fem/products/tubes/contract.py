@@ -54,6 +54,10 @@ class ContractScene(SectionTubeScene):
     MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = ("contraction", "length", "diameter", "pressure", "seed")
 
+    COARSE: ClassVar[Mapping[str, float]] = {
+        **SectionTubeScene.COARSE,
+        "print_edge_length": 9 / 5,
+    }
     TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -67,6 +67,7 @@ class InflateScene(Scene):
 
     KIND: ClassVar[str] = "inflate"
     ABOUT: ClassVar[str] = "a tube without reinforcement that swells"
+    COARSE: ClassVar[Mapping[str, float]] = {"edge_length": 2.0, "levels": 0.5}
     FEW: ClassVar[tuple[str, ...]] = (
         "length",
         "diameter",
@@ -86,10 +87,6 @@ class InflateScene(Scene):
         if near.any():
             return np.asarray(levels, dtype=np.float64)
         return np.sort(np.append(levels, asked.pressure)).astype(np.float64)
-
-    def coarse(self) -> Self:
-        """Return the same path on a coarse mesh with fewer pressures."""
-        return self.updated(edge_length=2.85e-3, levels=20)
 
     def run_simulation(
         self,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Self
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -64,8 +64,6 @@ class SymmetricTube(Tube):
 LENGTH_SCALE = 0.2
 # Largest distance of a target from its mirror image, as a fraction of the tube's size.
 SYMMETRIC = 1e-9
-# Width of lines on a coarse mesh, in m.
-COARSE_WIDTH = 1.2e-3
 
 
 @dataclass(frozen=True)
@@ -75,29 +73,23 @@ class TubeScene(ActuatorScene):
     skin: Tube = Tube()
     objective: TipWeights = TipWeights()
 
+    COARSE: ClassVar[Mapping[str, float]] = {
+        "edge_length": 2.0,
+        "filter_radius": 88 / 43,
+        "iterations": 2 / 3,
+        "constrained_iterations": 3 / 4,
+        "relaxed_edge_length": 5 / 4,
+        "laid_width": 4 / 3,
+        "second_laid_width": 4 / 3,
+        "print_edge_length": 6 / 5,
+        "corrections": 2 / 3,
+    }
+
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
         around = float(np.pi * self.skin.diameter / LEAST_AROUND)
         return min(around, self.skin.length / LEAST_ALONG)
-
-    def coarse(self) -> Self:
-        """Return the same design on a coarse mesh, with few steps and wider lines."""
-        # The third correction of densities moves the print by half a degree, that of lines by more.
-        most = 4 if self.design.start == "relaxed" else 2
-        second = self.lines.second_laid_width
-        return self.updated(
-            edge_length=2.85e-3,
-            filter_radius=4.4e-3,
-            levels=1,
-            iterations=40,
-            constrained_iterations=30,
-            relaxed_edge_length=5e-3,
-            print_edge_length=0.9e-3,
-            laid_width=max(self.lines.laid_width, COARSE_WIDTH),
-            second_laid_width=second and max(second, COARSE_WIDTH),
-            corrections=min(self.design.corrections, most),
-        )
 
     def tip_case(
         self,

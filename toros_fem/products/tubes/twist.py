@@ -85,6 +85,11 @@ class TwistScene(SectionTubeScene):
         "seed",
     )
 
+    COARSE: ClassVar[Mapping[str, float]] = {
+        **SectionTubeScene.COARSE,
+        "axial_width": 4 / 3,
+        "print_edge_length": 18 / 13,
+    }
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
 
     @property
