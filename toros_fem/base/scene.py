@@ -29,7 +29,6 @@ class Scene:
 
     Attributes:
         KIND: Name of its kind in scene files.
-        ABOUT: What it is, in one line.
         FEW: Keys that a new user changes.
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
             name, with their help.
@@ -40,7 +39,6 @@ class Scene:
     """
 
     KIND: ClassVar[str] = ""
-    ABOUT: ClassVar[str] = ""
     FEW: ClassVar[tuple[str, ...]] = ()
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {}

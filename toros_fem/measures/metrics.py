@@ -137,10 +137,18 @@ class Metric:
             return f"{self.name} over its rest value"
         return f"{self.name} in {UNITS.get(self.unit, (self.unit, ''))[0]}"
 
-    def formatted(self, value: float) -> str:
-        """Return a value with its unit, such as "180°"."""
-        sign = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
-        return f"{value:.3g}{sign}"
+    def formatted(self, value: float | None, digits: int = 3, *, sign: bool = False) -> str:
+        """Return a value with its unit, such as "180°", or a dash for None.
+
+        Args:
+            value: The value, or a change of it.
+            digits: Significant digits.
+            sign: Whether to write its sign, as "+3°".
+        """
+        if value is None:
+            return "–"
+        unit = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
+        return f"{value:{'+' * sign}.{digits}g}{unit}".replace("-", "−" if sign else "-")
 
 
 def check_metrics(metrics: Sequence[Metric]) -> None:

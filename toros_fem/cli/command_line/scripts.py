@@ -10,10 +10,11 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
-from toros_fem.base.keys import Key, Table, plain_value
+from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.keys import Table
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.scene import Scene
+from toros_fem.cli.command_line.command import METAVARS, option_help, reader
 from toros_fem.cli.command_line.exit_codes import exit_code, tell_alone
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
@@ -22,8 +23,6 @@ from toros_fem.materials.library import read_library
 from toros_fem.results.runs.folder import open_run
 
 C = TypeVar("C", bound=Table | Scene)
-T = TypeVar("T", bound=Table)
-METAVARS, QUOTE = {float: "X", int: "N", str: "NAME"}, '"'
 
 
 def run_from_command_line(
@@ -171,7 +170,7 @@ def add_options(parser: argparse.ArgumentParser, settings: Table | Scene) -> Non
     homes = _homes(type(settings))
     groups = {of: parser.add_argument_group(of.holds()) for of in homes.values()}
     for name, one in settings.described().items():
-        form: dict[str, Any] = {"type": _reader(one), "metavar": METAVARS.get(one.kind)}
+        form: dict[str, Any] = {"type": reader(one), "metavar": METAVARS.get(one.kind)}
         if one.kind is bool:
             form = {"action": argparse.BooleanOptionalAction}
         text = option_help(one, settings.value(name))
@@ -183,36 +182,6 @@ def _homes(settings: type[Table | Scene]) -> dict[str, type[Table]]:
     """Return the table of each key."""
     tables = settings.tables().values() if issubclass(settings, Scene) else (settings,)
     return {name: of for of in tables for name in of.described()}
-
-
-def given_config(given: argparse.Namespace, config: T) -> T:
-    """Return settings with the values of the options that were given.
-
-    Args:
-        given: Parsed options, of `add_options`.
-        config: All other values.
-
-    Raises:
-        ParameterError: Values do not fit each other.
-    """
-    known = config.described()
-    return config.updated(**{name: v for name, v in vars(given).items() if name in known})
-
-
-def option_help(one: Key, default: Any) -> str:
-    """Return the help of a key as an option."""
-    shown = {True: "yes", False: "no"}.get(default) if one.kind is bool else None
-    return f"{one.help}; default {shown or one.written(default).strip(QUOTE)}".replace("%", "%%")
-
-
-def _reader(one: Key) -> Callable[[str], Any]:
-    def read(text: str) -> Any:
-        try:
-            return one.read(text if one.kind is str else plain_value(text))
-        except ParameterError as caught:
-            raise argparse.ArgumentTypeError(str(caught)) from None
-
-    return read
 
 
 def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:

@@ -106,7 +106,6 @@ class TileScene(TileDesignScene):
     skin: TileSizes = TileSizes()
 
     KIND: ClassVar[str] = "tile"
-    ABOUT: ClassVar[str] = "a periodic fabric of designed stiffness"
     FEW: ClassVar[tuple[str, ...]] = (
         "target",
         "stiffness_0",

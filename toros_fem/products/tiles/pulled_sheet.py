@@ -24,7 +24,7 @@ from toros_fem.base.files import write_json, write_table, write_together
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
 from toros_fem.base.versions import versions
-from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.meshes import tile
@@ -67,7 +67,6 @@ class TileSheetScene(Scene):
     pull: SheetPull = SheetPull()
 
     KIND: ClassVar[str] = "tile-sheet"
-    ABOUT: ClassVar[str] = "a pull test of a sheet of tiles"
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
         "tile": "output folder of a designed tile; none: a simple tile"
     }

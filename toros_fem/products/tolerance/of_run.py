@@ -20,8 +20,8 @@ from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.result import Tolerances
-from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin

@@ -63,7 +63,6 @@ class InflateScene(Scene):
     pressure: Curve = Curve()
 
     KIND: ClassVar[str] = "inflate"
-    ABOUT: ClassVar[str] = "a tube without reinforcement that swells"
     FEW: ClassVar[tuple[str, ...]] = (
         "length",
         "diameter",
