@@ -20,7 +20,7 @@ class UnwrapConfig(Table):
 
     scale: Length = key(1.0, "length of the file's unit")
     component: Number | None = key(
-        None, "connected component, 0 for the largest; none: the file holds only one"
+        None, "connected component, 0 for the largest; none: the only one of the file"
     )
     seams: Annotated[str, OneOf(("given", "auto"))] = key(
         "given", "seams of the file, found if it has none, or always found"
