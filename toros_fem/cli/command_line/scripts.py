@@ -17,9 +17,9 @@ from toros_fem.base.scene import Scene
 from toros_fem.cli.command_line.command import METAVARS, option_help, reader
 from toros_fem.cli.command_line.exit_codes import exit_code, tell_alone
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
-from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
+from toros_fem.cli.scene_files.materials import FILE, KIND_OF, numbers_of, roles_of
 from toros_fem.cli.scene_files.writing import scene_text
-from toros_fem.materials.library import read_library
+from toros_fem.materials.library import named, read_library
 from toros_fem.results.runs.folder import open_run
 
 C = TypeVar("C", bound=Table | Scene)
@@ -76,7 +76,7 @@ def run_from_command_line(
 
     def action() -> str:
         start = config.coarse() if quick and hasattr(config, "coarse") else config
-        chosen = start.updated(**_with_materials(comm, config, start, given, library))
+        chosen = start.updated(**_with_materials(comm, config, given, library))
         inputs = {
             "about": about.partition("\n")[0],
             "config": chosen.as_dict(),
@@ -147,19 +147,16 @@ def _add_material_options(parser: argparse.ArgumentParser, config: Table | Scene
 def _with_materials(
     comm: MPI.Comm,
     default: Table | Scene,
-    config: Table | Scene,
     given: Mapping[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
     """Return the given values with numbers in the place of names of materials (collective)."""
     if path is None and not any(role in given for role in KIND_OF):
         return dict(given)
-    materials = NamedMaterials(read_library(*([] if path is None else [path]), comm=comm))
-    conflict = materials.conflict(given)
-    if conflict is not None:
-        role, number = (f"--{name.replace('_', '-')}" for name in conflict)
-        raise UsageError(f"{role} stands for {number} too; keep one of both.")
-    return materials.resolve(config, default, given)
+    library = read_library(*([] if path is None else [path]), comm=comm)
+    roles = {r: named(library, given[r], kind) for r, kind in KIND_OF.items() if r in given}
+    rest = {name: value for name, value in given.items() if name not in roles}
+    return {**numbers_of(roles, rest, default), **rest}
 
 
 def add_options(parser: argparse.ArgumentParser, settings: Table | Scene) -> None:
