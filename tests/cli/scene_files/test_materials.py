@@ -105,9 +105,8 @@ def test_a_number_beats_a_name(tmp_path: Path) -> None:
     assert composite.reinforcement.thickness == 1e-3
     laid = reinforced(composite.fabric, LIBRARY["tpu-85a"].material)
     assert composite.reinforcement == replace(laid, thickness=1e-3)
-    both = ["knit_ratio=2", "fabric=rib-knit"]
-    found = scene(tmp_path, text, changes=both).config.material.composite
-    assert (found.knit.ratio, found.fabric) == (2.0, knit)
+    found = scene(tmp_path, text, changes=["knit_ratio=2", "fabric=rib-knit"]).config.material
+    assert (found.composite.knit.ratio, found.composite.fabric) == (2.0, knit)
 
 
 def test_bounds_of_a_print(tmp_path: Path) -> None:

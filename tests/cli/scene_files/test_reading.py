@@ -139,12 +139,6 @@ def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
     assert len(str(caught.value)) < 1500
 
 
-def test_error_has_line_and_key(tmp_path: Path) -> None:
-    with pytest.raises(SceneError) as caught:
-        scene(tmp_path, 'kind = "bend"\n[skin]\n# a comment\nlength = 0\n')
-    assert (caught.value.line, caught.value.key) == (4, "skin.length")
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
