@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +50,7 @@ def tolerances_of_run(
         NoEquilibriumError: The print has no equilibrium.
         TorosError: A file cannot be read, or does not fit.
     """
-    folder, begin = Path(run), time.perf_counter()
+    folder = Path(run)
     summary = on_first_rank(comm, lambda: finished_summary(folder))
     if summary.get("printed_failure"):
         raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
@@ -74,7 +73,7 @@ def tolerances_of_run(
     pressure = summary["pressures_pa"]
     own = {m.key: summary[m.key] for m in case.judged if summary.get(m.key) is not None}
     drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
-    return simulated_tolerances(problem, problem.on, drawn, config, begin=begin)
+    return simulated_tolerances(problem, drawn, config)
 
 
 def finished_summary(folder: Path) -> Mapping[str, Any]:

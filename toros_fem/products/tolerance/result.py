@@ -77,7 +77,7 @@ class Tolerances:
         variants: All variants, by quantity and change.
         triangles: Number of triangles of the mesh.
         steps: Number of Newton steps as drawn, and of all variants together.
-        seconds: Wall time as drawn, with its mesh, and of all variants together.
+        seconds: Wall time as drawn, on its mesh, and of all variants together.
     """
 
     metrics: tuple[Metric, ...]

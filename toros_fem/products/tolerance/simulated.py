@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -45,7 +45,6 @@ from toros_fem.products.tolerance.rates import (
 from toros_fem.products.tolerance.result import Tolerances, Variant
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
-Remake = Callable[[Pattern], ShapeDesign]
 # Step of differences by the way of the borders, over the way that is simulated: on stiff triangles
 # the residual is far from linear in it.
 BORDER_STEP = 1e-2
@@ -105,9 +104,7 @@ class Drawn:
 
 
 def tolerances(
-    problem: ShapeDesign,
-    printed: PrintedDesign,
-    config: ToleranceConfig | None = None,
+    problem: ShapeDesign, printed: PrintedDesign, config: ToleranceConfig | None = None
 ) -> Tolerances:
     """Return how a printed design moves if it is not made as drawn (collective).
 
@@ -139,32 +136,25 @@ def tolerances(
         made.equilibrium.pressures,
         problem.metrics_of(made.equilibrium),
     )
-    begin = time.perf_counter()
     following = problem.on(snapped(problem.comm, part, drawn.regions))
-    return simulated_tolerances(following, problem.on, drawn, config, begin=begin)
+    return simulated_tolerances(following, drawn, config)
 
 
 def simulated_tolerances(
-    problem: ShapeDesign,
-    remake: Remake,
-    drawn: Drawn,
-    config: ToleranceConfig | None = None,
-    *,
-    begin: float,
+    problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:
     """Return how a print moves if it is not made as drawn (collective).
 
     Args:
         problem: The design problem, on a mesh that follows the print.
-        remake: Returns the problem on a pattern with the same triangles, whose vertices have moved.
         drawn: The print.
         config: How far what is off; None takes the defaults.
-        begin: When the work on the problem began, by `time.perf_counter`.
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.
     """
-    study = _Study(problem, remake, drawn)
+    begin = time.perf_counter()
+    study = _Study(problem, drawn)
     middle = time.perf_counter()
     variants = tuple(study.variants(config or ToleranceConfig()))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
@@ -185,8 +175,8 @@ def simulated_tolerances(
 class _Study:
     """The drawn skin at its equilibrium, and its variants; all methods are collective."""
 
-    def __init__(self, problem: ShapeDesign, remake: Remake, drawn: Drawn) -> None:
-        self.problem, self.remake, self.drawn = problem, remake, drawn
+    def __init__(self, problem: ShapeDesign, drawn: Drawn) -> None:
+        self.problem, self.drawn = problem, drawn
         skin, start = problem.skin, None
         self.pattern, self.comm = skin.pattern, skin.comm
         cells = on_first_rank(self.comm, lambda: printed_cells(self.pattern, drawn.regions))
@@ -226,7 +216,7 @@ class _Study:
         def moved(offset: float) -> MovedSkin:
             flat = pattern.flat_points + offset * motion
             other = on_first_rank(self.comm, lambda: with_flat_points(pattern, flat))
-            return MovedSkin(self.remake(other), pattern, offset * motion, unknowns)
+            return MovedSkin(self.problem.on(other), pattern, offset * motion, unknowns)
 
         # A line is wider by twice the way of its borders.
         step = BORDER_STEP * width / 2
