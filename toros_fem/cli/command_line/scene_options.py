@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 from mpi4py import MPI
 
 from toros_fem.base.keys import Count, key
-from toros_fem.cli.command_line.command import Command
+from toros_fem.cli.command_line.command import Answer, Command
 
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files.reading import SceneFile
@@ -68,3 +68,10 @@ class RunCommand(SceneCommand, Progress):
         MISSING, "folder of the run, made if missing; files of an earlier run in it are moved aside"
     )
     TAKES: ClassVar = {**SceneCommand.TAKES, "output": "RUN"}
+
+    def run(self, comm: MPI.Comm, scene: SceneFile, name: str) -> Answer:
+        """Design or simulate a scene in the run's folder (collective)."""
+        from toros_fem.cli.command_line.running import run_scene
+
+        with self.meshes_allowed():
+            return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from mpi4py import MPI
@@ -67,29 +67,18 @@ class Check(SceneCommand):
 
 
 def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:
-    figures: dict[str, Any] = {
+    seconds = None if tried is None else found.seconds(tried.per_step, tried.triangles)
+    return {
         "triangles": found.triangles,
         "largest_triangles": found.largest,
         "unknowns": found.unknowns,
         "memory_gib": found.memory / 2**30,
         "machine_gib": memory_gib(),
         "ranks": comm.size,
-        "parts": [
-            {"name": p.name, "triangles": p.triangles, "newton_steps": p.newton_steps}
-            for p in found.parts
-        ],
-        "minutes": None,
-        "probe": None,
+        "parts": [asdict(part) for part in found.parts],
+        "minutes": None if seconds is None else [end / 60 for end in seconds],
+        "probe": None if tried is None else asdict(tried),
     }
-    if tried is not None:
-        low, high = found.seconds(tried.per_step, tried.triangles)
-        figures["minutes"] = [low / 60, high / 60]
-        figures["probe"] = {
-            "triangles": tried.triangles,
-            "newton_steps": tried.newton_steps,
-            "seconds": tried.seconds,
-        }
-    return figures
 
 
 def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:

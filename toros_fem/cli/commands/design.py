@@ -29,8 +29,4 @@ class Design(RunCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Design in the run's folder (collective)."""
-        from toros_fem.cli.command_line.running import run_scene
-
-        scene, name = self.scene(comm), "design"
-        with self.meshes_allowed():
-            return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)
+        return self.run(comm, self.scene(comm), "design")

@@ -37,15 +37,14 @@ class Simulate(RunCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate in the run's folder (collective)."""
-        from toros_fem.cli.command_line.running import action_of, run_scene
+        from toros_fem.cli.command_line.running import action_of
 
-        scene, name = self.scene(comm), "simulate"
-        action = action_of(scene, name)
+        scene = self.scene(comm)
+        action = action_of(scene, "simulate")
         if self.pattern is not None:
             if "pattern" not in action.files:
                 raise UsageError(
                     f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
                 )
             scene = replace(scene, files={**scene.files, "pattern": self.pattern})
-        with self.meshes_allowed():
-            return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)
+        return self.run(comm, scene, "simulate")

@@ -292,10 +292,10 @@ class _Reader(Document):
     def files(self, changes: Sequence[_Change]) -> dict[str, tuple[Path | None, int | None]]:
         """Return path and line of each file that is named, or changed; None for none."""
         known = [*self.kind.files(), *([FILE] if roles_of(self.kind) else [])]
-        named: _Layer = {n: (("files", n), value) for n, value in self.table("files").items()}
-        named |= {one.key: (one, one.value) for one in changes if one.table == "files"}
+        given: _Layer = {n: (("files", n), value) for n, value in self.table("files").items()}
+        given |= {one.key: (one, one.value) for one in changes if one.table == "files"}
         found: dict[str, tuple[Path | None, int | None]] = {}
-        for name, (place, value) in named.items():
+        for name, (place, value) in given.items():
             self.require_known(place, name, known)
             if not isinstance(value, str) or not value or "\0" in value:
                 self.fail(place, f"{value!r} must be a path, in quotes.")
