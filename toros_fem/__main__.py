@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import signal
+import os
 import sys
 
 from mpi4py import MPI
 
-from toros_fem.cli.commands.main import loaded, named, run
+from toros_fem.cli.commands.main import run
 
 
 def main() -> int:
     """Run the command that the command line names, on all ranks; return the exit code."""
-    words = sys.argv[1:]
-    if (name := named(words)) is not None:
-        loaded(name)  # and PETSc with it, which would end all ranks where a pipe breaks
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    return run(MPI.COMM_WORLD, words)
+    # PETSc would end all ranks where a pipe breaks, a signal that Python ignores.
+    os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
+    return run(MPI.COMM_WORLD, sys.argv[1:])
 
 
 if __name__ == "__main__":

@@ -69,12 +69,11 @@ from toros_fem.mechanics.skin.supports import (
 )
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.fit import fit_material
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.fitting.result import FitResult
 from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.options import FitOptions, ToleranceConfig
 from toros_fem.products.tolerance.result import Tolerances
-from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import tolerances
 from toros_fem.products.tolerance.writing import write_tolerances
 from toros_fem.results.reporter import DesignReporter

@@ -11,12 +11,12 @@ from sphinx.util.nodes import nested_parse_with_titles
 
 from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
-from toros_fem.products.kinds import KINDS
+from toros_fem.products.kinds import ABOUT, KINDS
 
 
 def page_of(kind: type[Scene]) -> list[str]:
     """Return heading and tables of a kind in Markdown."""
-    lines = [f"## {kind.KIND}", "", f"{kind.ABOUT[0].upper()}{kind.ABOUT[1:]}.", ""]
+    lines = [f"## {kind.KIND}", "", f"{ABOUT[kind.KIND][0].upper()}{ABOUT[kind.KIND][1:]}.", ""]
     for section, of in kind.tables().items():
         lines += [f"**[{section}]** {of.holds()}", "", "| key | meaning | default |"]
         lines.append("|---|---|---|")

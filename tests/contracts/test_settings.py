@@ -4,17 +4,18 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import MISSING
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import toros_fem.products.kinds  # noqa: F401 - all settings are loaded
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import NONE, Key, Table
-from toros_fem.cli.commands import export, fit, tolerance, unwrap  # noqa: F401
+from toros_fem.cli.commands import main  # noqa: F401
 from toros_fem.materials.library import LibraryMaterial, read_library
 from toros_fem.mechanics.paths import arc_length  # noqa: F401
+from toros_fem.products.kinds import KINDS
 
 
 def tables(of: type[Table] = Table) -> Iterator[type[Table]]:
@@ -24,13 +25,14 @@ def tables(of: type[Table] = Table) -> Iterator[type[Table]]:
         yield from tables(one)
 
 
+SCENES = [*KINDS.values()]  # all settings are loaded
 TABLES = sorted(set(tables()), key=lambda one: (one.__module__, one.__name__))
 OF_TABLES = pytest.mark.parametrize("table", TABLES, ids=lambda one: one.__name__)
 OTHERS: dict[type, tuple[Any, ...]] = {
     float: ("5", None, True, [1.0], {}, math.nan, math.inf, -math.inf, 10**400, 1j),
     int: ("5", None, True, [1], 2.0, math.nan, 10**400, np.float64(3)),
     bool: ("true", None, 1, 0, [True]),
-    str: (5, True, [""], 1.0, b"x"),
+    **dict.fromkeys((str, Path), (5, True, [""], 1.0, b"x")),
     tuple: ("5", None, 1.0, [1.0], [1.0, True], [1.0, "2"], (1, math.nan), [1.0, 10**400]),
 }
 
@@ -40,6 +42,7 @@ MORE: dict[type, list[Any]] = {
     int: [np.int64(3)],
     bool: [True, False],
     str: ['a "b" \\ ü', ""],
+    Path: [Path("ü b/c"), "a"],
     tuple: [(1, 0.1), np.array([1, 2])],
 }
 
@@ -68,6 +71,7 @@ def test_wrong_values_are_refused_by_name(table: type[Table]) -> None:
         wrong = [value for value in OTHERS[key.kind] if not (value is None and key.optional)]
         wrong += [value for value, allowed in near(key) if not allowed]
         wrong += ["no such word"] if key.words else []
+        wrong = [[value] for value in wrong] + [5] if key.several else wrong
         for value in wrong:
             with pytest.raises(ParameterError, match=rf"^{key.name} = ") as caught:
                 key.checked(value)
@@ -80,13 +84,15 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
     """Of numpy's types too, which become plain ones; what is read from a file is in its unit."""
     for key in table.described().values():
         values: list[Any] = [*key.words, *([None] if key.optional else [])]
-        values += [] if key.default is MISSING else [key.default]
+        values += [] if key.default is MISSING or key.several else [key.default]
         values += [value for value, allowed in near(key) if allowed]
         values += [] if key.words else MORE[key.kind]
         for value in values:
-            if isinstance(value, str | bool | None) or key.kind is tuple or value in key.within:
-                found = key.checked(value)
-                assert type(found) in (key.kind, type(None))
+            plain = isinstance(value, str | bool | Path | None) or key.kind is tuple
+            if plain or value in key.within:
+                found = key.one.checked(value)
+                assert isinstance(found, key.kind | None)
+                found = (found, found) if key.several else found
                 assert key.read(json.loads(key.written(found))) == found
         if key.optional:
             assert key.read(NONE.upper()) is None
@@ -96,8 +102,11 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
 def test_tables_are_values(table: type[Table]) -> None:
     """With the defaults of their own, which need not fit each other for all of them."""
     needed: dict[str, Any] = {"where": "z < 5 mm"} if "where" in table.described() else {}
+    for one in table.described().values():
+        if one.default is MISSING:
+            needed[one.name] = one.words[0] if one.words else ["a"] if one.several else "a"
     made = read_library()["rib-knit"] if table is LibraryMaterial else table(**needed)
-    assert made == table(**json.loads(json.dumps(made.as_dict())))
+    assert made == table(**json.loads(json.dumps(made.as_dict(), default=str)))
     assert hash(made) == hash(made.updated())
     with pytest.raises(ParameterError, match=r"unknown parameter 'sise'; (did you mean|known are)"):
         made.updated(sise=1.0)

@@ -14,11 +14,11 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.base.scene import Scene
+from toros_fem.cli.command_line.command import option_help
 from toros_fem.cli.command_line.exit_codes import MEANING
-from toros_fem.cli.command_line.scripts import option_help
-from toros_fem.cli.commands.main import COMMANDS, loaded, run
+from toros_fem.cli.commands.main import COMMANDS, run
 from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
-from toros_fem.products.kinds import KINDS
+from toros_fem.products.kinds import ABOUT, KINDS
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 
@@ -73,11 +73,10 @@ def helps(name: str, parser: argparse.ArgumentParser) -> dict[str, str]:
 
 
 def commands(parser_of: Callable[..., Any]) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield the parser of each command, which `toros` has where the command is named."""
-    for name in COMMANDS:
-        toros = parser_of(run, MPI.COMM_SELF, [name])
-        (found,) = (a for a in toros._actions if isinstance(a, argparse._SubParsersAction))
-        yield name, found.choices[name]
+    """Yield the parser of each command."""
+    toros = parser_of(run, MPI.COMM_SELF, [])
+    (found,) = (a for a in toros._actions if isinstance(a, argparse._SubParsersAction))
+    yield from found.choices.items()
 
 
 def test_commands(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
@@ -95,7 +94,7 @@ def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) 
     found: dict[str, Any] = {"toros": plain(toros.description), **helps("toros", toros)}
     for name, parser in commands(parser_of):
         found[f"toros {name}"] = plain(parser.description)
-        found[f"toros {name}: examples"] = list(loaded(name).examples)
+        found[f"toros {name}: examples"] = list(COMMANDS[name].EXAMPLES)
         found |= helps(f"toros {name}", parser)
     for path in DEMOS:
         with pytest.MonkeyPatch.context() as patch:
@@ -108,7 +107,7 @@ def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) 
 
 def keys(kind: type[Scene]) -> Iterator[tuple[str, str]]:
     """Yield each key of a kind's scene files, and what is said about it."""
-    yield kind.KIND, kind.ABOUT
+    yield kind.KIND, ABOUT[kind.KIND]
     for name, text in kind.files().items():
         example = kind.EXAMPLE_FILES.get(name)
         yield f"{kind.KIND} [files] {name}", f"{text}; in a new file {example or 'none'}"

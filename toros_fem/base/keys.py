@@ -12,6 +12,7 @@ import types
 import typing
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
 
 import numpy as np
@@ -28,10 +29,12 @@ TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
         int: (int, np.integer),
         bool: (bool,),
         str: (str,),
+        Path: (str, Path),
     }
 )
 WORDS = {
     float: "a number", int: "a whole number", bool: "true or false", str: "a word",
+    Path: "a path",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }  # fmt: skip
 
@@ -100,7 +103,8 @@ class Key:
 
     Attributes:
         name: Its name, in files and in Python.
-        kind: float, int, bool, str, or tuple for two floats.
+        kind: float, int, bool, str, Path, or tuple for two floats.
+        several: Whether it holds a tuple of values of its kind.
         optional: Whether it may be None, "none" in files.
         within: Unit and bounds of a number.
         words: The words that a text may be; empty for free text.
@@ -115,6 +119,12 @@ class Key:
     words: tuple[str, ...]
     default: Any
     meaning: str
+    several: bool = False
+
+    @property
+    def one(self) -> Key:
+        """The key of one of several values."""
+        return replace(self, several=False)
 
     @property
     def bounds(self) -> str:
@@ -141,6 +151,10 @@ class Key:
         """
         if value is None and self.optional:
             return None
+        if self.several:
+            if not isinstance(value, list | tuple):
+                self.refuse(value, "must be a list")
+            return tuple(map(self.one.checked, value))
         if self.kind is tuple:
             return self._pair(value)
         truth = isinstance(value, bool)
@@ -148,10 +162,15 @@ class Key:
             none = f", or {None if value is None else NONE}" if self.optional else ""
             self.refuse(value, f"must be {WORDS[self.kind]}{none}")
         if self.words and value not in self.words:
-            self.refuse(value, f"must be one of {', '.join(map(repr, self.words))}")
+            near = difflib.get_close_matches(str(value), self.words, n=1)
+            advice = f"; did you mean {near[0]!r}?" if near else "."
+            known = ", ".join(map(repr, self.words))
+            raise ParameterError(
+                f"{self.name} = {shown(value)} must be one of {known}{advice}", self.name
+            )
         if self.kind in (float, int):
             return self._number(value)
-        return value
+        return Path(str(value)) if self.kind is Path else value
 
     def _pair(self, value: Any) -> tuple[float, float]:
         ends = value.tolist() if isinstance(value, np.ndarray) else value
@@ -183,6 +202,8 @@ class Key:
         """
         if self.optional and isinstance(value, str) and value.lower() == NONE:
             return None
+        if self.several and isinstance(value, list | tuple):
+            return tuple(map(self.one.read, value))
         if self.kind is float and isinstance(value, str):
             try:
                 value = read_quantity(value, self.within.unit)
@@ -192,8 +213,10 @@ class Key:
 
     def written(self, value: Any) -> str:
         """Return a value as a file holds it, in a handy unit."""
-        if value is None or isinstance(value, str):
-            return quoted(NONE if value is None else value)
+        if self.several and value is not None:
+            return f"[{', '.join(map(self.one.written, value))}]"
+        if value is None or isinstance(value, str | Path):
+            return quoted(NONE if value is None else str(value))
         if isinstance(value, bool):
             return str(value).lower()
         if isinstance(value, tuple):
@@ -225,9 +248,9 @@ def plain_value(text: str) -> Any:
 class Table:
     """Base of all settings: frozen, and checked on construction, by type and by bounds.
 
-    A field is made by `key`. Its type is float, int, bool, str or two floats, one of these or None,
-    or one with unit and bounds, as `Length`. Validation, files, command lines and pages read this
-    one place.
+    A field is made by `key`. Its type is float, int, bool, str, Path or two floats, one of these or
+    None, several of one of them, or one with unit and bounds, as `Length`. Validation, files,
+    command lines and pages read this one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -295,16 +318,20 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
     found, hints = {}, typing.get_type_hints(table, include_extras=True)
     for one in fields(table):
         kind, optional, limits = _typed(hints[one.name])
+        several = get_args(kind)[1:] == (...,)
+        if several:
+            kind, _, limits = _typed(get_args(kind)[0])
         kind = tuple if kind == tuple[float, float] else kind
         if kind not in WORDS or "meaning" not in one.metadata:
             raise TypeError(
-                f"{table.__name__}.{one.name} must be a float, int, bool or str (or None) or two "
-                "floats, with its default and meaning given by key(…)."
+                f"{table.__name__}.{one.name} must be a float, int, bool, str or Path (or None), "
+                "several of one of these or two floats, with its default and meaning given by "
+                "key(…)."
             )
         within = limits if isinstance(limits, In) else In()
         words = limits.words if isinstance(limits, OneOf) else ()
         found[one.name] = Key(
-            one.name, kind, optional, within, words, one.default, one.metadata["meaning"]
+            one.name, kind, optional, within, words, one.default, one.metadata["meaning"], several
         )
     return types.MappingProxyType(found)
 

@@ -29,7 +29,6 @@ class Scene:
 
     Attributes:
         KIND: Name of its kind in scene files.
-        ABOUT: What it is, in one line.
         FEW: Keys that a new user changes.
         COARSE: Factors of the quick variant, by key.
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
@@ -41,7 +40,6 @@ class Scene:
     """
 
     KIND: ClassVar[str] = ""
-    ABOUT: ClassVar[str] = ""
     FEW: ClassVar[tuple[str, ...]] = ()
     COARSE: ClassVar[Mapping[str, float]] = {}
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
@@ -69,15 +67,16 @@ class Scene:
         return self.updated(**self.coarse_values())
 
     def coarse_values(self) -> dict[str, Any]:
-        """Return the values of the quick variant by key: numbers of things are at least 1."""
-        values = {key: self.value(key) for key in self.COARSE}
-        return {
-            key: max(1, round(self.COARSE[key] * value))
-            if isinstance(value, int)
-            else round(self.COARSE[key] * value, 9)
-            for key, value in values.items()
-            if value  # none stays none, and what is left out stays so
-        }
+        """Return the values of the quick variant by key: as many steps as each key needs."""
+        known, found = self.described(), dict[str, Any]()
+        for key, factor in self.COARSE.items():
+            value = self.value(key)
+            if value is None or value == 0:  # left out, and stays so
+                continue
+            least = known[key].within.at_least
+            steps = isinstance(value, int)
+            found[key] = max(1, least, round(factor * value)) if steps else round(factor * value, 9)
+        return found
 
     @classmethod
     def of(cls, **values: Any) -> Self:

@@ -1,32 +1,42 @@
-"""All kinds of scenes by name."""
+"""All kinds of scenes by name; the class of a kind is loaded when it is asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import importlib
+from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 
 from toros_fem.base.scene import Scene
-from toros_fem.products.gripper.gripper import GripperScene
-from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
-from toros_fem.products.tile_design.tile import TileScene
-from toros_fem.products.tiles.pulled_sheet import TileSheetScene
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.bend_twist import BendTwistScene
-from toros_fem.products.tubes.contract import ContractScene
-from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.tubes.twist import TwistScene
-from toros_fem.products.walker.walker import WalkerScene
 
-_SCENES: tuple[type[Scene], ...] = (
-    BendScene,
-    BendTwistScene,
-    ContractScene,
-    TwistScene,
-    InflateScene,
-    WalkerScene,
-    GripperScene,
-    TileScene,
-    TileSheetScene,
-    OwnMeshScene,
-)
-KINDS: Mapping[str, type[Scene]] = MappingProxyType({scene.KIND: scene for scene in _SCENES})
+# Where the class of each kind is, under toros_fem.products, and what it is.
+_SCENES = {
+    "bend": ("tubes.bend.BendScene", "a tube that bends"),
+    "bend-twist": ("tubes.bend_twist.BendTwistScene", "a tube that bends and twists at once"),
+    "contract": ("tubes.contract.ContractScene", "a tube that shortens"),
+    "twist": ("tubes.twist.TwistScene", "a tube that twists"),
+    "inflate": ("tubes.inflate.InflateScene", "a tube without reinforcement that swells"),
+    "walker": ("walker.walker.WalkerScene", "an X-shaped robot that stands up or crawls"),
+    "gripper": ("gripper.gripper.GripperScene", "a gripper whose fingers close on an object"),
+    "tile": ("tile_design.tile.TileScene", "a periodic fabric of designed stiffness"),
+    "tile-sheet": ("tiles.pulled_sheet.TileSheetScene", "a pull test of a sheet of tiles"),
+    "own-mesh": ("own_mesh.own_mesh.OwnMeshScene", "a skin of your own, from a mesh file"),
+}
+ABOUT: Mapping[str, str] = MappingProxyType({name: about for name, (_, about) in _SCENES.items()})
+
+
+class _Kinds(Mapping[str, type[Scene]]):
+    """The kinds by name. Under MPI all ranks ask together, since PETSc starts on all of them."""
+
+    def __getitem__(self, name: str) -> type[Scene]:
+        module, _, of = _SCENES[name][0].rpartition(".")
+        found: type[Scene] = getattr(importlib.import_module(f"toros_fem.products.{module}"), of)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_SCENES)
+
+    def __len__(self) -> int:
+        return len(_SCENES)
+
+
+KINDS: Mapping[str, type[Scene]] = _Kinds()

@@ -85,25 +85,14 @@ def test_too_large_meshes_are_refused(
     assert run(alone, ["check", str(scene), *options, "--allow-large", "--no-probe"]) == 0
 
 
-@pytest.mark.parametrize(
-    ("line", "code", "message"),
-    [
-        ('pressur = "5 kPa"', 2, "did you mean 'pressure'"),
-        ('pressure = "5 mm"', 2, "pressure"),
-        ("pressure = -1", 2, "at least 0"),
-    ],
-)
-def test_wrong_lines(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, code: int, message: str
-) -> None:
+def test_wrong_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "wrong.toml"
-    path.write_text(f'kind = "bend"\n\n[pressure]\n{line}\n', encoding="utf-8")
-    assert run(MPI.COMM_SELF, ["check", str(path), "--json"]) == code
+    path.write_text('kind = "bend"\n\n[pressure]\npressur = "5 kPa"\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--json"]) == 2
     found = json.loads(capsys.readouterr().out)["error"]
-    assert found["type"] == "SceneError"
-    assert message in found["message"]
-    assert found["line"] == 4
-    assert found["file"] == str(path)
+    assert "did you mean 'pressure'" in found["message"]
+    assert (found["type"], found["key"]) == ("SceneError", "pressure.pressur")
+    assert (found["file"], found["line"]) == (str(path), 4)
 
 
 def test_a_mesh_that_is_not_there(
@@ -123,29 +112,25 @@ def test_own_mesh(alone: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
     assert json.loads(captured.out)["triangles"] == 1832
 
 
-@pytest.mark.parametrize(("kind", "triangles"), [("inflate", 715), ("tile", 10000)])
+@pytest.mark.parametrize(
+    ("kind", "triangles"), [("inflate", 715), ("tile", 10000), ("tile-sheet", None)]
+)
 def test_other_kinds(
     alone: MPI.Comm,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     kind: str,
-    triangles: int,
+    triangles: int | None,
 ) -> None:
     path = tmp_path / "scene.toml"
     assert run(alone, ["new", kind, str(path)]) == 0
     capsys.readouterr()
+    if triangles is None:
+        assert run(alone, ["check", str(path)]) == 0
+        assert f"{kind!r} is not estimated." in capsys.readouterr().out
+        return
     assert run(alone, ["check", str(path), "--coarse", "--json"]) == 0
     captured = capsys.readouterr()
     found = json.loads(captured.out)
     assert found["triangles"] == pytest.approx(triangles, rel=0.1)
     assert 0 < found["minutes"][0] < found["minutes"][1]
-
-
-def test_a_kind_without_an_estimate(
-    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "scene.toml"
-    assert run(alone, ["new", "tile-sheet", str(path)]) == 0
-    capsys.readouterr()
-    assert run(alone, ["check", str(path)]) == 0
-    assert "'tile-sheet' is not estimated." in capsys.readouterr().out

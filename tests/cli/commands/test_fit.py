@@ -9,9 +9,9 @@ from helpers.scenes import ROOT
 from helpers.tensile_tests import JERSEY, pulled_sheet, synthetic
 from mpi4py import MPI
 
-from toros_fem.cli.commands import fit
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library import read_library
+from toros_fem.products.fitting import strip
 from toros_fem.products.tiles import write_tile
 from toros_fem.products.tiles.pulled_sheet import cross_tile
 from toros_fem.products.tiles.sheet import remesh
@@ -54,7 +54,7 @@ def test_clamped_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.Monk
     def noted(comm: MPI.Comm, length: float, width: float) -> None:
         strips.append((length, width))
 
-    monkeypatch.setattr(fit, "ClampedStrip", noted)
+    monkeypatch.setattr(strip, "ClampedStrip", noted)
     words = ["fit", str(jersey_file(alone, tmp_path)), "--thickness", "0.5 mm", *FAST]
     words += ["--output", str(tmp_path / "fit"), "--clamped"]
     assert run(alone, [*words, "--gauge-length", "5 cm", "--width", "25 mm"]) == 0

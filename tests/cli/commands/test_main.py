@@ -5,10 +5,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
@@ -16,40 +16,26 @@ from mpi4py import MPI
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import MEANING
-from toros_fem.cli.commands import main
-from toros_fem.cli.commands.main import COMMANDS, loaded, run
+from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.making.options import ManufactureOptions
 
 ALONE = MPI.COMM_SELF
 
 
-def replaced(
-    monkeypatch: pytest.MonkeyPatch, action: Callable[[], Answer], name: str = "doctor"
-) -> None:
+def replaced(monkeypatch: pytest.MonkeyPatch, action: Callable[[], Answer]) -> None:
     """Let a command do something else."""
-    other = replace(loaded(name), run=lambda comm, given: action())
-    monkeypatch.setattr(main, "loaded", lambda name: other)
+    monkeypatch.setattr(COMMANDS["doctor"], "__call__", lambda self, comm: action())
 
 
 def test_help_lists_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(ALONE, ["--help"]) == 0
     text = capsys.readouterr().out
-    for name, about in COMMANDS.items():
+    for name, command in COMMANDS.items():
         assert f"\n    {name}" in text
-        assert " ".join(about.split()) in " ".join(text.split())
+        assert command.holds()[1:] in " ".join(text.split())
+        assert all(f"toros {name}" in line for line in command.EXAMPLES)
     for code, meaning in MEANING.items():
         assert f"{code:3d}  {meaning}" in text
-
-
-@pytest.mark.parametrize("name", list(COMMANDS))
-def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """The examples are its own; what options say is pinned."""
-    assert run(ALONE, [name, "--help"]) == 0
-    text = capsys.readouterr().out
-    assert f"usage: toros {name}" in text
-    assert "examples:\n" in text
-    for line in loaded(name).examples:
-        assert line in text
-        assert f"toros {name}" in line
 
 
 @pytest.mark.parametrize(
@@ -87,8 +73,6 @@ def test_exit_codes(
 def test_json_alone_is_on_stdout(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import numpy as np
-
     def chatty() -> Answer:
         print("a line of the library")
         figures = {"path": Path("a"), "x": np.float64(0.1), "n": np.arange(2), "nan": np.nan}
@@ -106,6 +90,28 @@ def test_json_alone_is_on_stdout(
     captured = capsys.readouterr()
     assert captured.out == "done\n"
     assert captured.err == ""
+
+
+def test_options_have_units(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A command knows its values, and which of them were given."""
+
+    def told(self: Any, comm: MPI.Comm) -> Answer:
+        others = ManufactureOptions(copies=3, cross_size=5e-3)
+        return Answer("", {**self.as_dict(), "asked": self.over(others)})
+
+    monkeypatch.setattr(COMMANDS["export"], "__call__", told)
+    words = ["export", "a/run", "--bed-width", "20 cm", "--grain", "none", "--copies=1", "--json"]
+    assert run(ALONE, words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["run"], found["output"], found["bed_width"]) == ("a/run", None, 0.2)
+    asked = ManufactureOptions(bed_width=0.2, grain=None, cross_size=5e-3)
+    assert found["asked"] == str(asked), "one copy is the default, and was given"
+    monkeypatch.setattr(COMMANDS["fit"], "__call__", told)
+    assert run(ALONE, ["fit", "a.csv", "b.csv", "--unit", "force=N", "--unit=x=m", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["data"], found["unit"]) == (["a.csv", "b.csv"], ["force=N", "x=m"])
 
 
 def test_log_and_warnings_go_to_stderr(
@@ -154,12 +160,19 @@ def test_a_process_of_its_own() -> None:
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("words", ["--help", "--version", "materials", "materials --help"])
-def test_what_solves_is_not_loaded_for_a_text(words: str) -> None:
-    done = started("-X", "importtime", "-m", "toros_fem", *words.split())
-    modules = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "mpi4py" in modules
-    assert not modules & {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
+def test_what_solves_is_not_loaded_for_a_text() -> None:
+    """For the help of any command, in one process that asks for all of them."""
+    texts = [*([name, "--help"] for name in COMMANDS), ["--help"], ["--version"], ["materials"]]
+    heavy = {"dolfinx", "petsc4py", "scipy", "shapely", "toros_fem.public"}
+    code = f"""
+import sys
+from mpi4py import MPI
+from toros_fem.cli.commands.main import run
+for words in {texts}:
+    assert run(MPI.COMM_SELF, words) == 0
+    print(words, {heavy} & {{*sys.modules}}, file=sys.stderr)"""
+    done = started("-c", code)
+    assert done.stderr.splitlines() == [f"{words} set()" for words in texts]
 
 
 @pytest.mark.parametrize("words", ["explain angle", "materials --json"])

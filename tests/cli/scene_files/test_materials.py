@@ -95,6 +95,20 @@ def test_later_layers(tmp_path: Path) -> None:
     assert found.config.material.print_offset == 0.2e-3
 
 
+def test_a_number_beats_a_name(tmp_path: Path) -> None:
+    """Beside it, and later; a name that comes later beats the numbers before it."""
+    text = '[material]\nfabric = "rib-knit"\npoisson = 0.2\nreinforcement = "tpu-85a"\n'
+    text += 'reinforcement_thickness = "1 mm"\n'
+    knit = LIBRARY["rib-knit"].material
+    composite = scene(tmp_path, text).config.material.composite
+    assert composite.fabric == replace(knit, poisson=0.2)
+    assert composite.reinforcement.thickness == 1e-3
+    laid = reinforced(composite.fabric, LIBRARY["tpu-85a"].material)
+    assert composite.reinforcement == replace(laid, thickness=1e-3)
+    found = scene(tmp_path, text, changes=["knit_ratio=2", "fabric=rib-knit"]).config.material
+    assert (found.composite.knit.ratio, found.composite.fabric) == (2.0, knit)
+
+
 def test_bounds_of_a_print(tmp_path: Path) -> None:
     """A print has its own bounds, and not wider ones than its fabric."""
     narrow = replace(LIBRARY["tpu-85a"], name="narrow", c1=1.4, c2=3.0)
@@ -140,18 +154,6 @@ WRONG = [
     ("[material]\nfabric = 3", "line 3: material.fabric: 3 must be the name of a material"),
     ('[material]\nfabrik = "x"', "unknown key 'fabrik'; did you mean 'fabric'?"),
     ('[design]\nfabric = "x"', r"line 3: design.fabric: .* in the table \[material\]"),
-    (
-        '[material]\nfabric = "jersey-light"\n\npoisson = 0.2',
-        "line 5: material.poisson: fabric = 'jersey-light' in line 3 stands for this number too",
-    ),
-    (
-        '[material]\nreinforcement_thickness = 1e-3\nreinforcement = "tpu-85a"',
-        "line 3: material.reinforcement_thickness: reinforcement = 'tpu-85a' in line 4",
-    ),
-    (
-        '[coarse]\nfabric = "rib-knit"\nknit_ratio = 2.0',
-        "line 4: coarse.knit_ratio: fabric = 'rib-knit' in line 3 stands",
-    ),
     ('[coarse]\nbladder = "ecoflex"', "line 3: coarse.bladder: 'ecoflex' is no rubber of the lib"),
     ("[files]\nmaterials = 3", "line 3: files.materials: 3 must be a path, in quotes"),
 ]
@@ -168,9 +170,8 @@ def test_wrong_names(tmp_path: Path, text: str, message: str) -> None:
     [
         (["fabric=x"], "change 'fabric=x': 'x' is no fabric of the library"),
         (["fabric=3"], "change 'fabric=3': 3 must be the name"),
-        (["material.fabrik=x"], "unknown key; did you mean 'fabric'"),
-        (["fabric=rib-knit", "fabric_young=3"], "fabric stands for fabric_young too"),
-        (["files.materials=3"], "the value must be a path"),
+        (["material.fabrik=x"], "unknown key 'fabrik'; did you mean 'fabric'"),
+        (["files.materials=3"], "3 must be a path"),
     ],
 )
 def test_wrong_changes(tmp_path: Path, changes: list[str], message: str) -> None:

@@ -8,7 +8,7 @@ from helpers.scenes import ROOT
 
 from toros_fem.base.units import DIMENSIONS
 from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.products.kinds import KINDS
+from toros_fem.products.kinds import ABOUT, KINDS
 
 PAGE = (ROOT / "docs" / "scene_files.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
@@ -17,10 +17,9 @@ BLOCKS = re.findall(r"^```toml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 def test_kinds() -> None:
     rows = re.findall(r"^\| `([\w-]+)` \| (.*) \| (yes|no) \| (yes|no) \|$", PAGE, re.MULTILINE)
     word = {True: "yes", False: "no"}
-    assert rows == [
-        (name, kind.ABOUT, word[hasattr(kind, "run_design")], word[hasattr(kind, "run_simulation")])
-        for name, kind in KINDS.items()
-    ]
+    can = {k: [word[hasattr(of, f"run_{a}")] for a in ("design", "simulation")]
+           for k, of in KINDS.items()}  # fmt: skip
+    assert rows == [(kind, about, *can[kind]) for kind, about in ABOUT.items()]
 
 
 def test_units() -> None:

@@ -8,7 +8,7 @@ from helpers.worn import printed_tube
 from mpi4py import MPI
 
 from toros_fem.making.as_printed.print_spread import print_spread
-from toros_fem.products.tolerance.settings import ToleranceConfig
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.simulated import tolerances
 
 WIDTH = 2e-4

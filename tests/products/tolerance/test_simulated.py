@@ -69,7 +69,7 @@ def test_the_worst_is_named(found: tf.Tolerances) -> None:
     sentence = found.worst_sentences[0]
     assert worst.quantity.split()[0] in sentence.lower()
     assert "the angle" in sentence
-    assert f"{found.nominal['angle_deg']:.1f}° becomes" in sentence
+    assert f"{found.nominal['angle_deg']:.4g}° becomes" in sentence
 
 
 def test_files(alone: MPI.Comm, found: tf.Tolerances, tmp_path: Path) -> None:

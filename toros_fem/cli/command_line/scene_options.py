@@ -1,82 +1,77 @@
-"""Options of the commands that read a scene file."""
+"""Options of the commands that read a scene file, and of those that run one."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.cli.scene_files.reading import SceneFile, read_scene
-from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
-from toros_fem.results.runs.folder import EVERY
+from toros_fem.base.keys import Count, key
+from toros_fem.cli.command_line.command import Answer, Command
+
+if TYPE_CHECKING:
+    from toros_fem.cli.scene_files.reading import SceneFile
 
 
-def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """Add the scene file, its quick variant, changes of its values, and large meshes."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="scene file, by `toros new`")
-    parser.add_argument(
-        "--coarse",
-        action="store_true",
-        help="the scene's quick variant: a coarse mesh and few steps; default no",
+@dataclass(frozen=True, kw_only=True)
+class Progress(Command):
+    """What is told and kept while it runs."""
+
+    every: Count = key(2, "iterations between two writes of the state")
+    verbose: bool = key(False, "print every Newton step")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneCommand(Command):
+    """The scene, its quick variant, changes of its values, and large meshes."""
+
+    file: Path = key(MISSING, "scene file, by `toros new`")
+    coarse: bool = key(False, "the scene's quick variant: a coarse mesh and few steps")
+    set: tuple[str, ...] = key(
+        (),
+        "another value of a key of the scene file, as it would stand there, in its unit or in SI "
+        "units; may be given several times",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="another value of a key of the scene file, as it would stand there, in its unit or in "
-        "SI units; may be given several times; default none",
+    allow_large: bool = key(False, "also allow meshes of more than 2000000 triangles")
+
+    WORDS: ClassVar[tuple[str, ...]] = ("file",)
+    TAKES: ClassVar = {"set": "KEY=VALUE"}
+
+    def scene(self, comm: MPI.Comm) -> SceneFile:
+        """Read the scene that the options name (collective).
+
+        Raises:
+            SceneError: The file cannot be read, a key or value is wrong, or a file that it names is
+                not there.
+        """
+        from toros_fem.cli.scene_files.reading import read_scene
+
+        scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
+        scene.require_files(comm)
+        return scene
+
+    def meshes_allowed(self) -> AbstractContextManager[None]:
+        """Lift the limit on triangles inside a `with` block, if the options ask for it."""
+        from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
+
+        return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunCommand(SceneCommand, Progress):
+    """The run's folder."""
+
+    output: Path = key(
+        MISSING, "folder of the run, made if missing; files of an earlier run in it are moved aside"
     )
-    parser.add_argument(
-        "--allow-large",
-        action="store_true",
-        help=f"also allow meshes of more than {MOST_TRIANGLES} triangles; default no",
-    )
+    TAKES: ClassVar = {**SceneCommand.TAKES, "output": "RUN"}
 
+    def run(self, comm: MPI.Comm, scene: SceneFile, name: str) -> Answer:
+        """Design or simulate a scene in the run's folder (collective)."""
+        from toros_fem.cli.command_line.running import run_scene
 
-def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add the run's folder, and the options of `add_progress_options`."""
-    parser.add_argument(
-        "--output",
-        type=Path,
-        required=True,
-        metavar="RUN",
-        help="folder of the run, made if missing; files of an earlier run in it are moved aside",
-    )
-    add_progress_options(parser)
-
-
-def add_progress_options(parser: argparse.ArgumentParser) -> None:
-    """Add how often the state is written, and the log of Newton steps."""
-    parser.add_argument(
-        "--every",
-        type=int,
-        default=EVERY,
-        metavar="N",
-        help=f"iterations between two writes of the state; at least 1; default {EVERY}",
-    )
-    parser.add_argument(
-        "--verbose", action="store_true", help="print every Newton step; default no"
-    )
-
-
-def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> SceneFile:
-    """Read the scene that the options name (collective).
-
-    Raises:
-        SceneError: The file cannot be read, a key or value is wrong, or a file that it names is
-            not there.
-    """
-    scene = read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
-    scene.require_files(comm)
-    return scene
-
-
-@contextmanager
-def meshes_allowed(given: argparse.Namespace) -> Iterator[None]:
-    """Lift the limit on triangles inside a `with` block, if the options ask for it."""
-    with triangle_limit(None if given.allow_large else MOST_TRIANGLES):
-        yield
+        with self.meshes_allowed():
+            return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)

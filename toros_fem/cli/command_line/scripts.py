@@ -10,21 +10,20 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
-from toros_fem.base.keys import Key, Table, plain_value
+from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.keys import Table
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.scene import Scene
+from toros_fem.cli.command_line.command import METAVARS, option_help, reader
 from toros_fem.cli.command_line.exit_codes import exit_code, tell_alone
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
-from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
+from toros_fem.cli.scene_files.materials import FILE, KIND_OF, numbers_of, roles_of
 from toros_fem.cli.scene_files.writing import scene_text
-from toros_fem.materials.library import read_library
+from toros_fem.materials.library import named, read_library
 from toros_fem.results.result import RunResult
 from toros_fem.results.runs.folder import open_run
 
 C = TypeVar("C", bound=Table | Scene)
-T = TypeVar("T", bound=Table)
-METAVARS, QUOTE = {float: "X", int: "N", str: "NAME"}, '"'
 
 
 def run_from_command_line(
@@ -76,7 +75,7 @@ def run_from_command_line(
 
     def action() -> str:
         start = config.coarse() if quick and hasattr(config, "coarse") else config
-        chosen = start.updated(**_with_materials(comm, config, start, given, library))
+        chosen = start.updated(**_with_materials(comm, config, given, library))
         inputs = {
             "about": about.partition("\n")[0],
             "config": chosen.as_dict(),
@@ -147,19 +146,16 @@ def _add_material_options(parser: argparse.ArgumentParser, config: Table | Scene
 def _with_materials(
     comm: MPI.Comm,
     default: Table | Scene,
-    config: Table | Scene,
     given: Mapping[str, Any],
     path: Path | None,
 ) -> dict[str, Any]:
     """Return the given values with numbers in the place of names of materials (collective)."""
     if path is None and not any(role in given for role in KIND_OF):
         return dict(given)
-    materials = NamedMaterials(read_library(*([] if path is None else [path]), comm=comm))
-    conflict = materials.conflict(given)
-    if conflict is not None:
-        role, number = (f"--{name.replace('_', '-')}" for name in conflict)
-        raise UsageError(f"{role} stands for {number} too; keep one of both.")
-    return materials.resolve(config, default, given)
+    library = read_library(*([] if path is None else [path]), comm=comm)
+    roles = {r: named(library, given[r], kind) for r, kind in KIND_OF.items() if r in given}
+    rest = {name: value for name, value in given.items() if name not in roles}
+    return {**numbers_of(roles, rest, default), **rest}
 
 
 def add_options(parser: argparse.ArgumentParser, settings: Table | Scene) -> None:
@@ -170,7 +166,7 @@ def add_options(parser: argparse.ArgumentParser, settings: Table | Scene) -> Non
     homes = _homes(type(settings))
     groups = {of: parser.add_argument_group(of.holds()) for of in homes.values()}
     for name, one in settings.described().items():
-        form: dict[str, Any] = {"type": _reader(one), "metavar": METAVARS.get(one.kind)}
+        form: dict[str, Any] = {"type": reader(one), "metavar": METAVARS.get(one.kind)}
         if one.kind is bool:
             form = {"action": argparse.BooleanOptionalAction}
         text = option_help(one, settings.value(name))
@@ -182,36 +178,6 @@ def _homes(settings: type[Table | Scene]) -> dict[str, type[Table]]:
     """Return the table of each key."""
     tables = settings.tables().values() if issubclass(settings, Scene) else (settings,)
     return {name: of for of in tables for name in of.described()}
-
-
-def given_config(given: argparse.Namespace, config: T) -> T:
-    """Return settings with the values of the options that were given.
-
-    Args:
-        given: Parsed options, of `add_options`.
-        config: All other values.
-
-    Raises:
-        ParameterError: Values do not fit each other.
-    """
-    known = config.described()
-    return config.updated(**{name: v for name, v in vars(given).items() if name in known})
-
-
-def option_help(one: Key, default: Any) -> str:
-    """Return the help of a key as an option."""
-    shown = {True: "yes", False: "no"}.get(default) if one.kind is bool else None
-    return f"{one.help}; default {shown or one.written(default).strip(QUOTE)}".replace("%", "%%")
-
-
-def _reader(one: Key) -> Callable[[str], Any]:
-    def read(text: str) -> Any:
-        try:
-            return one.read(text if one.kind is str else plain_value(text))
-        except ParameterError as caught:
-            raise argparse.ArgumentTypeError(str(caught)) from None
-
-    return read
 
 
 def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:

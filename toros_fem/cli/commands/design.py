@@ -2,43 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
+from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.running import run_scene
-from toros_fem.cli.command_line.scene_options import (
-    add_run_options,
-    add_scene_options,
-    meshes_allowed,
-    scene_of,
-)
+from toros_fem.cli.command_line.command import Answer
+from toros_fem.cli.command_line.scene_options import RunCommand
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    add_scene_options(parser)
-    add_run_options(parser)
+@dataclass(frozen=True, kw_only=True)
+class Design(RunCommand):
+    """Designs the pattern of a scene.
 
+    The pattern is designed, cleaned so that it can be printed, simulated again and written,
+    with pictures and all figures in summary.json. The state is written while it runs: a run
+    that was stopped goes on by `toros resume`.
+    """
 
-def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    scene = scene_of(comm, given)
-    with meshes_allowed(given):
-        return run_scene(
-            comm, scene, "design", given.output, every=given.every, verbose=given.verbose
-        )
-
-
-COMMAND = Command(
-    "The pattern is designed, cleaned so that it can be printed, simulated again and written,\n"
-    "with pictures and all figures in summary.json. The state is written while it runs: a run\n"
-    "that was stopped goes on by `toros resume`.",
-    (
+    EXAMPLES: ClassVar = (
         "toros design mine.toml --output run",
         "toros design mine.toml --output quick --coarse",
         "toros design mine.toml --output other --set angle=90 --set design_pressure=true",
         "mpirun -n 2 toros design mine.toml --output run",
-    ),
-    _options,
-    _run,
-)
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Design in the run's folder (collective)."""
+        return self.run(comm, self.scene(comm), "design")

@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
 import importlib.metadata
 import importlib.util
 import os
 import re
 import shutil
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
+from toros_fem.base.keys import key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import versions
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium import cholmod
-from toros_fem.mechanics.equilibrium.petsc_factor import ORDERINGS, has_cholmod
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.meshes import cylinder, sew
 
 PACKAGES = (
     "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "matplotlib", "ezdxf", "ipctk",
@@ -37,23 +31,35 @@ BLAS = re.compile(r"/(lib(?:openblas|mkl_rt|blis|atlas|flexiblas|blas)[^/]*\.so[
 LENGTH, DIAMETER, EDGE, PRESSURE = 0.06, 0.02, 5e-3, 2e3
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--no-solve",
-        action="store_true",
-        help="leave out the equilibrium of a small tube; default no",
-    )
+@dataclass(frozen=True, kw_only=True)
+class Doctor(Command):
+    """Says what the package runs on, and tries it.
 
+    Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The
+    equilibrium of a small tube is found, which takes a second, or half a minute where forms are
+    compiled first. Please add what it prints to a report of a fault.
+    """
 
-def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    figures: dict[str, Any] = on_first_rank(comm, lambda: _environment(comm))
-    figures["solvers"]["cholmod, called directly"] = cholmod.library(comm) is not None
-    if not given.no_solve:
-        figures["tried"] = _solve(comm)
-    return Answer(_text(figures), figures)
+    no_solve: bool = key(False, "leave out the equilibrium of a small tube")
+
+    EXAMPLES: ClassVar = ("toros doctor", "toros doctor --json", "mpirun -n 2 toros doctor")
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Look around, and solve (collective)."""
+        from toros_fem.mechanics.equilibrium import cholmod
+
+        figures: dict[str, Any] = on_first_rank(comm, lambda: _environment(comm))
+        figures["solvers"]["cholmod, called directly"] = cholmod.library(comm) is not None
+        if not self.no_solve:
+            figures["tried"] = _solve(comm)
+        return Answer(_text(figures), figures)
 
 
 def _environment(comm: MPI.Comm) -> dict[str, Any]:
+    from petsc4py import PETSc
+
+    from toros_fem.mechanics.equilibrium.petsc_factor import has_cholmod
+
     known = versions()
     system = known.pop("platform")
     library = MPI.Get_library_version().strip("\x00").splitlines()[0].strip()
@@ -93,6 +99,10 @@ def mumps_orderings() -> dict[str, bool]:
 
     It is empty without MUMPS.
     """
+    from petsc4py import PETSc
+
+    from toros_fem.mechanics.equilibrium.petsc_factor import ORDERINGS
+
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return {}
     size = 100
@@ -164,6 +174,11 @@ def _size(folder: Path) -> dict[str, float] | None:
 
 def _solve(comm: MPI.Comm) -> dict[str, Any]:
     """Find the equilibrium of a small tube, which also compiles the forms (collective)."""
+    from toros_fem.materials.sheet import Composite
+    from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+    from toros_fem.mechanics.skin.supports import clamp
+    from toros_fem.meshes import cylinder, sew
+
     begin = time.perf_counter()
     pattern = cylinder(comm, LENGTH, DIAMETER, EDGE)
     solver = EquilibriumSolver(sew(comm, pattern), Composite(), clamp(pattern, ["base"]))
@@ -213,13 +228,3 @@ def _text(figures: dict[str, Any]) -> str:
 
 def _list(found: dict[str, bool]) -> str:
     return ", ".join(f"{name}: {'yes' if value else 'no'}" for name, value in found.items())
-
-
-COMMAND = Command(
-    "Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The\n"
-    "equilibrium of a small tube is found, which takes a second, or half a minute where forms are\n"
-    "compiled first. Please add what it prints to a report of a fault.",
-    ("toros doctor", "toros doctor --json", "mpirun -n 2 toros doctor"),
-    _options,
-    _run,
-)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import logging
 import math
@@ -21,41 +20,35 @@ from mpi4py import MPI
 from toros_fem.base.errors import RunStoppedError, TorosError
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.versions import __version__
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.command import Answer, Command, add_options
 from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code, tell_alone
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.command_line.pipe import OpenPipe
+from toros_fem.cli.commands.check import Check
+from toros_fem.cli.commands.design import Design
+from toros_fem.cli.commands.doctor import Doctor
+from toros_fem.cli.commands.explain import Explain
+from toros_fem.cli.commands.export import Export
+from toros_fem.cli.commands.fit import Fit
+from toros_fem.cli.commands.materials import Materials
+from toros_fem.cli.commands.new import New
+from toros_fem.cli.commands.resume import Resume
+from toros_fem.cli.commands.simulate import Simulate
+from toros_fem.cli.commands.tolerance import Tolerance
+from toros_fem.cli.commands.unwrap import Unwrap
+from toros_fem.cli.commands.view import View
 
-# The word for each command, which is its module, and what it does.
-COMMANDS: Mapping[str, str] = MappingProxyType(
+# The commands by their words, in the order of the help.
+COMMANDS: Mapping[str, type[Command]] = MappingProxyType(
     {
-        "new": "writes a commented scene file",
-        "explain": "says what a key of a scene file means",
-        "materials": "lists materials that scenes know by name",
-        "check": "reads a scene file and says what is wrong, or what the design will cost",
-        "simulate": "inflates a plain skin or a given pattern",
-        "design": "designs the pattern of a scene",
-        "resume": "goes on with a run that was stopped",
-        "view": "writes a run as a page for the browser",
-        "export": "writes the files for printer and cutter again",
-        "tolerance": "simulates a design that is not made as drawn",
-        "unwrap": "cuts a surface along seams and lays it flat as a sewing pattern",
-        "fit": "fits a material to tensile tests",
-        "doctor": "says what the package runs on, and tries it",
+        one.__name__.lower(): one
+        for one in (
+            New, Explain, Materials, Check, Simulate, Design, Resume, View, Export, Tolerance,
+            Unwrap, Fit, Doctor,
+        )
     }
-)
+)  # fmt: skip
 ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
-
-
-def named(words: Sequence[str]) -> str | None:
-    """Return the command that the words after `toros` name; None without."""
-    return next((word for word in words if word in COMMANDS), None)
-
-
-def loaded(name: str) -> Command:
-    """Return a command, whose module is imported now: `toros --help` needs none of them."""
-    found: Command = importlib.import_module(f"toros_fem.cli.commands.{name}").COMMAND
-    return found
 
 
 def run(comm: MPI.Comm, words: Sequence[str]) -> int:
@@ -66,18 +59,18 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         words: The words after `toros`.
     """
     as_json, out = "--json" in words, cast(TextIO, OpenPipe(sys.stdout))
-    name, quiet = named(words), "--quiet" in words
+    name, quiet = next((word for word in words if word in COMMANDS), None), "--quiet" in words
     free = _stdout_free(as_json=as_json, quiet=quiet)
     with contextlib.redirect_stdout(out), _spoken(comm, quiet=quiet), free:
         try:
             try:
-                command = None if name is None else loaded(name)
-                given = _parser(comm, name, command).parse_args(list(words))
+                given = vars(_parser(comm).parse_args(list(words)))
             except SystemExit:  # --help and --version, which are printed now
                 return DONE
             with ending_together(comm, lambda error: tell_alone(comm, error)):
-                assert command is not None  # or the parser had refused the words
-                answer = command.run(comm, given)
+                command = COMMANDS[given["command"]]
+                known = command.described()
+                answer = command(**{n: value for n, value in given.items() if n in known})(comm)
         except TorosError as error:
             answer = _failed(error)
         except KeyboardInterrupt as error:
@@ -129,8 +122,8 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | None) else str(value)
 
 
-def _parser(comm: MPI.Comm, name: str | None, command: Command | None) -> SuggestingParser:
-    """Return the parser of `toros`, which knows the options of the named command alone."""
+def _parser(comm: MPI.Comm) -> SuggestingParser:
+    """Return the parser of `toros`."""
     first = comm.rank == 0
     codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
     parser = SuggestingParser(
@@ -143,14 +136,12 @@ def _parser(comm: MPI.Comm, name: str | None, command: Command | None) -> Sugges
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", title="commands", required=True
     )
-    for word, about in COMMANDS.items():
-        sub = commands.add_parser(word, first_rank=first, help=about)
-        if word != name or command is None:
-            continue
-        examples = "\n".join(f"  {line}" for line in command.examples)
-        sub.description = f"{about[:1].upper()}{about[1:]}.\n\n{command.details}"
+    for word, command in COMMANDS.items():
+        about, examples = command.holds(), "\n".join(f"  {line}" for line in command.EXAMPLES)
+        sub = commands.add_parser(word, first_rank=first, help=about[:1].lower() + about[1:])
+        sub.description = f"{about}.\n\n{command.details()}"
         sub.epilog = f"examples:\n{examples}"
-        command.add_options(sub)
+        add_options(sub, command)
         group = sub.add_argument_group("output of the command")
         group.add_argument(
             "--json",

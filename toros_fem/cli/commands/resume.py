@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.cli.command_line.running import resume_scene
-from toros_fem.cli.command_line.scene_options import add_progress_options
-from toros_fem.meshes.triangle_limit import triangle_limit
+from toros_fem.base.keys import key
+from toros_fem.cli.command_line.command import Answer
+from toros_fem.cli.command_line.scene_options import Progress
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run", type=Path, metavar="RUN", help="folder of the run")
-    add_progress_options(parser)
+@dataclass(frozen=True, kw_only=True)
+class Resume(Progress):
+    """Goes on with a run that was stopped.
 
+    The run goes on from its last state, with the inputs that it began with (RUN/scene.toml), on
+    any number of ranks. On the same number its result is the same to the last digit.
+    """
 
-def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    with triangle_limit(None):  # what the run began with was allowed
-        return resume_scene(comm, given.run, every=given.every, verbose=given.verbose)
+    run: Path = key(MISSING, "folder of the run")
 
+    WORDS: ClassVar = ("run",)
+    EXAMPLES: ClassVar = ("toros resume run", "mpirun -n 2 toros resume run")
 
-COMMAND = Command(
-    "The run goes on from its last state, with the inputs that it began with (RUN/scene.toml), on\n"
-    "any number of ranks. On the same number its result is the same to the last digit.",
-    ("toros resume run", "mpirun -n 2 toros resume run"),
-    _options,
-    _run,
-)
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Go on with the run (collective)."""
+        from toros_fem.cli.command_line.running import resume_scene
+        from toros_fem.meshes.triangle_limit import triangle_limit
+
+        with triangle_limit(None):  # what the run began with was allowed
+            return resume_scene(comm, self.run, every=self.every, verbose=self.verbose)

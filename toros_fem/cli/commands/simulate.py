@@ -2,59 +2,49 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.base.keys import key
+from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
-from toros_fem.cli.command_line.running import action_of, run_scene
-from toros_fem.cli.command_line.scene_options import (
-    add_run_options,
-    add_scene_options,
-    meshes_allowed,
-    scene_of,
-)
+from toros_fem.cli.command_line.scene_options import RunCommand
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    add_scene_options(parser)
-    add_run_options(parser)
-    parser.add_argument(
-        "--pattern",
-        type=Path,
-        default=None,
-        metavar="DESIGN",
-        help="folder of a finished design whose print is simulated; default the skin where only "
-        "what the scene prescribes is printed",
+@dataclass(frozen=True, kw_only=True)
+class Simulate(RunCommand):
+    """Inflates a plain skin or a given pattern.
+
+    The pressure rises to the scene's in curve_steps equal steps. The run's folder gets
+    summary.json, curve.csv, skin.vtu, curve.png and shapes.png.
+    """
+
+    pattern: Path | None = key(
+        None,
+        "folder of a finished design whose print is simulated; none: the skin where only what the "
+        "scene prescribes is printed",
     )
 
-
-def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    scene = scene_of(comm, given)
-    _, files = action_of(scene, "simulate")
-    if given.pattern is not None:
-        if "pattern" not in files:
-            raise UsageError(
-                f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
-            )
-        scene = replace(scene, files={**scene.files, "pattern": given.pattern})
-    with meshes_allowed(given):
-        return run_scene(
-            comm, scene, "simulate", given.output, every=given.every, verbose=given.verbose
-        )
-
-
-COMMAND = Command(
-    "The pressure rises to the scene's in curve_steps equal steps. The run's folder gets\n"
-    "summary.json, curve.csv, skin.vtu, curve.png and shapes.png.",
-    (
+    TAKES: ClassVar = {**RunCommand.TAKES, "pattern": "DESIGN"}
+    EXAMPLES: ClassVar = (
         "toros simulate mine.toml --output plain",
         'toros simulate mine.toml --output other --pattern designed --set pressure="8 kPa"',
         "mpirun -n 2 toros simulate mine.toml --output plain --coarse",
-    ),
-    _options,
-    _run,
-)
+    )
+
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Simulate in the run's folder (collective)."""
+        from toros_fem.cli.command_line.running import action_of
+
+        scene = self.scene(comm)
+        _, files = action_of(scene, "simulate")
+        if self.pattern is not None:
+            if "pattern" not in files:
+                raise UsageError(
+                    f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
+                )
+            scene = replace(scene, files={**scene.files, "pattern": self.pattern})
+        return self.run(comm, scene, "simulate")

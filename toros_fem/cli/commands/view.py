@@ -2,52 +2,53 @@
 
 from __future__ import annotations
 
-import argparse
 import webbrowser
+from dataclasses import MISSING, dataclass
 from pathlib import Path
+from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
+from toros_fem.base.keys import OneOf, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.results.report.animation import write_animation
-from toros_fem.results.report.page_file import write_report
-from toros_fem.results.report.run_folder import SERIES
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run", type=Path, metavar="RUN", help="folder of the run")
-    parser.add_argument(
-        "--animation",
-        choices=tuple(SERIES),
-        default=None,
-        metavar="SERIES",
-        help=f"also write a GIF of the shapes over a series, one of {', '.join(SERIES)}; "
-        "default none",
+@dataclass(frozen=True, kw_only=True)
+class View(Command):
+    """Writes a run as a page for the browser.
+
+    RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat
+    pattern, the curves and all figures. It needs no network. A run that is not finished is
+    shown as far as it has come.
+    """
+
+    run: Path = key(MISSING, "folder of the run")
+    animation: Annotated[str, OneOf(("pressure", "iteration", "gait", "load"))] | None = key(
+        None, "also write a GIF of the shapes over a series"
     )
-    parser.add_argument(
-        "--open", action="store_true", help="open the page in the browser; default no"
+    open: bool = key(False, "open the page in the browser")
+
+    WORDS: ClassVar = ("run",)
+    TAKES: ClassVar = {"animation": "SERIES"}
+    EXAMPLES: ClassVar = (
+        "toros view run",
+        "toros view run --open",
+        "toros view run --animation pressure",
     )
 
+    def __call__(self, comm: MPI.Comm) -> Answer:
+        """Write the page, and the animation (collective)."""
+        from toros_fem.results.report.animation import write_animation
+        from toros_fem.results.report.page_file import write_report
 
-def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    def write() -> tuple[Path, Path | None]:
-        page = write_report(given.run)
-        film = None if given.animation is None else write_animation(given.run, given.animation)
-        if given.open:
-            webbrowser.open(page.resolve().as_uri())
-        return page, film
+        def write() -> tuple[Path, Path | None]:
+            page = write_report(self.run)
+            film = None if self.animation is None else write_animation(self.run, self.animation)
+            if self.open:
+                webbrowser.open(page.resolve().as_uri())
+            return page, film
 
-    page, film = on_first_rank(comm, write)
-    files = [str(path) for path in (page, film) if path is not None]
-    return Answer("\n".join(files), {"report": page, "animation": film})
-
-
-COMMAND = Command(
-    "RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat\n"
-    "pattern, the curves and all figures. It needs no network. A run that is not finished is\n"
-    "shown as far as it has come.",
-    ("toros view run", "toros view run --open", "toros view run --animation pressure"),
-    _options,
-    _run,
-)
+        page, film = on_first_rank(comm, write)
+        files = [str(path) for path in (page, film) if path is not None]
+        return Answer("\n".join(files), {"report": page, "animation": film})

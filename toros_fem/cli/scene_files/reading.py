@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, ParameterError, SceneError
-from toros_fem.base.keys import NONE, Table, nearest, plain_value
+from toros_fem.base.keys import NONE, Key, Table, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import Place, line_of
-from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
-from toros_fem.materials.library import LibraryMaterial, read_library
+from toros_fem.cli.scene_files.materials import (
+    FILE,
+    KIND_OF,
+    TABLE,
+    numbers_of,
+    roles_of,
+    values_of,
+)
+from toros_fem.materials.library import LibraryMaterial, named, read_library
 from toros_fem.products.kinds import KINDS
 
 
@@ -31,8 +39,8 @@ class SceneFile:
         config: Its numbers.
         files: Files and folders that it names, by name, absolute or relative to the current folder.
         lines: Line of each of these in the file; none where the command line gives it.
-        materials: Materials of the library that its numbers come from: those of "fabric",
-            "reinforcement" and "bladder" that it names.
+        materials: Materials of the library that it names, by "fabric", "reinforcement" and
+            "bladder"; numbers that are given beside a name beat those of the material.
     """
 
     path: Path
@@ -94,103 +102,104 @@ def read_scene(
         return read_text(path, "a scene file", SceneError)
 
     found = text() if comm is None else on_first_rank(comm, text)
-    return _Reader(path, found, comm).scene(coarse, changes)
+    return _Reader(path, found).scene(comm, coarse, [_split(change) for change in changes])
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A change "TABLE.KEY=VALUE" of the command line.
+
+    Attributes:
+        text: As it was given.
+        table, key: What it changes; the table may be missing.
+        value: The value, as a file would hold it.
+    """
+
+    text: str
+    table: str
+    key: str
+    value: Any
+
+
+# Where a value is given: a place of the file, or a change.
+_Origin = Place | _Change
+# Values by their keys, each with where it is given.
+_Layer = dict[str, tuple[_Origin, Any]]
+
+
+def _split(change: str) -> _Change:
+    key, equals, text = change.partition("=")
+    table, _, name = key.strip().rpartition(".")
+    if not equals or not name:
+        raise SceneError(
+            f"change {change!r}: write KEY=VALUE, design.seed=3 for instance.", key=name
+        )
+    return _Change(change, table, name, plain_value(text))
 
 
 class _Reader(Document):
-    """One scene file, while it is read."""
+    """One scene file, while it is read.
 
-    def __init__(self, path: Path, text: str, comm: MPI.Comm | None) -> None:
+    Attributes:
+        kind: Its kind.
+        sections, homes: Keys of each table that stands once, and the table of each key.
+        origins: Where each value is given.
+        numbers, materials: Values that were given, and materials by their roles.
+    """
+
+    def __init__(self, path: Path, text: str) -> None:
         super().__init__(path, text, SceneError)
-        self.comm = comm
+        self.kind = self._kind()
+        self.sections = {name: list(of.described()) for name, of in self.kind.tables().items()}
+        if roles := roles_of(self.kind):
+            self.sections[TABLE] = [*roles, *self.sections[TABLE]]
+        self.homes = {key: table for table, keys in self.sections.items() for key in keys}
+        self.origins: dict[str, _Origin] = {}
+        self.numbers: dict[str, Any] = {}
+        self.materials: dict[str, LibraryMaterial] = {}
+        self.library: Mapping[str, LibraryMaterial] = {}
 
-    def scene(self, coarse: bool, changes: Sequence[str]) -> SceneFile:
-        kind = self.kind()
-        roles = roles_of(kind)
-        sections = {name: tuple(of.described()) for name, of in kind.tables().items()}
-        if roles:
-            sections[TABLE] = (*roles, *sections[TABLE])
-        tables = (*sections, *kind.entries(), "files", "coarse")
-        self.known(self.content, ("kind", *tables), (), sections)
-        files = self.files(kind)
-        self.materials = NamedMaterials(self.library(kind, roles, changes))
-        values: dict[str, Any] = {}
-        places: dict[str, Place] = {}
-        for section, names in sections.items():
+    def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[_Change]) -> SceneFile:
+        tables = ["kind", *self.sections, *self.kind.entries(), "files", "coarse"]
+        for name, value in self.content.items():
+            word = "table" if isinstance(value, dict | list) else "key"
+            self.require_known((name,), name, tables, word, self.homes)
+        files = self.files(changes)
+        if roles_of(self.kind):
+            path, _ = files.pop(FILE, (None, None))
+            self.library = read_library(*([] if path is None else [path]), comm=comm)
+        of_file, of_quick, over = _Layer(), _Layer(), _Layer()
+        for section, keys in {**self.sections, "coarse": list(self.homes)}.items():
+            layer = of_quick if section == "coarse" else of_file
             for name, value in self.table(section).items():
-                self.known([name], names, (section,), sections)
-                places[name] = (section, name)
-                values[name] = self.value(kind(), name, value, (section, name))
-        for name, of in kind.entries().items():
-            places[name] = (name,)
-            values[name] = self.entries(name, of)
-        self.check_names(values, places)
-        config = self.updated(kind, kind(), values, places)
-        over: dict[str, Any] = {}
-        every = [name for names in sections.values() for name in names]
-        for name, value in self.table("coarse").items():
-            self.known([name], every, ("coarse",), {})
-            over[name] = self.value(kind(), name, value, ("coarse", name))
-        places = {n: ("coarse", n) for n in over}
-        self.check_names(over, places)
+                self.read(layer, (section, name), name, value, keys)
+        for name, of in self.kind.entries().items():
+            of_file[name] = (name,), self.entries(name, of)
+        config = self.updated(self.kind(), of_file)
         if coarse:
-            config = self.updated(kind, config, over, places, kind.coarse)
-        lines = {name: line_of(self.lines, ("files", name)) or 0 for name in files}
-        scene = SceneFile(self.path, kind, config, files, lines)
-        scene = self.changed(scene, sections, changes)
-        return replace(scene, materials=self.materials.entries)
+            config = self.updated(config, of_quick, quick=True)
+        for change in (one for one in changes if one.table != "files"):
+            if change.table in self.kind.entries():
+                now = over.get(change.table, of_file[change.table])[1]
+                over[change.table] = change, self.changed_entry(change, now)
+                continue
+            if change.table:
+                known = [*self.sections, *self.kind.entries(), "files"]
+                self.require_known(change, change.table, known, "table", self.homes)
+            keys = self.sections.get(change.table, list(self.homes))
+            self.read(over, change, change.key, change.value, keys)
+        config = self.updated(config, over)
+        there = {name: path for name, (path, _) in files.items() if path is not None}
+        lines = {name: line for name, (_, line) in files.items() if line is not None}
+        return SceneFile(self.path, self.kind, config, there, lines, self.materials)
 
-    def library(
-        self, kind: type[Scene], roles: Sequence[str], changes: Sequence[str]
-    ) -> Mapping[str, LibraryMaterial]:
-        """Return the materials that names are looked up in (collective)."""
-        if not roles:
-            return {}
-        paths = [self.path.parent / path] if (path := self.file_path(FILE)) is not None else []
-        for change in changes:
-            key, equals, text = change.partition("=")
-            if key.strip() == f"files.{FILE}" and equals:
-                path = _path(change, text, key)
-                paths = [] if path == NONE else [Path(path)]
-        return read_library(*paths, comm=self.comm)
+    def fail(self, place: _Origin, message: str) -> NoReturn:
+        """Raise the error of a key of the file, or of a change."""
+        if isinstance(place, _Change):
+            raise SceneError(f"change {place.text!r}: {message}", key=place.key) from None
+        super().fail(place, message)
 
-    def check_names(self, values: Mapping[str, Any], places: Mapping[str, Place]) -> None:
-        """Check names of materials, and that no number stands for the same as one."""
-        for role in (role for role in KIND_OF if role in values):
-            try:
-                self.materials.entry(role, values[role])
-            except LibraryError as caught:
-                self.fail(places[role], str(caught))
-        found = self.materials.conflict(values)
-        if found is not None:
-            role, number = found
-            line = line_of(self.lines, places[role])
-            self.fail(
-                places[number],
-                f"{role} = {values[role]!r} in line {line} stands for this number too. Keep the "
-                "name or the number.",
-            )
-
-    def entries(self, name: str, of: type[Table]) -> tuple[Table, ...]:
-        """Return the entries of a table that may stand several times, as [name] or [[name]]."""
-        given = self.content.get(name, [])
-        tables = [given] if isinstance(given, dict) else given
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
-        found = []
-        for k, table in enumerate(tables):
-            at: Place = (name,) if isinstance(given, dict) else (name, k)
-            values: dict[str, Any] = {}
-            for key, value in table.items():
-                self.known([key], tuple(of.described()), at, {})
-                values[key] = self.value(of, key, value, (*at, key))
-            try:
-                found.append(of(**values))
-            except ParameterError as caught:
-                self.fail((*at, caught.key or "") if caught.key in table else at, str(caught))
-        return tuple(found)
-
-    def kind(self) -> type[Scene]:
+    def _kind(self) -> type[Scene]:
         if "kind" not in self.content:
             known = ", ".join(KINDS)
             raise SceneError(
@@ -209,148 +218,107 @@ class _Reader(Document):
             self.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
         return found
 
-    def known(
+    def require_known(
         self,
-        given: Iterable[str],
+        place: _Origin,
+        name: str,
         names: Sequence[str],
-        within: Place,
-        sections: Mapping[str, Sequence[str]],
+        word: str = "key",
+        homes: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        """Check that keys are known here; the error names the nearest one, or its table."""
-        for name in given:
-            if name in names:
-                continue
-            word = "table" if not within and isinstance(self.content[name], dict | list) else "key"
-            elsewhere = [s for s, others in sections.items() if name in others]
-            if elsewhere:
-                advice = f"it stands in the table [{elsewhere[0]}]."
-            else:
-                everywhere = [n for others in sections.values() for n in others]
-                near = difflib.get_close_matches(name, names, n=1)
-                other = [] if near else difflib.get_close_matches(name, everywhere, n=1)
-                home = [s for s, others in sections.items() if other and other[0] in others]
-                if home:
-                    advice = f"did you mean {other[0]!r}, in the table [{home[0]}]?"
-                else:
-                    advice = nearest(name, names)
-            self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
+        """Check that a key is known here; the error names the nearest one, or its home."""
+        if name in names:
+            return
+        near = difflib.get_close_matches(name, names, n=1)
+        far = [] if near else difflib.get_close_matches(name, homes, n=1)
+        advice = nearest(name, names)
+        if name in homes:
+            advice = f"it stands in the table [{homes[name]}]."
+        elif far:
+            advice = f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
+        self.fail(place, f"unknown {word} {name!r}; {advice}")
 
-    def value(self, config: Scene | type[Table], name: str, value: Any, place: Place) -> Any:
-        """Return the value of a field, in its unit, or the name of a material."""
+    def read(
+        self, layer: _Layer, place: _Origin, name: str, value: Any, names: Sequence[str]
+    ) -> None:
+        """Add a value to a layer: in its unit, or the material of a name."""
+        self.require_known(place, name, names, homes=self.homes)
+        if name not in KIND_OF:
+            layer[name] = place, self.value(self.kind.described()[name], place, value)
+        elif not isinstance(value, str):
+            self.fail(place, f"{value!r} must be the name of a material, in quotes.")
+        else:
+            try:
+                layer[name] = place, named(self.library, value, KIND_OF[name])
+            except LibraryError as caught:
+                self.fail(place, str(caught))
+
+    def value(self, key: Key, place: _Origin, value: Any) -> Any:
         try:
-            return _value(config, name, value)
+            return key.read(value)
         except ParameterError as caught:
             self.fail(place, str(caught))
 
-    def updated(
-        self,
-        kind: type[Scene],
-        config: Scene,
-        values: Mapping[str, Any],
-        places: Mapping[str, Place],
-        variant: Callable[[Scene], Scene] = lambda config: config,
-    ) -> Scene:
-        """Return a variant of a configuration with other values, which may not fit each other."""
-        try:
-            return variant(config).updated(**self.materials.resolve(config, kind(), values))
-        except ParameterError as caught:
-            if (place := places.get(caught.key or "")) is not None:
-                self.fail(place, str(caught))
-            raise SceneError(f"{self.path}: {caught}", self.path, key=caught.key) from None
-
-    def files(self, kind: type[Scene]) -> dict[str, Path]:
-        known = (*kind.files(), FILE) if roles_of(kind) else tuple(kind.files())
-        self.known(self.table("files"), known, ("files",), {})
-        found = {name: self.file_path(name) for name in kind.files()}
-        return {name: self.path.parent / path for name, path in found.items() if path is not None}
-
-    def file_path(self, name: str) -> str | None:
-        """Return the path of a file as the table `files` has it; None without."""
-        value = self.table("files").get(name, NONE)
-        if not isinstance(value, str) or not value or "\0" in value:
-            self.fail(("files", name), f"{value!r} must be a path, in quotes.")
-        return None if value == NONE else value
-
-    def changed(
-        self, scene: SceneFile, sections: Mapping[str, Sequence[str]], changes: Sequence[str]
-    ) -> SceneFile:
-        """Return the scene with the values of the command line."""
-        values: dict[str, Any] = {}
-        files = dict(scene.files)
-        for change in changes:
-            key, equals, text = change.partition("=")
-            section, _, name = key.strip().rpartition(".")
-            if not equals or not name:
-                raise SceneError(
-                    f"change {change!r}: write KEY=VALUE, design.seed=3 for instance.", key=name
-                )
-            if section == "files":
-                if name == FILE and TABLE in sections:
-                    continue  # `library` has read it
-                if name not in scene.kind.files():
-                    _refuse(change, nearest(name, tuple(scene.kind.files())), name)
-                value = _path(change, text, key)
-                if value == NONE:
-                    files.pop(name, None)
-                else:
-                    files[name] = Path(value)
-                continue
-            entries = scene.config.entries()
-            if section in entries:
-                now = values.get(section, getattr(scene.config, section))
-                of = entries[section]
-                if name not in of.described():
-                    _refuse(change, f"unknown key; {nearest(name, of.described())}", key)
-                if len(now) > 1:
-                    _refuse(change, f"the file has {len(now)} tables {section}; edit it.", key)
-                try:
-                    value = of.described()[name].read(plain_value(text.strip()))
-                    one = of(**{name: value}) if not now else now[0].updated(**{name: value})
-                except ParameterError as caught:
-                    _refuse(change, str(caught), key)
-                values[section] = (one,)
-                continue
-            if section and section not in sections:
-                known = (*sections, *entries)
-                _refuse(change, f"unknown table; {nearest(section, known)}", key)
-            names = sections.get(section) or [n for some in sections.values() for n in some]
-            if name not in names:
-                _refuse(change, f"unknown key; {nearest(name, names)}", key)
+    def entries(self, name: str, of: type[Table]) -> tuple[Table, ...]:
+        """Return the entries of a table that may stand several times, as [name] or [[name]]."""
+        given = self.content.get(name, [])
+        tables = [given] if isinstance(given, dict) else given
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
+        found, keys = [], of.described()
+        for k, table in enumerate(tables):
+            at: Place = (name,) if isinstance(given, dict) else (name, k)
+            for key in table:
+                self.require_known((*at, key), key, list(keys))
+            values = {key: self.value(keys[key], (*at, key), v) for key, v in table.items()}
             try:
-                values[name] = _value(scene.config, name, plain_value(text.strip()))
-                if (found := self.materials.conflict(values)) is not None:
-                    _refuse(change, "{} stands for {} too; keep one of both.".format(*found), key)
-            except (ParameterError, LibraryError) as caught:
-                _refuse(change, str(caught), key)
+                found.append(of(**values))
+            except ParameterError as caught:
+                self.fail((*at, caught.key or "") if caught.key in table else at, str(caught))
+        return tuple(found)
+
+    def changed_entry(self, change: _Change, now: Sequence[Table]) -> tuple[Table, ...]:
+        """Return the entry of a table that stands once at most, with another value."""
+        of = self.kind.entries()[change.table]
+        self.require_known(change, change.key, list(of.described()))
+        if len(now) > 1:
+            self.fail(change, f"the file has {len(now)} tables {change.table}; edit it.")
+        value = {change.key: self.value(of.described()[change.key], change, change.value)}
         try:
-            resolved = self.materials.resolve(scene.config, scene.kind(), values)
-            config = scene.config.updated(**resolved)
+            return (now[0].updated(**value) if now else of(**value),)
         except ParameterError as caught:
-            raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
-        lines = {name: k for name, k in scene.lines.items() if files.get(name) is scene.files[name]}
-        return replace(scene, config=config, files=files, lines=lines)
+            self.fail(change, str(caught))
 
+    def files(self, changes: Sequence[_Change]) -> dict[str, tuple[Path | None, int | None]]:
+        """Return path and line of each file that is named, or changed; None for none."""
+        known = [*self.kind.files(), *([FILE] if roles_of(self.kind) else [])]
+        given: _Layer = {n: (("files", n), value) for n, value in self.table("files").items()}
+        given |= {one.key: (one, one.value) for one in changes if one.table == "files"}
+        found: dict[str, tuple[Path | None, int | None]] = {}
+        for name, (place, value) in given.items():
+            self.require_known(place, name, known)
+            if not isinstance(value, str) or not value or "\0" in value:
+                self.fail(place, f"{value!r} must be a path, in quotes.")
+            if isinstance(place, _Change):  # relative to the current folder
+                path, line = Path(value), None
+            else:
+                path, line = self.path.parent / value, line_of(self.lines, place)
+            found[name] = (None, None) if value == NONE else (path, line)
+        return found
 
-def _refuse(change: str, why: str, key: str) -> NoReturn:
-    raise SceneError(f"change {change!r}: {why}", key=key) from None
-
-
-def _path(change: str, text: str, key: str) -> str:
-    """Return the path that a change gives."""
-    value = plain_value(text.strip())
-    if not isinstance(value, str) or not value or "\0" in value:
-        _refuse(change, "the value must be a path.", key)
-    return value
-
-
-def _value(config: Scene | type[Table], name: str, value: Any) -> Any:
-    """Return the value of a field, in its unit, or the name of a material.
-
-    Raises:
-        ParameterError: It has another type or unit, or is out of its bounds.
-    """
-    if name not in KIND_OF:
-        return config.described()[name].read(value)
-    if not isinstance(value, str):
-        raise ParameterError(f"{value!r} must be the name of a material, in quotes.")
-    return value
+    def updated(self, config: Scene, layer: _Layer, *, quick: bool = False) -> Scene:
+        """Return a configuration, or its quick variant, with values that may not fit each other."""
+        self.origins |= {name: place for name, (place, _) in layer.items()}
+        values = {name: value for name, (_, value) in layer.items()}
+        for role in (role for role in KIND_OF if role in values):
+            self.materials[role] = entry = values.pop(role)
+            for name in values_of(role, entry):  # of an earlier layer
+                self.numbers.pop(name, None)
+        self.numbers |= values
+        try:
+            by_name = numbers_of(self.materials, self.numbers, self.kind())
+            return (config.coarse() if quick else config).updated(**by_name, **values)
+        except ParameterError as caught:
+            if caught.key in self.origins:
+                self.fail(self.origins[caught.key], str(caught))
+            raise SceneError(f"{self.path}: {caught}", self.path, key=caught.key) from None

@@ -11,6 +11,7 @@ from toros_fem.base.keys import NONE, Key, Table
 from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, roles_of
+from toros_fem.products.kinds import ABOUT
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
@@ -41,7 +42,7 @@ def scene_schema(kind: type[Scene]) -> dict[str, Any]:
     paths |= {FILE: {"type": "string", "description": "a file of materials"}} if names else {}
     tables["files"] = _object("Files and folders, relative to the scene file", paths)
     tables["coarse"] = _object("Values of the quick variant, --coarse", every | names)
-    found = _object(kind.ABOUT, {"kind": {"const": kind.KIND}, **tables})
+    found = _object(ABOUT[kind.KIND], {"kind": {"const": kind.KIND}, **tables})
     return {"$schema": DIALECT, **found, "required": ["kind"]}
 
 

@@ -11,6 +11,7 @@ from toros_fem.base.keys import Table, quoted
 from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import TABLE, roles_of
 from toros_fem.materials.library import LibraryMaterial
+from toros_fem.products.kinds import ABOUT
 
 WIDTH = 96
 # Tables that a new file shows with their values; those of the others are shown as comments.
@@ -116,7 +117,8 @@ def short_scene_text(kind: type[Scene], names: Mapping[str, str] | None = None) 
 
 def _opening(kind: type[Scene], text: str, files: Mapping[str, str | Path]) -> list[str]:
     """Return what a file begins with: its kind and its files, after a comment."""
-    lines = [*_comment(f"{kind.ABOUT[0].upper()}{kind.ABOUT[1:]}."), *_comment(text), ""]
+    about = ABOUT[kind.KIND]
+    lines = [*_comment(f"{about[0].upper()}{about[1:]}."), *_comment(text), ""]
     lines.append(f'kind = "{kind.KIND}"')
     lines += ["", "[files]"] if kind.files() else []
     for name, text in kind.files().items():

@@ -1,7 +1,7 @@
 """Panels to cut: allowance, seams, marks, labels, the printed face, the bladder."""
 
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings, tab_seam
-from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.printed_face import printed_face

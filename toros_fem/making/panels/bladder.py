@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError
 from toros_fem.base.validation import checked_floats
-from toros_fem.making.panels.options import ALL, ManufactureOptions, options_or_default
+from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, drawing_of
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.making.print.contours import panel_outline

@@ -12,9 +12,9 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError
+from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.allowance import cut_outline
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
-from toros_fem.making.panels.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label, upright
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.making.print.contours import panel_outline

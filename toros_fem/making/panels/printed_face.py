@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.panels.options import INSIDE, ManufactureOptions
+from toros_fem.making.options import INSIDE, ManufactureOptions
 from toros_fem.meshes.pattern import Pattern
 
 

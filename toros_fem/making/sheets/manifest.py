@@ -10,8 +10,8 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.versions import versions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import notch_arcs
-from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.seam_lines import SewnSeam
 from toros_fem.making.sheets.sewing_order import SewingStep

@@ -17,8 +17,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import MissingPackageError, PatternError
 from toros_fem.base.validation import require_between, require_positive
+from toros_fem.making.options import ManufactureOptions, options_or_default
 from toros_fem.making.panels.marks import cross_shapes
-from toros_fem.making.panels.options import ManufactureOptions, options_or_default
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 
 # Corners lie on a grid of 0.1 µm, which single precision in mm resolves on beds of 1 m.

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ManufactureFileError
-from toros_fem.making.panels.options import INSIDE
+from toros_fem.making.options import INSIDE
 from toros_fem.making.panels.printed_face import mirrored_region
 from toros_fem.making.sheets.manifest import FORMAT, NAME, VERSION
 from toros_fem.making.sheets.placement import Placement

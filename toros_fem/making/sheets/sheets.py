@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.sheets.placement import Placement, nest
 

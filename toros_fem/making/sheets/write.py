@@ -11,8 +11,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import TorosError
 from toros_fem.base.files import replace_file, write_json
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings, tab_seam
-from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import sewn_seams

@@ -124,6 +124,9 @@ class ActuatorScene(Scene):
             most = max(1.0, bound / edge)
             for key in ("edge_length", "filter_radius"):
                 values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
+        if "print_edge_length" in values:  # no longer than lines are wide
+            wider = self.updated(**{key: values[key] for key in values if key.endswith("_width")})
+            values["print_edge_length"] = min(values["print_edge_length"], *wider.laid_widths)
         return self.updated(**values)
 
     def asked(self, targets: Mapping[str, float]) -> Self:

@@ -1,7 +1,6 @@
 """Characterisation: material constants of eq. (1) from tensile tests."""
 
 from toros_fem.products.fitting.fit import fit_material
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
 from toros_fem.products.fitting.report import fit_table, library_entry, write_fit
 from toros_fem.products.fitting.result import Estimate, FitResult
@@ -9,6 +8,7 @@ from toros_fem.products.fitting.sheet_fit import SheetFit, fit_printed_sheet
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import uniaxial_curve
+from toros_fem.products.options import FitOptions
 
 __all__ = [
     "ClampedStrip",

@@ -13,7 +13,6 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.parameters import Scales, scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
 from toros_fem.products.fitting.robust_fit import Model, Solution, remembered, robust_fit
@@ -21,6 +20,7 @@ from toros_fem.products.fitting.samples import Samples, samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
+from toros_fem.products.options import FitOptions
 
 # Rounds of fit and simulation of a clamped strip, and the change of its stress at which they end.
 MOST_ROUNDS, SAME = 8, 1e-3

@@ -13,9 +13,9 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Knit, Material
 from toros_fem.products.fitting.intervals import CONFIDENCE
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.robust_fit import NORMAL_MAD
 from toros_fem.products.fitting.samples import Samples
+from toros_fem.products.options import FitOptions
 
 # Title and SI unit of each constant.
 CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(

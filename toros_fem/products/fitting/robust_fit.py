@@ -11,12 +11,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.products.options import LOSSES
 
 # Values of a model and their derivatives, (n,) and (n, p), of parameters, (p,).
 Model = Callable[[Floats], tuple[Floats, Floats]]
 
 # Losses by their names, as `least_squares` calls them.
-LOSSES = {"soft-l1": "soft_l1", "huber": "huber", "squares": "linear"}
 # Residual, in standard deviations, from which a robust loss grows linearly.
 TUNING = 1.5
 # Standard deviation of values of the size 1: at the start, and at least.

@@ -9,9 +9,9 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import MeasurementError
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.robust_fit import Model, Problem
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
+from toros_fem.products.options import FitOptions
 
 
 @dataclass(frozen=True, eq=False)

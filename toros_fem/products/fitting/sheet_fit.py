@@ -16,12 +16,12 @@ from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.intervals import half_widths
-from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.printed_sheet import MATERIALS, PrintedSheet, scaled
 from toros_fem.products.fitting.result import Estimate, Fit
 from toros_fem.products.fitting.robust_fit import remembered, robust_fit
 from toros_fem.products.fitting.samples import Samples, samples_of
 from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.options import FitOptions
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.sheet import DIRECTIONS, tile_sheet
 

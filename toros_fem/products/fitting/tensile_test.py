@@ -10,8 +10,8 @@ import numpy as np
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.base.validation import checked_floats, require_choice, require_positive
+from toros_fem.products.options import BRANCHES
 
-BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
 # A turn of the stretch smaller than this part of its range is noise.
 TURN = 0.15
 # Fewest points of a curve.

@@ -155,7 +155,6 @@ class GripperScene(ActuatorScene):
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 
     KIND: ClassVar[str] = "gripper"
-    ABOUT: ClassVar[str] = "a gripper whose fingers close on an object"
     FEW: ClassVar[tuple[str, ...]] = (
         "shape",
         "size",

@@ -203,7 +203,6 @@ class OwnMeshScene(ActuatorScene):
     design: OwnDesigning = OwnDesigning()
 
     KIND: ClassVar[str] = "own-mesh"
-    ABOUT: ClassVar[str] = "a skin of your own, from a mesh file"
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {"mesh": "my.stl"}

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.files import write_table, write_together
 from toros_fem.base.scene import Scene
-from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure

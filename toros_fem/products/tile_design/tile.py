@@ -107,7 +107,6 @@ class TileScene(TileDesignScene):
     skin: TileSizes = TileSizes()
 
     KIND: ClassVar[str] = "tile"
-    ABOUT: ClassVar[str] = "a periodic fabric of designed stiffness"
     COARSE: ClassVar[Mapping[str, float]] = {
         "edge_length": 1.6,
         "filter_radius": 8 / 7,

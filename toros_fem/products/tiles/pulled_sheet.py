@@ -23,7 +23,7 @@ from mpi4py import MPI
 from toros_fem.base.files import write_table, write_together
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
-from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import Figure
@@ -71,7 +71,6 @@ class TileSheetScene(Scene):
     pull: SheetPull = SheetPull()
 
     KIND: ClassVar[str] = "tile-sheet"
-    ABOUT: ClassVar[str] = "a pull test of a sheet of tiles"
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
         "tile": "output folder of a designed tile; none: a simple tile"
     }

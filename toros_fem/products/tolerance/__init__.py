@@ -1,7 +1,7 @@
 """As made, not as drawn: tolerances of print, materials and pressure (docs/tolerance.md)."""
 
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.result import Tolerances, Variant
-from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import tolerances
 from toros_fem.products.tolerance.writing import write_tolerances
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,8 +17,8 @@ from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.result import Tolerances
-from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
@@ -50,7 +49,7 @@ def tolerances_of_run(
         NoEquilibriumError: The print has no equilibrium.
         TorosError: A file cannot be read, or does not fit.
     """
-    folder, begin = Path(run), time.perf_counter()
+    folder = Path(run)
     summary = on_first_rank(comm, lambda: finished_summary(folder))
     failure = summary.entries["printed_failure"]
     if failure:
@@ -75,7 +74,7 @@ def tolerances_of_run(
     values = {m.key: summary.value(m.key) for m in case.judged}
     own = {key: value for key, value in values.items() if value is not None}
     drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
-    return simulated_tolerances(problem, problem.on, drawn, config, begin=begin)
+    return simulated_tolerances(problem, drawn, config)
 
 
 def finished_summary(folder: Path) -> Summary:

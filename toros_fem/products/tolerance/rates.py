@@ -156,7 +156,7 @@ class MovedSkin:
         return model.gather(model.residual(self.state()))
 
     def before(self, owned: Floats) -> Floats:
-        """Return where the vertices' places before the move are in a shape, (n, 3), in m.
+        """Return where the owned vertices' places before the move are in a shape, (n, 3), in m.
 
         Metrics and objectives sort vertices by their places; so these stay the same ones.
 
@@ -165,7 +165,8 @@ class MovedSkin:
         """
         skin = self.problem.skin
         positions = skin.gather_vertices(owned)
-        return np.asarray(positions - self._carried(skin.pattern, positions))
+        before = positions - self._carried(skin.pattern, positions)
+        return np.asarray(before[skin.owned_vertices])
 
     def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
         """Return the way of all vertices with the deformed mesh, (n, 3)."""

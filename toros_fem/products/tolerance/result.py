@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.measures.figures import unit_of
 from toros_fem.measures.metrics import Metric
 
 # What is off, and how it reads where it is less and where it is more.
@@ -78,7 +77,7 @@ class Tolerances:
         variants: All variants, by quantity and change.
         triangles: Number of triangles of the mesh.
         steps: Number of Newton steps as drawn, and of all variants together.
-        seconds: Wall time as drawn, with its mesh, and of all variants together.
+        seconds: Wall time as drawn, on its mesh, and of all variants together.
     """
 
     metrics: tuple[Metric, ...]
@@ -112,11 +111,12 @@ class Tolerances:
             return f"{words} has no equilibrium: {' '.join(variant.notes)}"
         before, after = self.nominal[metric.key], variant.values[metric.key]
         change = after - before
-        size = metric.formatted(float(f"{abs(change):.2g}"))
-        what = f"changes the {metric.name} by {'−' if change < 0 else '+'}{size}"
+        what = f"changes the {metric.name} by {metric.formatted(change, 2, sign=True)}"
         if metric.target is not None and abs(after) < abs(before) <= abs(metric.target):
-            what = f"costs {size} of the {metric.name}"
-        return f"{words} {what}: {shown(metric, before)} becomes {shown(metric, after)}."
+            what = f"costs {metric.formatted(abs(change), 2)} of the {metric.name}"
+        return (
+            f"{words} {what}: {metric.formatted(before, 4)} becomes {metric.formatted(after, 4)}."
+        )
 
     @property
     def worst_sentences(self) -> list[str]:
@@ -125,6 +125,39 @@ class Tolerances:
         return list(
             dict.fromkeys(self.sentence(variant, m) for variant, m in found if variant is not None)
         )
+
+    def report(self) -> str:
+        """Return what a reader is told: as drawn, a table of all variants, the worst of them."""
+        drawn, own = (
+            ", ".join(f"{m.name} {m.formatted(v[m.key], 4)}" for m in self.metrics if m.key in v)
+            for v in (self.nominal, self.own_mesh)
+        )
+        ways = {"line": self.smallest_width, "gap": self.smallest_gap}
+        thinnest = [f"{k} {_shown_mm(way)} mm" for k, way in ways.items() if way is not None]
+        rows = [["", "", *(m.name for m in self.metrics), "objective", "line, gap (mm)"]]
+        for v in self.variants:
+            changes = [
+                f"{m.formatted(self.change(v, m.key), sign=True)} "
+                f"[{m.formatted(self.change(v, m.key, predicted=True), sign=True)}]"
+                for m in self.metrics
+            ]
+            change = self.change(v, OBJECTIVE)
+            changes.append("–" if change is None else f"{change:+.2e}".replace("-", "−"))
+            made = [_shown_mm(way) for way in (v.smallest_width, v.smallest_gap)]
+            changes.append(", ".join(made) if v.quantity == "print width" else "")
+            rows.append([v.quantity, v.label, *changes])
+        lines = [
+            f"As drawn: {drawn} at {self.pressure / 1e3:.2f} kPa, {self.triangles} triangles that "
+            f"follow the print; on the mesh of the design {own}.",
+            *([f"Thinnest {', '.join(thinnest)}."] if thinnest else []),
+            "Changes as simulated [to first order]:",
+            *_aligned(rows),
+            *(f"{v.words}: {note}" for v in self.variants for note in v.notes),
+            *self.worst_sentences,
+            f"{self.seconds[0]:.1f} s and {self.steps[0]} Newton steps as drawn, "
+            f"{self.seconds[1]:.1f} s and {self.steps[1]} for {len(self.variants)} variants",
+        ]
+        return "\n".join(lines)
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each variant, simulated and predicted, as tables have them."""
@@ -175,52 +208,18 @@ class Tolerances:
         }
 
 
-def shown(metric: Metric, value: float) -> str:
-    """Return a value with its unit, to a tenth, or a thousandth of a ratio."""
-    digits = 3 if metric.unit == "ratio" else 1
-    return f"{value:.{digits}f}{unit_of(metric.unit).sign}"
-
-
-def shown_change(metric: Metric, value: float | None) -> str:
-    """Return a change with its sign, or a dash where there is none."""
-    if value is None:
-        return "–"
-    digits = 3 if metric.unit == "ratio" else 1
-    return f"{value:+.{digits}f}".replace("-", "−")
-
-
-def text_table(found: Tolerances) -> str:
-    """Return the table of all variants for a terminal, changes as simulated and to first order."""
-    names = [f"{m.name} ({unit_of(m.unit).sign.strip()})" for m in found.metrics]
-    rows = [["", "", *names, "objective", "line, gap (mm)"]]
-    for variant in found.variants:
-        cells = [
-            f"{shown_change(m, found.change(variant, m.key))} "
-            f"[{shown_change(m, found.change(variant, m.key, predicted=True))}]"
-            for m in found.metrics
-        ]
-        change = found.change(variant, OBJECTIVE)
-        cells.append("–" if change is None else f"{change:+.2e}".replace("-", "−"))
-        widths = [variant.smallest_width, variant.smallest_gap]
-        cells.append(
-            ", ".join("–" if w is None else f"{1e3 * w:.2f}" for w in widths)
-            if variant.quantity == "print width"
-            else ""
-        )
-        rows.append([variant.quantity, variant.label, *cells])
-    return aligned(rows)
-
-
-def aligned(rows: Sequence[Sequence[str]]) -> str:
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     """Return rows of cells as lines, the first two columns to the left and others to the right."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [c.ljust(w) for c, w in zip(row[:2], widths[:2], strict=True)]
-        cells += [c.rjust(w) for c, w in zip(row[2:], widths[2:], strict=True)]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    columns = []
+    for k, column in enumerate(zip(*rows, strict=True)):
+        width = max(map(len, column))
+        columns.append([cell.ljust(width) if k < 2 else cell.rjust(width) for cell in column])
+    return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
 
 
 def _mm(width: float | None) -> float | None:
     return None if width is None else 1e3 * width
+
+
+def _shown_mm(width: float | None) -> str:
+    return "–" if width is None else f"{1e3 * width:.2f}"

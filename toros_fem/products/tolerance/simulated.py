@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import require_kind
@@ -33,6 +34,7 @@ from toros_fem.meshes.border_motion import border_motion
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.snap import snapped, with_flat_points
 from toros_fem.meshes.transfer import make_transfer
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.rates import (
     MovedSkin,
     Rate,
@@ -41,10 +43,8 @@ from toros_fem.products.tolerance.rates import (
     values_at,
 )
 from toros_fem.products.tolerance.result import Tolerances, Variant
-from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
-Remake = Callable[[Pattern], ShapeDesign]
 # Step of differences by the way of the borders, over the way that is simulated: on stiff triangles
 # the residual is far from linear in it.
 BORDER_STEP = 1e-2
@@ -55,6 +55,30 @@ STIFFNESSES = (
     ("print modulus", "reinforcement", "young"),
     ("print thickness", "reinforcement", "thickness"),
 )
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A skin of which one quantity is off, and where its simulation starts.
+
+    Attributes:
+        quantity, amount: What is off, and by how much.
+        way: The same in the unit of the rate.
+        rate: Derivatives by the quantity.
+        solver: Solver of the skin.
+        density: Density of its owned triangles.
+        starts: States to start from; the first one that bounds and contact admit is taken.
+        pressures: In Pa, of each chamber.
+    """
+
+    quantity: str
+    amount: float
+    way: float
+    rate: Rate
+    solver: EquilibriumSolver
+    density: Floats
+    starts: Sequence[Floats]
+    pressures: Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,9 +104,7 @@ class Drawn:
 
 
 def tolerances(
-    problem: ShapeDesign,
-    printed: PrintedDesign,
-    config: ToleranceConfig | None = None,
+    problem: ShapeDesign, printed: PrintedDesign, config: ToleranceConfig | None = None
 ) -> Tolerances:
     """Return how a printed design moves if it is not made as drawn (collective).
 
@@ -114,45 +136,38 @@ def tolerances(
         made.equilibrium.pressures,
         problem.metrics_of(made.equilibrium),
     )
-    begin = time.perf_counter()
     following = problem.on(snapped(problem.comm, part, drawn.regions))
-    return simulated_tolerances(following, problem.on, drawn, config, begin=begin)
+    return simulated_tolerances(following, drawn, config)
 
 
 def simulated_tolerances(
-    problem: ShapeDesign,
-    remake: Remake,
-    drawn: Drawn,
-    config: ToleranceConfig | None = None,
-    *,
-    begin: float,
+    problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:
     """Return how a print moves if it is not made as drawn (collective).
 
     Args:
         problem: The design problem, on a mesh that follows the print.
-        remake: Returns the problem on a pattern with the same triangles, whose vertices have moved.
         drawn: The print.
         config: How far what is off; None takes the defaults.
-        begin: When the work on the problem began, by `time.perf_counter`.
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.
     """
-    study = _Study(problem, remake, drawn, config or ToleranceConfig())
+    begin = time.perf_counter()
+    study = _Study(problem, drawn)
     middle = time.perf_counter()
-    variants = tuple(study.variants())
-    before = study.nominal_print
+    variants = tuple(study.variants(config or ToleranceConfig()))
+    as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
     return Tolerances(
         metrics=problem.metrics,
         nominal=study.nominal,
         own_mesh=drawn.own_mesh,
-        smallest_width=_width(before.smallest_width),
-        smallest_gap=_width(before.smallest_gap),
-        pressure=study.evaluation.equilibrium.pressure,
+        smallest_width=_width(as_drawn.smallest_width),
+        smallest_gap=_width(as_drawn.smallest_gap),
+        pressure=study.equilibrium.pressure,
         variants=variants,
         triangles=len(problem.skin.pattern.panel),
-        steps=(study.evaluation.equilibrium.steps, sum(v.steps for v in variants)),
+        steps=(study.equilibrium.steps, sum(v.steps for v in variants)),
         seconds=(middle - begin, time.perf_counter() - middle),
     )
 
@@ -160,82 +175,77 @@ def simulated_tolerances(
 class _Study:
     """The drawn skin at its equilibrium, and its variants; all methods are collective."""
 
-    def __init__(
-        self, problem: ShapeDesign, remake: Remake, drawn: Drawn, config: ToleranceConfig
-    ) -> None:
-        self.problem, self.remake, self.drawn, self.config = problem, remake, drawn, config
-        skin = problem.skin
+    def __init__(self, problem: ShapeDesign, drawn: Drawn) -> None:
+        self.problem, self.drawn = problem, drawn
+        skin, start = problem.skin, None
         self.pattern, self.comm = skin.pattern, skin.comm
         cells = on_first_rank(self.comm, lambda: printed_cells(self.pattern, drawn.regions))
-        start = None
         if drawn.near is not None:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.state_at(positions)
-        self.evaluation: Evaluation[EquilibriumResult] = problem.simulate_binary(
+        made: Evaluation[EquilibriumResult] = problem.simulate_binary(
             cells[skin.owned_cells], start=start, pressure=drawn.pressure
         )
-        self.density = self.evaluation.projected
-        self.equilibrium = self.evaluation.equilibrium
+        self.density, self.equilibrium = made.projected, made.equilibrium
         self.nominal = values_at(problem, self.equilibrium.positions)
-        self.printed = skin.gather_cells(self.density) > 0.5
         self.rates = TangentRates(problem, self.density, self.equilibrium)
-        self.nominal_print = on_first_rank(
-            self.comm, lambda: printability(*drawn.whole, drawn.limits)
-        )
 
-    def variants(self) -> Iterator[Variant]:
+    def variants(self, config: ToleranceConfig) -> Iterator[Variant]:
         """Yield all variants by quantity, from less to more."""
-        config = self.config
         if config.width is not None:
             yield from self._widths(config.width)
+        changes = []
+        sizes = {"young": config.modulus, "thickness": config.thickness}
         for name, material, part in STIFFNESSES:
-            size = config.modulus if part == "young" else config.thickness
-            if size is not None:
-                yield from self._stiffnesses(name, material, part, size)
+            if (size := sizes[part]) is not None:
+                changes.append(self._stiffnesses(name, material, part, size))
         if config.pressure_change is not None:
-            yield from self._pressures(config.pressure_change)
+            changes.append(self._pressures(config.pressure_change))
+        for change in chain(*changes):
+            yield self._solved(change)
 
     def _widths(self, width: float) -> Iterator[Variant]:
-        drawn, pattern = self.drawn, self.pattern
+        pattern, density = self.pattern, self.problem.skin.gather_cells(self.density)
+        printed = density > 0.5
         motion = on_first_rank(
-            self.comm, lambda: border_motion(pattern, drawn.regions, self.printed, width)
+            self.comm, lambda: border_motion(pattern, self.drawn.regions, printed, width)
         )
-        unknowns = self.problem.solver.model.gather(self.equilibrium.state)
+        model = self.problem.solver.model
+        unknowns = model.gather(self.equilibrium.state)
 
         def moved(offset: float) -> MovedSkin:
             flat = pattern.flat_points + offset * motion
             other = on_first_rank(self.comm, lambda: with_flat_points(pattern, flat))
-            return MovedSkin(self.remake(other), pattern, offset * motion, unknowns)
+            return MovedSkin(self.problem.on(other), pattern, offset * motion, unknowns)
 
         # A line is wider by twice the way of its borders.
         step = BORDER_STEP * width / 2
         rate = self.rates.by_borders(moved(-step), moved(step), step)
         for factor in (-2, -1, 1, 2):
             offset = factor * width / 2
-            yield self._width(moved(offset), factor * width, offset, rate)
+            skin = moved(offset)
+            along = offset * model.gather(rate.motion)
+            here = density[skin.problem.skin.owned_cells]
+            starts, pressures = [skin.state(along), skin.state()], self.equilibrium.pressures
+            solver = skin.problem.solver
+            change = Change(
+                "print width", factor * width, offset, rate, solver, here, starts, pressures
+            )
+            yield self._worn(self._solved(change, skin), skin, offset, printed)
 
-    def _width(self, skin: MovedSkin, change: float, offset: float, rate: Rate) -> Variant:
-        problem, drawn = skin.problem, self.drawn
-        resolution = drawn.limits.resolution
+    def _worn(self, variant: Variant, skin: MovedSkin, offset: float, printed: Bools) -> Variant:
+        """Return a variant with what its lines and gaps have become."""
+        (pattern, regions), limits = self.drawn.whole, self.drawn.limits
 
         def measure() -> tuple[Printability, list[str], tuple[float, float]]:
-            pattern, regions = drawn.whole
-            made = offset_print(pattern, regions, offset, resolution)
-            notes = broken_lines(pattern, regions, made, resolution)
+            made = offset_print(pattern, regions, offset, limits.resolution)
+            notes = broken_lines(pattern, regions, made, limits.resolution)
             polygons = sum(a.area - b.area for a, b in zip(made, regions, strict=True))
-            mesh = float((problem.skin.pattern.areas - self.pattern.areas)[self.printed].sum())
-            mesh *= float(pattern.areas.sum() / self.pattern.areas.sum())
-            return printability(pattern, made, drawn.limits), notes, (polygons, mesh)
+            areas = skin.problem.skin.pattern.areas - self.pattern.areas
+            mesh = float(areas[printed].sum() * (pattern.areas.sum() / self.pattern.areas.sum()))
+            return printability(pattern, made, limits), notes, (polygons, mesh)
 
         made, notes, areas = on_first_rank(self.comm, measure)
-        along = offset * self.problem.solver.model.gather(rate.motion)
-        density = self.problem.skin.gather_cells(self.density)[problem.skin.owned_cells]
-        own = self.problem.skin.owned_vertices
-        variant = self._solved(
-            "print width", change, offset, rate, problem.solver, density,
-            [skin.state(along), skin.state()], self.equilibrium.pressures,
-            lambda found: skin.before(found.positions)[own],
-        )  # fmt: skip
         return replace(
             variant,
             notes=(*notes, *variant.notes),
@@ -244,7 +254,7 @@ class _Study:
             areas=areas,
         )
 
-    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Variant]:
+    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Change]:
         composite = self.problem.solver.model.composite
 
         def changed(factor: float) -> Composite:
@@ -253,71 +263,42 @@ class _Study:
             return replace(composite, **{material: other})
 
         rate = self.rates.by_composite(changed)
-        for change in (-size, size):
-            solver = other_solver(self.problem, changed(1 + change))
-            yield self._solved(
-                name, change, change, rate, solver, self.density,
-                self._starts(change, rate), self.equilibrium.pressures,
-            )  # fmt: skip
+        for amount in (-size, size):
+            solver = other_solver(self.problem, changed(1 + amount))
+            yield self._change(name, amount, rate, solver, self.equilibrium.pressures)
 
-    def _pressures(self, size: float) -> Iterator[Variant]:
+    def _pressures(self, size: float) -> Iterator[Change]:
         rate = self.rates.by_pressure()
-        for change in (-size, size):
-            pressures = [(1 + change) * p for p in self.equilibrium.pressures]
-            yield self._solved(
-                "pressure", change, change, rate, self.problem.solver, self.density,
-                self._starts(change, rate), pressures,
-            )  # fmt: skip
+        for amount in (-size, size):
+            pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
+            yield self._change("pressure", amount, rate, self.problem.solver, pressures)
 
-    def _starts(self, way: float, rate: Rate) -> list[Floats]:
-        state = self.equilibrium.state
-        return [state + way * rate.motion, state.copy()]
-
-    def _solved(
+    def _change(
         self,
-        quantity: str,
-        change: float,
-        way: float,
+        name: str,
+        amount: float,
         rate: Rate,
         solver: EquilibriumSolver,
-        density: Floats,
-        starts: Sequence[Floats],
         pressures: Sequence[float],
-        places: Callable[[EquilibriumResult], Floats] = lambda found: found.positions,
-    ) -> Variant:
-        """Return a variant, from the first of the starts that bounds and contact admit.
+    ) -> Change:
+        """Return a change of a quantity by a fraction, on the mesh as drawn."""
+        state = self.equilibrium.state
+        starts = [state + amount * rate.motion, state.copy()]
+        return Change(name, amount, amount, rate, solver, self.density, starts, pressures)
 
-        Args:
-            quantity, change: What is off, and by how much.
-            way: The same in the unit of the rate.
-            rate: Derivatives.
-            solver: Solver of the variant.
-            density: Density of its owned triangles.
-            starts: States to start from.
-            pressures: In Pa, of each chamber.
-            places: Returns positions of the owned nodes of the drawn skin.
-        """
-        predicted = {key: value + way * rate.values[key] for key, value in self.nominal.items()}
-        model = solver.model
-        inside = [s for s in starts if model.admits(s)]
+    def _solved(self, c: Change, skin: MovedSkin | None = None) -> Variant:
+        """Return the variant of a change; of a moved skin at the places of the drawn one."""
+        predicted = {k: value + c.way * c.rate.values[k] for k, value in self.nominal.items()}
+        inside = [start for start in c.starts if c.solver.model.admits(start)]
+        start = inside[0] if inside else None
         try:
-            found = solver.solve(
-                density,
-                pressures,
-                force=self.problem.force,
-                start=inside[0] if inside else None,
-            )
+            found = c.solver.solve(c.density, c.pressures, force=self.problem.force, start=start)
         except EquilibriumError as caught:  # raised by all ranks or by none
-            return Variant(quantity, change, {}, predicted, (str(caught),), caught.steps)
-        sentences = found.condition.sentences
-        return Variant(
-            quantity,
-            change,
-            values_at(self.problem, places(found)),
-            predicted,
-            (sentences,) if sentences else (),
-            found.steps,
-        )
+            return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
+        notes = (found.condition.sentences,) if found.condition.sentences else ()
+        places = found.positions if skin is None else skin.before(found.positions)
+        values = values_at(self.problem, places)
+        return Variant(c.quantity, c.amount, values, predicted, notes, found.steps)
 
 
 def _width(place: LocalWidth | None) -> float | None:

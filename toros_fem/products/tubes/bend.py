@@ -49,7 +49,6 @@ class BendScene(TubeScene):
     design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
 
     KIND: ClassVar[str] = "bend"
-    ABOUT: ClassVar[str] = "a tube that bends"
     MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = (
         "angle",

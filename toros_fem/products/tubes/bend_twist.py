@@ -45,7 +45,6 @@ class BendTwistScene(SectionTubeScene):
     lines: Lines = Lines(share_weight=3e-3)
 
     KIND: ClassVar[str] = "bend-twist"
-    ABOUT: ClassVar[str] = "a tube that bends and twists at once"
     FEW: ClassVar[tuple[str, ...]] = (
         "angle",
         "twist",

@@ -50,7 +50,6 @@ class ContractScene(SectionTubeScene):
     lines: Lines = Lines(print_edge_length=0.5e-3)
 
     KIND: ClassVar[str] = "contract"
-    ABOUT: ClassVar[str] = "a tube that shortens"
     MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = ("contraction", "length", "diameter", "pressure", "seed")
 

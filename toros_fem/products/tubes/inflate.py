@@ -66,7 +66,6 @@ class InflateScene(Scene):
     pressure: Curve = Curve()
 
     KIND: ClassVar[str] = "inflate"
-    ABOUT: ClassVar[str] = "a tube without reinforcement that swells"
     COARSE: ClassVar[Mapping[str, float]] = {"edge_length": 2.0, "levels": 0.5}
     FEW: ClassVar[tuple[str, ...]] = (
         "length",

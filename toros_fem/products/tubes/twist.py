@@ -74,7 +74,6 @@ class TwistScene(SectionTubeScene):
     lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
 
     KIND: ClassVar[str] = "twist"
-    ABOUT: ClassVar[str] = "a tube that twists"
     MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
     FEW: ClassVar[tuple[str, ...]] = (
         "twist",

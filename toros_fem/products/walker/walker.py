@@ -179,7 +179,6 @@ class WalkerScene(ActuatorScene):
     results: WalkerResults = WalkerResults()
 
     KIND: ClassVar[str] = "walker"
-    ABOUT: ClassVar[str] = "an X-shaped robot that stands up or crawls"
     FEW: ClassVar[tuple[str, ...]] = (
         "motion",
         "aim",
