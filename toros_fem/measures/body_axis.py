@@ -11,7 +11,8 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_about, turn_angle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.targets import Deformer, bend
+from toros_fem.meshes.targets import Deformer, bend, compose, contract
+from toros_fem.meshes.targets import twist as turned
 
 DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
 # A tip is flat if so many vertices lie at the far end, within this fraction of the length.
@@ -88,22 +89,15 @@ class BodyAxis:
             neutral: Distance in m from the axis, towards the inner side, of the line that keeps
                 its length in a bend.
         """
-        length = self.end - self.begin
-        ratio = 1.0 if shortening is None else 1 - shortening
-        bent = None if angle is None else bend(angle, ratio * length, neutral=neutral)
+        length, ratio = self.end - self.begin, 1 - (shortening or 0.0)
+        slender = compose(contract(ratio), turned(twist or 0.0, ratio * length))
+        bent = bend(angle or 0.0, ratio * length, neutral=neutral)
 
         def deform(points: Floats) -> Floats:
             found = self.local(points) - [0, 0, self.begin]
-            inside = np.clip(found[:, 2], 0, length)
-            if twist is not None:
-                c, s = np.cos(twist * inside / length), np.sin(twist * inside / length)
-                x, y = found[:, 0].copy(), found[:, 1].copy()
-                found[:, 0], found[:, 1] = c * x - s * y, s * x + c * y
-            if shortening is not None:
-                found[:, 2] += (ratio - 1) * inside
-            if bent is not None:
-                found = bent(found)
-            return self.in_space(found + [0, 0, self.begin])
+            outside = found[:, 2] - np.clip(found[:, 2], 0, length)
+            along = np.outer(outside, [0, 0, 1])
+            return self.in_space(bent(slender(found - along) + along) + [0, 0, self.begin])
 
         return deform
 
