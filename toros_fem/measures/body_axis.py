@@ -161,7 +161,7 @@ def body_axis(
     Raises:
         ParameterError: The directions are not perpendicular, or the distances do not fit.
     """
-    axis, side = (_unit(word) for word in (along, toward))
+    axis, side = (unit_vector(word) for word in (along, toward))
     if abs(axis @ side) > 0.5:
         raise ParameterError(
             f"toward = {toward!r} must be perpendicular to axis = {along!r}; give another one."
@@ -188,6 +188,7 @@ def body_axis(
     )
 
 
-def _unit(word: str) -> Floats:
+def unit_vector(word: str) -> Floats:
+    """Return one of `DIRECTIONS` as a vector, (3,)."""
     sign = -1.0 if word.startswith("-") else 1.0
     return sign * np.eye(3)["xyz".index(word[-1])]

@@ -48,7 +48,7 @@ def test_conditions(text: str, inside: np.ndarray) -> None:
         ("w < 5 mm", "'w' at character 1, which is not known; known are x, y, z, abs"),
         (" 1 mm < 2 mm and x", "'x' at character 17, where a comparison"),
         ("z + (x > 0) > 1", "'x > 0' at character 6, where a number is needed"),
-        ("1 cm < x * y + 5 mm", r"'x \* y \+ 5 mm' at character 8: m\^2 and m\^1 do not go together"),
+        ("1 < x * y + 5 mm", "character 5: m\\^2 and m\\^1 do not go together"),
         ("sqrt(x) > 0", "the root of m\\^1 is no length"),
         ("hypot(x) > 0", r"'hypot\(x\)' at character 1, which is not known"),
         ("(z < 1 mm", "cannot be read at character 1"),

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
 
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
+from toros_fem.products.own_mesh.metrics import MEASURES, Measured
 from toros_fem.results.runs.folder import EVERY
 
 
@@ -49,6 +52,19 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     add_progress_options(parser)
 
 
+def add_metric_option(parser: argparse.ArgumentParser) -> None:
+    """Add metrics of own meshes, which `scene_of` reads."""
+    parser.add_argument(
+        "--metric",
+        action="append",
+        default=[],
+        metavar="WORDS",
+        help='a number more to judge an own mesh by: "bend of z > 70 mm against z < 5 mm", as in '
+        f"the tables [[metric]] of its file; measures are {', '.join(MEASURES)} and tip; may be "
+        "given several times; default none",
+    )
+
+
 def add_progress_options(parser: argparse.ArgumentParser) -> None:
     """Add how often the state is written, and the log of Newton steps."""
     parser.add_argument(
@@ -72,6 +88,14 @@ def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> SceneFile:
     """
     scene = read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
     scene.require_files(comm)
+    if words := getattr(given, "metric", []):
+        if "metric" not in scene.kind.entries():
+            raise UsageError(
+                f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "
+                "metrics of their own."
+            )
+        metrics = (*scene.config.metric, *map(Measured.from_words, words))
+        scene = replace(scene, config=scene.config.updated(metric=metrics))
     return scene
 
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.running import run_scene
 from toros_fem.cli.command_line.scene_options import (
+    add_metric_option,
     add_run_options,
     add_scene_options,
     meshes_allowed,
@@ -19,6 +20,7 @@ from toros_fem.cli.command_line.scene_options import (
 def _options(parser: argparse.ArgumentParser) -> None:
     add_scene_options(parser)
     add_run_options(parser)
+    add_metric_option(parser)
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:

@@ -12,6 +12,7 @@ from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.running import action_of, run_scene
 from toros_fem.cli.command_line.scene_options import (
+    add_metric_option,
     add_run_options,
     add_scene_options,
     meshes_allowed,
@@ -22,6 +23,7 @@ from toros_fem.cli.command_line.scene_options import (
 def _options(parser: argparse.ArgumentParser) -> None:
     add_scene_options(parser)
     add_run_options(parser)
+    add_metric_option(parser)
     parser.add_argument(
         "--pattern",
         type=Path,

@@ -17,10 +17,8 @@ from toros_fem.base.keys import (
     Distance,
     In,
     Length,
-    Number,
     OneOf,
     Place,
-    Positive,
     Table,
     key,
 )
@@ -31,8 +29,6 @@ from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, distance
 from toros_fem.measures.shape import Part, ShapePart
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes import read_surface, unwrap
-from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.deformed import from_copy, from_mesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
@@ -40,9 +36,11 @@ from toros_fem.meshes.refine import refine
 from toros_fem.meshes.topology import half_edges
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
+from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.unwrapping import Unwrapping
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
 COUNTED = ("shape", "cross-sections")
@@ -102,27 +100,11 @@ class Deformed(Table):
 
 
 @dataclass(frozen=True)
-class MeshFile(Table):
+class MeshFile(Unwrapping):
     """Sizes and mesh."""
 
-    scale: Length = key(1e-3, "length of the mesh file's unit; a pattern is in m")
-    component: Number | None = key(
-        None, "connected component of the file, 0 for the largest; none: it holds only one"
-    )
     refinements: Annotated[int, In(at_least=0, at_most=6)] = key(
         0, "how often each triangle of the file is divided into four"
-    )
-    cuts: Annotated[str, OneOf(("given", "auto"))] = key(
-        "given",
-        "where the surface is cut into panels: at the lines and parts of the file, found "
-        "if it has none, or always found",
-    )
-    method: Annotated[str, OneOf(METHODS)] = key("auto", "how panels are laid flat")
-    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
-        45.0, "angle between normals above which a found cut follows an edge"
-    )
-    max_stretch: Positive | None = key(
-        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
     )
 
 
@@ -200,6 +182,7 @@ class OwnMeshScene(ActuatorScene):
     printed: tuple[Printed, ...] = ()
     plain: tuple[Plain, ...] = ()
     objective: OwnWeights = OwnWeights()
+    metric: tuple[Measured, ...] = ()
     design: OwnDesigning = OwnDesigning()
 
     KIND: ClassVar[str] = "own-mesh"
@@ -289,7 +272,7 @@ class OwnMeshScene(ActuatorScene):
             self.pressure.bounds,
             self.material.composite,
             parts=[_part(self, pattern, axis)],
-            metrics=_metrics(self, skin, axis, target),
+            metrics=judged_by(self.metric, axis, _metrics(self, skin, axis, target)),
             passive=_passive(self, pattern),
         )
 
@@ -381,14 +364,7 @@ def read_skin(
     if path.suffix == ".npz":
         pattern = read_pattern(comm, path)
         return OwnSkin(pattern, None if target is None else from_mesh(comm, Path(target), pattern))
-    pattern = unwrap(
-        comm,
-        read_surface(comm, path, config.skin.scale, config.skin.component),
-        "auto" if config.skin.cuts == "auto" else None,
-        config.skin.method,
-        crease_angle=np.radians(config.skin.crease_angle),
-        max_stretch=config.skin.max_stretch,
-    ).pattern
+    pattern = config.skin.unwrapped(comm, config.skin.surface(comm, path)).pattern
     if target is None:
         return OwnSkin(pattern)
     return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.skin.scale))
