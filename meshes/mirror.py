@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import half_edges
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
+# Largest distance of a target from its mirror image, as a fraction of the skin's size.
+SYMMETRIC = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,22 @@ class Mirrored:
     def at_vertices(self, positions: Floats) -> Floats:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
+
+    def require_symmetric(self, deform: Callable[[Floats], Floats]) -> None:
+        """Check that a map of positions maps the whole to a symmetric shape.
+
+        Raises:
+            TargetError: It does not.
+        """
+        goal = deform(self.pattern.points)
+        off = float(np.abs(goal - self.at_vertices(goal)).max())
+        if off > SYMMETRIC * self.pattern.size:
+            axes = np.flatnonzero((self.signs < 0).any(axis=0))
+            planes = " and ".join(f"{'xyz'[axis]} = 0" for axis in axes)
+            raise TargetError(
+                f"the target is not symmetric about {planes}: a vertex and its image are "
+                f"{off:.3g} m apart. Cut the skin at fewer planes."
+            )
 
     def at_cells(self, values: Floats) -> Floats:
         """Return values of the whole's triangles, such as densities, from those of the part's."""

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
@@ -24,12 +24,11 @@ from toros_fem.measures.metrics import (
     twist_angle,
 )
 from toros_fem.measures.shape import ShapePart
-from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
-from toros_fem.meshes.topology import edge_keys
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
@@ -62,8 +61,6 @@ class SymmetricTube(Tube):
 
 # A length that is off by so much counts like a twist or an angle that is not there at all.
 LENGTH_SCALE = 0.2
-# Largest distance of a target from its mirror image, as a fraction of the tube's size.
-SYMMETRIC = 1e-9
 # Width of lines on a coarse mesh, in m.
 COARSE_WIDTH = 1.2e-3
 
@@ -254,18 +251,12 @@ def _clamped(
     assert level.edge_length is not None
     scene.require_symmetric_knit(planes)
     pattern = _tube(comm, scene.skin, level.edge_length, planes)
-    whole, target = mirrored(pattern, planes), deform(pattern.points)
-    off = float(np.abs(deform(whole.pattern.points) - whole.at_vertices(target)).max())
-    if off > SYMMETRIC * pattern.size:
-        raise TargetError(
-            f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
-            f"vertex and its image are {off:.3g} m apart. Give fewer planes."
-        )
+    mirrored(pattern, planes).require_symmetric(deform)
     length = length_metric(None)
     watched = [] if length.key in {metric.key for metric in metrics} else [length]
     return Case(
         pattern,
-        target,
+        deform(pattern.points),
         _supports(pattern, planes, scene.material.seams),
         scene.pressure.pressure,
         scene.pressure.bounds,
@@ -279,22 +270,12 @@ def _clamped(
 
 def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
     """Return supports at the base and in the planes."""
-    supports = clamp(pattern, [BASE])
-    for axis in planes:
-        supports |= symmetry_plane(pattern, axis)
-    if seams == "continuous" or not planes:
-        return supports
-    if 0 in planes:
+    if seams != "continuous" and 0 in planes:
         raise ParameterError(
             f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
             "Give planes = (1,), or make the seams continuous."
         )
-    # A cut where the whole has a hinged seam carries no moment.
-    hinged = mirrored(pattern, planes).pattern.seam_edges[: len(pattern.panel)]
-    triangles, count = pattern.triangles, len(pattern.points)
-    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
-    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[hinged], count))
-    return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
+    return clamp(pattern, [BASE]) | symmetry_planes(pattern, planes, hinged=seams != "continuous")
 
 
 def _printed_caps(pattern: Pattern) -> Floats:
