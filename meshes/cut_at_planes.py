@@ -101,7 +101,7 @@ def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
                     f"panel {pattern.panel_names[number]!r} is {off:.3g} m off a straight line at "
                     f"{'xyz'[axis]} = 0, over {bound:.3g} m, so that its two halves would overlap. "
                     "Cut it into flatter panels (a smaller max_stretch, or lines in the mesh "
-                    "file), or leave this symmetry out."
+                    "file), or leave this plane out."
                 )
             flat[vertices] = begin + on_line
     return replace(pattern, flat_points=flat)
@@ -133,7 +133,7 @@ def require_symmetric(surface: Surface, axis: int, what: str = "the surface") ->
         raise SurfaceError(
             f"{what} is not symmetric about {name} = 0: a mirrored vertex is {off:.3g} m away "
             f"from it; the bound is {SYMMETRIC:g} of the mean edge length, {SYMMETRIC * edge:.3g} "
-            f"m. Move the mesh so that {name} = 0 is its middle, or leave this symmetry out."
+            f"m. Move the mesh so that {name} = 0 is its middle, or leave this plane out."
         )
 
 

@@ -43,22 +43,6 @@ class Mirrored:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
 
-    def require_symmetric(self, deform: Callable[[Floats], Floats]) -> None:
-        """Check that a map of positions maps the whole to a symmetric shape.
-
-        Raises:
-            TargetError: It does not.
-        """
-        goal = deform(self.pattern.points)
-        off = float(np.abs(goal - self.at_vertices(goal)).max())
-        if off > SYMMETRIC * self.pattern.size:
-            axes = np.flatnonzero((self.signs < 0).any(axis=0))
-            planes = " and ".join(f"{'xyz'[axis]} = 0" for axis in axes)
-            raise TargetError(
-                f"the target is not symmetric about {planes}: a vertex and its image are "
-                f"{off:.3g} m apart. Cut the skin at fewer planes."
-            )
-
     def at_cells(self, values: Floats) -> Floats:
         """Return values of the whole's triangles, such as densities, from those of the part's."""
         return np.asarray(values[self.cell])
@@ -117,6 +101,30 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     if key:  # without axes the value would keep its own key alive
         wholes[key] = found
     return found
+
+
+def require_symmetric_map(
+    points: Floats, axes: Sequence[int], deform: Callable[[Floats], Floats]
+) -> None:
+    """Check that a map takes mirror images to mirror images.
+
+    Args:
+        points: Points to try, (n, 3), in m.
+        axes: Normals of the planes of reflection.
+        deform: The map of positions, of a target for instance.
+
+    Raises:
+        TargetError: It does not.
+    """
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    for axis in axes:
+        flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+        off = float(np.abs(deform(flip * points) - flip * deform(points)).max())
+        if off > SYMMETRIC * size:
+            raise TargetError(
+                f"the target is not symmetric about {'xyz'[axis]} = 0: a vertex and its image are "
+                f"{off:.3g} m apart. Leave this plane out."
+            )
 
 
 def _doubled(part: Mirrored, axis: int) -> Mirrored:

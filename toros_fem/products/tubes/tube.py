@@ -14,7 +14,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
-from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.measures.metrics import (
     Metric,
     MetricFunction,
@@ -23,10 +23,9 @@ from toros_fem.measures.metrics import (
     shortening,
     twist_angle,
 )
-from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -123,16 +122,11 @@ class TubeScene(ActuatorScene):
         """
         case = _clamped(comm, self, level, deform, metrics, planes)
         pattern = mirrored(case.pattern, planes).pattern
-        plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
-        weights = np.ones(len(pattern.points))
-        weights[plate] += self.objective.tip_weight * area.sum() / area[plate].sum()
-        # The ring and not the plate, which bulges. Turned by a small angle about a diameter it
-        # moves by angle · radius/√2 in root mean square.
+        plate = pattern.vertices_of(TIP)
+        # The ring and not the plate, which bulges.
         ring = np.intersect1d(plate, pattern.vertices_of(WALL))
-        relative = np.zeros(len(pattern.points))
-        ratio = np.sqrt(2) * self.objective.orientation_length / (self.skin.diameter / 2)
-        relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-        return replace(case, parts=[ShapePart(weights, relative)])
+        part = self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
+        return replace(case, parts=[part])
 
 
 @dataclass(frozen=True)
@@ -163,20 +157,10 @@ class SectionTubeScene(TubeScene):
         Raises:
             ParameterError, TargetError: As of `tip_case`.
         """
-        case, count = (
-            _clamped(comm, self, level, deform, metrics, planes),
-            self.objective.cross_sections,
-        )
-        pattern, goal = mirrored(case.pattern, planes).pattern, self.objective
-        fraction = np.append(np.full(count, 1 / count), goal.tip_weight)
-        # If each of n sections is off by δ/n from the one before, the tip is off by δ.
-        ratio = goal.orientation_length / pattern.size
-        sections = CrossSections(
-            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
-            np.outer(fraction, [1.0, 1.0, goal.axial_weight]),
-            np.full(count + 1, (count + 1) * goal.tip_weight * ratio**2),
-        )
-        return replace(case, parts=[sections])
+        case = _clamped(comm, self, level, deform, metrics, planes)
+        pattern, count = mirrored(case.pattern, planes).pattern, self.objective.cross_sections
+        labels = label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count)
+        return replace(case, parts=[self.objective.sections_part(pattern, labels, 2)])
 
 
 def bend_metric(target: float) -> Metric:
@@ -251,7 +235,7 @@ def _clamped(
     assert level.edge_length is not None
     scene.require_symmetric_knit(planes)
     pattern = _tube(comm, scene.skin, level.edge_length, planes)
-    mirrored(pattern, planes).require_symmetric(deform)
+    require_symmetric_map(pattern.points, planes, deform)
     length = length_metric(None)
     watched = [] if length.key in {metric.key for metric in metrics} else [length]
     return Case(
