@@ -209,6 +209,20 @@ class Region(Table):
         centroids = pattern.points[pattern.triangles].mean(axis=1)
         return self._checked(pattern, self._on_panels(pattern), centroids)
 
+    def require_symmetric(self, name: str, points: Floats, axis: int) -> None:
+        """Check that the condition holds at mirror images too; panels are those of the part.
+
+        Raises:
+            ParameterError: It does not.
+        """
+        if self.where is not None:
+            holds, flip = Expression(self.where), np.where(np.arange(3) == axis, -1.0, 1.0)
+            if (holds(points) != holds(flip * points)).any():
+                raise ParameterError(
+                    f"{name}: {self.where!r} is not symmetric about {AXES[axis]} = 0. Write "
+                    f"abs({AXES[axis]}), or leave this plane out."
+                )
+
     def _on_panels(self, pattern: Pattern) -> Bools:
         """Return which triangles lie on the panels, (t,).
 
