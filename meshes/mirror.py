@@ -12,6 +12,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.topology import half_edges
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
@@ -43,9 +44,35 @@ class Mirrored:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
 
+    def refined(self, finer: Refinement, axes: Sequence[int]) -> Refinement:
+        """Return the refinement of the whole that that of the part leads to.
+
+        Args:
+            finer: The refined part.
+            axes: Normals of the planes, in the order of `mirrored`.
+        """
+        made, count = mirrored(finer.pattern, axes), int(self.vertex.max()) + 1
+        # An image is known by its vertex and its signs, + across a plane that the vertex lies in.
+        outside = np.zeros((count, 3), dtype=bool)
+        np.logical_or.at(outside, self.vertex, self.signs < 0)
+        known, ends = _image_keys(self.vertex, self.signs), finer.ends[made.vertex]
+        order = np.argsort(known)
+        wanted = _image_keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
+        parts = np.arange(2 ** len(axes))[:, None]
+        return Refinement(
+            made.pattern,
+            (len(self.cell) // len(parts) * parts + finer.cell).ravel(),
+            order[np.searchsorted(known[order], wanted)],
+        )
+
     def at_cells(self, values: Floats) -> Floats:
         """Return values of the whole's triangles, such as densities, from those of the part's."""
         return np.asarray(values[self.cell])
+
+
+def _image_keys(vertex: Ints, signs: Floats) -> Ints:
+    """Return a number for each vertex of a part, (…), and its mirror image with signs (…, 3)."""
+    return np.asarray(8 * vertex + (signs < 0) @ [1, 2, 4])
 
 
 _WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDictionary()
