@@ -95,7 +95,7 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
 @OF_TABLES
 def test_tables_are_values(table: type[Table]) -> None:
     """With the defaults of their own, which need not fit each other for all of them."""
-    needed: dict[str, Any] = {"where": "z < 5 mm"} if "where" in table.described() else {}
+    needed = {name: "z < 5 mm" for name in ("where", "of") if name in table.described()}
     made = read_library()["rib-knit"] if table is LibraryMaterial else table(**needed)
     assert made == table(**json.loads(json.dumps(made.as_dict())))
     assert hash(made) == hash(made.updated())
