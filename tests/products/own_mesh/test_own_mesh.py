@@ -1,5 +1,6 @@
 """Skins of your own: meshes, regions, targets and metrics."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,15 @@ import numpy as np
 import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from toros_fem import errors
+from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.shape import ShapePart
+from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.products.own_mesh.metrics import Measured
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnMeshScene,
@@ -39,6 +45,7 @@ CONFIG = OwnMeshScene.of(
     tip_weight=0.0,
     orientation_length=0.0,
 )
+SYMMETRIC = CONFIG.updated(symmetry="y")
 
 
 def case_on(comm: MPI.Comm, scene: OwnMeshScene, skin: OwnSkin) -> Case:
@@ -148,6 +155,15 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
     finer = case_on(alone, config.updated(refinements=1), skin)
     values = [m.measure(finer.pattern, finer.goal) for m in finer.metrics]
     assert values == pytest.approx([0, 60], abs=1e-3)
+    half = case_on(
+        alone,
+        config.updated(symmetry="y"),
+        read_skin(alone, config.updated(symmetry="y"), FINGER, tmp_path / "bent.stl"),
+    )
+    plane = half.pattern.points[:, 1] == 0
+    assert np.abs(half.goal[plane, 1]).max() < 1e-7
+    values = [m.measure(half.pattern, half.goal) for m in half.metrics or ()]
+    assert values == pytest.approx([0, 60], abs=0.2)
     with pytest.raises(errors.ParameterError, match="two targets: a file, and bend = 60"):
         case_on(alone, CONFIG, skin)
     with pytest.raises(errors.TargetError, match="does not meet its neighbours"):
@@ -156,6 +172,68 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
         read_skin(alone, config, FINGER, tmp_path / "fewer.ply")
     with pytest.raises(errors.TargetError, match="there is no file"):
         read_skin(alone, config, FINGER, tmp_path / "nothing.ply")
+
+
+def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> None:
+    """A symmetric finger gets a symmetric print, whose tip stays in the plane."""
+    scene, folder = tmp_path / "mine.toml", tmp_path / "run"
+    tip = Measured(name="tip", measure="bend", of="z > 80 mm", against="z < 4 mm", target=60.0)
+    config = CONFIG.updated(symmetry="auto", metric=(tip,))
+    scene.write_text(scene_text(OwnMeshScene, config, {"mesh": FINGER}), encoding="utf-8")
+    words = ["design", str(scene), "--output", str(folder), "--quiet"]
+    for text in ("tip of z > 80 mm", "bend of z > 80 mm against z < 4 mm"):
+        words += ["--metric", text]
+    assert run(alone, words) == 0
+    found = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert found["parts_by_symmetry"] == 2
+    assert (found["tip_deg"], found["tip_target_deg"]) == (found["bend_deg"], 60.0)
+    assert abs(found["tip_y_mm"]) < 1e-9 < found["tip_lean_deg"]
+    skin = meshio.read(folder / "skin.vtu")
+    centre = np.asarray(skin.points)[skin.cells_dict["triangle"]].mean(axis=1)
+    gap, image = cKDTree(centre).query(centre * [1, -1, 1])
+    assert gap.max() < 1e-9
+    printed = skin.cell_data["printed"][0]
+    assert 0 < printed.mean() < 1
+    np.testing.assert_array_equal(printed, printed[image])
+
+
+def test_symmetry_by_hand(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> None:
+    """A part has supports and target of the whole, and what does not fit is named."""
+    write_pattern(tmp_path / NAME, read_skin(alone, SYMMETRIC, FINGER).pattern)
+    case = case_on(alone, SYMMETRIC, read_skin(alone, SYMMETRIC, tmp_path))
+    assert case.whole is not None
+    x = case.whole.at_vertices(case.goal)
+    values = [m.measure(case.pattern, case.goal) for m in case.metrics or ()]
+    assert values == pytest.approx([60, 0], abs=1e-6)
+    np.testing.assert_allclose(x * [1, -1, 1], x[cKDTree(x).query(x * [1, -1, 1])[1]], atol=1e-9)
+    held = case.supports.fixed.all(axis=1)
+    np.testing.assert_array_equal(held, case.pattern.points[:, 2] < 4e-3)
+    for changes, message in (
+        ({"held": (Held(where="y < 1 mm"),)}, "held: 'y < 1 mm' is not symmetric about y = 0"),
+        ({"twist": 40.0}, "the target is not symmetric about y = 0: a vertex and its image"),
+        ({"symmetry": "z"}, "the surface is not symmetric about z = 0"),
+        ({"knit_ratio": 2.0, "grain_angle": 30.0}, "grain_angle = 30.0 deg is not symmetric"),
+    ):
+        with pytest.raises(errors.TorosError, match=message):
+            read_skin(alone, SYMMETRIC.updated(**changes), FINGER)
+    write_pattern(tmp_path / NAME, finger.pattern)
+    with pytest.raises(errors.ParameterError, match="symmetry = 'y' needs the mesh file"):
+        read_skin(alone, SYMMETRIC, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("bnd of z > 1", "unknown measure 'bnd'; did you mean 'bend'?"),
+        ("bend z > 1", "write MEASURE of REGION or MEASURE of REGION against REGION"),
+        ("bend of z > 1 kPa", "of: 'z > 1 kPa' cannot be read at character 7"),
+        ("twist of z > 1 against q < 1", "against: 'q < 1' has 'q' at character 1"),
+        ("length of z > 1", "a length needs two regions: give against too"),
+    ],
+)
+def test_words_of_a_metric(words: str, message: str) -> None:
+    with pytest.raises(errors.ParameterError, match=f"^metric '{words}': .*{message}"):
+        Measured.from_words(words)
 
 
 @pytest.mark.parametrize(

@@ -426,8 +426,14 @@ def read_skin(
     axes = tuple(map("xyz".index, symmetry)) if symmetry not in (None, "auto") else ()
     if comm.bcast(path.is_dir()):
         path = path / NAME
-    if path.suffix == ".npz":  # of a part, if planes are named
+    if path.suffix == ".npz":
         pattern = read_pattern(comm, path)
+        if axes and not len(pattern.free_edges):
+            raise ParameterError(
+                f"symmetry = {symmetry!r} needs the mesh file, or the pattern of a part that was "
+                f"cut there: {path} is that of a whole skin.",
+                "symmetry",
+            )
         goal = from_mesh(comm, given, pattern) if given else None
         for axis in axes:
             _require_symmetric(scene, mirrored(pattern, axes).pattern, goal, axis)

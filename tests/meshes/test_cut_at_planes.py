@@ -1,0 +1,65 @@
+"""Parts of surfaces at symmetry planes, of meshes that are not symmetric themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from toros_fem.base.errors import SurfaceError
+from toros_fem.meshes import mirrored, read_surface, unwrap
+from toros_fem.meshes.cut_at_planes import asymmetry, cut_at_planes, straightened
+from toros_fem.meshes.surface import Surface, volume
+from toros_fem.meshes.topology import shapes
+
+
+@pytest.fixture(scope="module")
+def finger(alone: MPI.Comm) -> Surface:
+    """Edges of 2.5 mm, of which planes cross many."""
+    return read_surface(alone, ROOT / "demos" / "surfaces" / "finger.stl", 1e-3)
+
+
+@pytest.mark.parametrize("axes", [(0,), (1,), (0, 1)])
+def test_part_and_its_images_are_the_whole(
+    alone: MPI.Comm, finger: Surface, axes: tuple[int, ...]
+) -> None:
+    cut = cut_at_planes(finger, axes)
+    assert shapes(cut.surface.points, cut.surface.triangles).min() > 0.15
+    pattern = straightened(unwrap(alone, cut.surface).pattern, axes)
+    whole = mirrored(pattern, axes).pattern
+    assert len(whole.free_edges) == 0
+    assert whole.panel_names == ("panel-1", "panel-2", "panel-3"), "panels go on across the cuts"
+    assert volume(whole.points, whole.triangles) == pytest.approx(
+        volume(finger.points, finger.triangles), rel=2e-3
+    )
+    assert max(asymmetry(Surface(whole.points, whole.triangles), axis) for axis in axes) < 1e-12
+    # Interpolated positions differ from those of the part where a vertex slid into the plane.
+    apart = np.linalg.norm(cut.at_vertices(finger.points) - cut.surface.points, axis=1)
+    assert apart.max() < 0.7e-3
+    assert (apart > 1e-12).sum() < 0.1 * len(apart)
+    in_plane = cut.surface.points[:, axes[0]] == 0
+    assert np.abs(cut.at_vertices(finger.points)[in_plane, axes[0]]).max() < 1e-10  # of an STL
+
+
+def test_seams_and_parts_are_cut_too() -> None:
+    """A box of two parts, with a seam along its top that the plane crosses."""
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (0, 1.0) for z in (0, 1.0)])
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = np.array([(f[0], *f[k : k + 2]) for f in faces for k in (1, 2)])
+    box = Surface(
+        corners, triangles, np.repeat([0, 1, 1, 1, 1, 1], 2), ("left", "rest"), np.array([[1, 5]])
+    )
+    part = cut_at_planes(box, (0,)).surface
+    assert part.part_names == ("rest",)
+    np.testing.assert_allclose(np.sort(part.points[part.seams[0]][:, 0]), [0, 1])
+    assert part.area == pytest.approx(5.0)
+    assert cut_at_planes(part, (0,)).surface.area == part.area
+
+
+def test_what_is_not_symmetric_is_told_by_how_much(finger: Surface) -> None:
+    moved = replace(finger, points=finger.points + [0, 1e-3, 0])
+    with pytest.raises(
+        SurfaceError, match=r"not symmetric about y = 0: a mirrored vertex is 0.00208 m"
+    ):
+        cut_at_planes(moved, (1,))
