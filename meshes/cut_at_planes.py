@@ -48,21 +48,15 @@ def cut_at_planes(surface: Surface, axes: Sequence[int]) -> CutSurface:
     """Cut a symmetric surface at coordinate planes through the origin.
 
     Triangles that a plane crosses are divided, so that the mesh need not be symmetric. A vertex
-    near a crossing moves into the plane.
+    near a crossing moves into the plane. `require_symmetric` checks the surface before.
 
     Args:
-        surface: The surface; what lies on one side of a plane already is not cut there.
+        surface: The surface; a part that lies on one side of a plane already is taken as it is.
         axes: Normals of the planes, 0 for x = 0, …
-
-    Raises:
-        SurfaceError: The surface is not symmetric about a plane, or does not reach it.
     """
     found = CutSurface(surface, csr_array(eye_array(len(surface.points))))
-    near = FLAT * float(np.linalg.norm(np.ptp(surface.points, axis=0)))
     for axis in axes:
-        if surface.points[:, axis].min() < -near:
-            require_symmetric(surface, axis)
-        found = _cut(found, axis, near)
+        found = _cut(found, axis, FLAT * _size(surface))
     return found
 
 
@@ -121,11 +115,13 @@ def asymmetry(surface: Surface, axis: int) -> float:
 
 
 def require_symmetric(surface: Surface, axis: int, what: str = "the surface") -> None:
-    """Check that a surface is its own mirror image in the plane x, y or z = 0.
+    """Check that a surface is its own mirror image in the plane x, y or z = 0, or half of one.
 
     Raises:
         SurfaceError: It is not, by more than its mesh explains.
     """
+    if surface.points[:, axis].min() >= -FLAT * _size(surface) and not surface.closed:
+        return
     edge = float(lengths(surface.points, edges_of(surface.triangles).ends).mean())
     off = asymmetry(surface, axis)
     if off > SYMMETRIC * edge:
@@ -135,6 +131,10 @@ def require_symmetric(surface: Surface, axis: int, what: str = "the surface") ->
             f"from it; the bound is {SYMMETRIC:g} of the mean edge length, {SYMMETRIC * edge:.3g} "
             f"m. Move the mesh so that {name} = 0 is its middle, or leave this plane out."
         )
+
+
+def _size(surface: Surface) -> float:
+    return float(np.linalg.norm(np.ptp(surface.points, axis=0)))
 
 
 def _distances(point: Floats, corners: Floats) -> Floats:

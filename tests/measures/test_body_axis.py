@@ -57,12 +57,12 @@ def test_metrics_measure_the_target(tube: Pattern, along: str, toward: str) -> N
     moved, _ = placed(tube, along, toward)
     axis = body_axis(moved, along, toward, 0.0, None)
     x = axis.deformer(np.radians(70), None, None, 0.01)(moved.points)
-    assert axis.angle_metric(70.0).measure(moved, x) == pytest.approx(70, abs=0.01)
-    assert axis.twist_metric(None).measure(moved, x) == pytest.approx(0, abs=0.01)
+    assert axis.metric("angle", 70.0).measure(moved, x) == pytest.approx(70, abs=0.01)
+    assert axis.metric("twist", None).measure(moved, x) == pytest.approx(0, abs=0.01)
     x = axis.deformer(None, np.radians(300), None, 0.0)(moved.points)
-    assert axis.twist_metric(300.0).measure(moved, x) == pytest.approx(300, abs=0.01)
+    assert axis.metric("twist", 300.0).measure(moved, x) == pytest.approx(300, abs=0.01)
     x = axis.deformer(None, None, 0.08, 0.0)(moved.points)
-    assert axis.shortening_metric(8.0).measure(moved, x) == pytest.approx(8, abs=0.01)
+    assert axis.metric("shortening", 8.0).measure(moved, x) == pytest.approx(8, abs=0.01)
 
 
 def test_metrics_agree_with_those_of_the_tube(tube: Pattern) -> None:
@@ -70,13 +70,13 @@ def test_metrics_agree_with_those_of_the_tube(tube: Pattern) -> None:
     axis = body_axis(tube, "z", "x", 0.0, None)
     deform = compose(twist(1.0, LENGTH), contract(0.9, 1.2), bend(2.0, 0.9 * LENGTH))
     x = deform(tube.points)
-    assert axis.angle_metric(None).measure(tube, x) == pytest.approx(
+    assert axis.metric("angle", None).measure(tube, x) == pytest.approx(
         np.degrees(bend_angle(tube, x)), abs=0.5
     )
-    assert axis.twist_metric(None).measure(tube, x) == pytest.approx(
+    assert axis.metric("twist", None).measure(tube, x) == pytest.approx(
         np.degrees(twist_angle(tube, x)), abs=0.5
     )
-    assert axis.shortening_metric(None).measure(tube, x) == pytest.approx(
+    assert axis.metric("shortening", None).measure(tube, x) == pytest.approx(
         100 * shortening(tube, x), abs=2
     )
 
@@ -92,8 +92,8 @@ def test_part_of_the_body_is_deformed(tube: Pattern) -> None:
     np.testing.assert_allclose(
         np.linalg.norm(after - after[0], axis=1), np.linalg.norm(before - before[0], axis=1)
     )
-    assert axis.angle_metric(60.0).measure(tube, x) == pytest.approx(60, abs=1e-6)
-    assert axis.twist_metric(40.0).measure(tube, x) == pytest.approx(40, abs=0.01)
+    assert axis.metric("angle", 60.0).measure(tube, x) == pytest.approx(60, abs=1e-6)
+    assert axis.metric("twist", 40.0).measure(tube, x) == pytest.approx(40, abs=0.01)
 
 
 def test_round_tip(alone: MPI.Comm) -> None:
@@ -109,4 +109,4 @@ def test_round_tip(alone: MPI.Comm) -> None:
     assert not axis.flat_tip
     assert axis.end == pytest.approx(axis.length * 11 / 12)
     x = axis.deformer(1.0, None, None, 0.0)(points)
-    assert axis.angle_metric(None).measure(rounded, x) == pytest.approx(np.degrees(1), abs=1e-6)
+    assert axis.metric("angle", None).measure(rounded, x) == pytest.approx(np.degrees(1), abs=1e-6)

@@ -102,43 +102,32 @@ class BodyAxis:
 
         return deform
 
-    def angle_metric(self, target: float | None) -> Metric:
-        """Return the angle in degrees by which the tip bends in the plane of the target."""
+    def metric(self, name: str, target: float | None) -> Metric:
+        """Return a number that a target along the axis is judged by.
 
-        def measure(pattern: Pattern, positions: Floats) -> float:
-            rings = self._rings(pattern)
-            return float(
-                np.degrees(turn_angle(pattern, positions, rings, self.along, self.frame[0]))
-            )
-
-        return Metric("angle", "deg", target, measure)
-
-    def twist_metric(self, target: float | None) -> Metric:
-        """Return the twist of the tip about the axis in degrees."""
-
-        def measure(pattern: Pattern, positions: Floats) -> float:
-            return float(
-                np.degrees(turn_about(pattern, positions, self._rings(pattern), self.along))
-            )
-
-        return Metric("twist", "deg", target, measure)
-
-    def shortening_metric(self, target: float | None) -> Metric:
-        """Return the decrease in per cent of the distance of the tip from the root.
-
-        Both are mean positions of vertices; that of the root those around `begin`.
+        Args:
+            name: "angle", by which the tip bends in the plane of the target, in degrees; "twist" of
+                the tip about the axis in degrees; "shortening", the decrease in per cent of the
+                distance between the mean vertices of the tip and of the section at `begin`.
+            target: Its target; None if it is only watched.
         """
 
         def measure(pattern: Pattern, positions: Floats) -> float:
             rings = self._rings(pattern)
-            first, last = rings[0], rings[-1]
+            if name == "angle":
+                turn = turn_angle(pattern, positions, rings, self.along, self.frame[0])
+                return float(np.degrees(turn))
+            if name == "twist":
+                return float(np.degrees(turn_about(pattern, positions, rings, self.along)))
             before, after = (
-                np.linalg.norm(x[last].mean(axis=0) - x[first].mean(axis=0))
+                np.linalg.norm(x[rings[-1]].mean(axis=0) - x[rings[0]].mean(axis=0))
                 for x in (pattern.points, positions)
             )
             return float(100 * (1 - after / before))
 
-        return Metric("shortening", "percent", target, measure, LENGTH_SCALE)
+        if name == "shortening":
+            return Metric(name, "percent", target, measure, LENGTH_SCALE)
+        return Metric(name, "deg", target, measure)
 
     def _rings(self, pattern: Pattern) -> list[Ints]:
         """Return the vertices of each cross-section, the tip as the last."""

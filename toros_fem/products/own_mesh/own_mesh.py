@@ -38,7 +38,7 @@ from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.unwrapping import Unwrapping
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
-SYMMETRIES = ("x", "y", "z", "xy", "xz", "yz", "auto")
+SYMMETRIES = (*COMPONENTS[:-1], "auto")
 COUNTED = ("shape", "cross-sections")
 METRICS = ("distance", "angle", "twist", "shortening")
 # Filter radius over the mean edge length, where none is given.
@@ -160,17 +160,17 @@ class OwnWeights(SectionWeights):
         super().__post_init__()
         for name in self.metric_names or ():
             if name not in METRICS:
+                known = ", ".join(METRICS)
                 raise ParameterError(
-                    f"metrics = {self.metrics!r} names {name!r}; known are {', '.join(METRICS)}.",
-                    "metrics",
+                    f"metrics = {self.metrics!r} names {name!r}; known are {known}.", "metrics"
                 )
 
     @property
-    def metric_names(self) -> tuple[str, ...] | None:
+    def metric_names(self) -> list[str] | None:
         """Names of the metrics; None for those of the target."""
         if self.metrics is None:
             return None
-        return tuple(dict.fromkeys(name.strip() for name in self.metrics.split(",")))
+        return list(dict.fromkeys(map(str.strip, self.metrics.split(","))))
 
 
 @dataclass(frozen=True)
@@ -197,6 +197,11 @@ class OwnSkin:
     target: Floats | None = None
     planes: tuple[int, ...] = ()
 
+    @property
+    def whole(self) -> Pattern:
+        """The whole skin on the mesh of the file."""
+        return mirrored(self.pattern, self.planes).pattern
+
     def refined(self, times: int) -> tuple[Pattern, Floats | None]:
         """Return pattern and target after each triangle was divided into four so often."""
         pattern, target = self.pattern, self.target
@@ -207,8 +212,8 @@ class OwnSkin:
 
     def goal(self, whole: Pattern) -> Floats:
         """Return the target of the file on the whole skin, refined as this one is, (n, 3)."""
-        coarse = len(self.pattern.panel) * 2 ** len(self.planes)
-        part, target = self.refined(round(np.log(len(whole.panel) / coarse) / np.log(4)))
+        times = round(np.log(len(whole.panel) / len(self.whole.panel)) / np.log(4))
+        part, target = self.refined(times)
         assert target is not None
         return mirrored(part, self.planes).at_vertices(target)
 
@@ -238,17 +243,9 @@ class OwnMeshScene(ActuatorScene):
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {"mesh": "my.stl"}
     FEW: ClassVar[tuple[str, ...]] = (
-        "bend",
-        "twist",
-        "shorten",
-        "axis",
-        "toward",
-        "scale",
-        "cuts",
-        "pressure",
-        "design_pressure",
-        "seed",
-    )
+        "bend", "twist", "shorten", "axis", "toward", "scale", "cuts", "symmetry", "pressure",
+        "design_pressure", "seed",
+    )  # fmt: skip
 
     TARGETS: ClassVar[Mapping[str, str]] = {
         "angle_deg": "bend",
@@ -310,7 +307,7 @@ class OwnMeshScene(ActuatorScene):
         skin, goal = self.own_skin, self.objective
         pattern = skin.refined(level.refinements)[0]
         whole = mirrored(pattern, skin.planes).pattern
-        axis = self.target.of_body(mirrored(skin.pattern, skin.planes).pattern)
+        axis = self.target.of_body(skin.whole)
         target = _target(self, skin, axis)
         if goal.counted == "cross-sections":
             labels = axis.labels(whole, goal.cross_sections)
@@ -529,12 +526,7 @@ def _metrics(
     """Return the metrics of the objective, their targets measured on one that comes as a file."""
     asked, names, found = scene.target.asked, scene.objective.metric_names, []
     if names is None:
-        names = (*asked, *(["distance"] if scene.objective.counted == "shape" else []))
-    makers = {
-        "angle": axis.angle_metric,
-        "twist": axis.twist_metric,
-        "shortening": axis.shortening_metric,
-    }
+        names = [*asked, *(["distance"] if scene.objective.counted == "shape" else [])]
 
     def off(pattern: Pattern, positions: Floats) -> float:
         return 1e3 * distance(pattern, positions, target(pattern))
@@ -543,9 +535,8 @@ def _metrics(
         if name == "distance":
             found.append(Metric("distance", "mm", 0.0, off, 1e3 * axis.length))
             continue
-        metric, skin = makers[name](asked.get(name)), scene.own_skin
+        metric, skin = axis.metric(name, asked.get(name)), scene.own_skin
         if skin.target is not None:
-            whole = mirrored(skin.pattern, skin.planes).pattern
-            metric = makers[name](metric.measure(whole, target(whole)))
+            metric = replace(metric, target=metric.measure(skin.whole, target(skin.whole)))
         found.append(metric)
     return found
