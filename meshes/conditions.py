@@ -132,7 +132,7 @@ class _Reading:
                 return _FUNCTIONS[name][1](*values), power
             case ast.Name(name) if name in self.names:
                 return self.names[name]
-            case ast.Constant(value) if type(value) in (int, float):
+            case ast.Constant(int() | float() as value) if not isinstance(value, bool):
                 return np.float64(value), None
         self.refuse(
             f"has {self._words(node)}, which is not known; known are x, y, z, "

@@ -160,17 +160,17 @@ def _cut(whole: CutSurface, axis: int, near: float) -> CutSurface:
     ends, part = _crossings(triangles, away)
     to, fraction = np.arange(count), np.zeros(count)
     order = np.argsort(-np.minimum(part, 1 - part), kind="stable")
-    for (a, b), share in zip(ends[order], part[order], strict=True):
-        if min(share, 1 - share) < NEAR:
-            mover, other = (a, b) if share < NEAR else (b, a)
-            to[mover], fraction[mover], away[mover] = other, min(share, 1 - share), 0.0
+    for (a, b), at in zip(ends[order], part[order], strict=True):
+        if min(at, 1 - at) < NEAR:
+            mover, other = (a, b) if at < NEAR else (b, a)
+            to[mover], fraction[mover], away[mover] = other, min(at, 1 - at), 0.0
     # Other crossings become vertices.
     ends, part = _crossings(triangles, away)
     number = {(int(a), int(b)): count + k for k, (a, b) in enumerate(ends)}
     one, two = np.append(np.arange(count), ends[:, 0]), np.append(to, ends[:, 1])
-    fraction = np.append(fraction, part)
+    share = np.append(fraction, part)
     weights = csr_array(
-        (np.append(1 - fraction, fraction), (np.tile(np.arange(len(one)), 2), np.append(one, two))),
+        (np.append(1 - share, share), (np.tile(np.arange(len(one)), 2), np.append(one, two))),
         shape=(len(one), count),
     )
     placed = np.concatenate([points, (weights @ points)[count:]])

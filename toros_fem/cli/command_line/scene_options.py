@@ -14,6 +14,7 @@ from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
 from toros_fem.products.own_mesh.metrics import MEASURES, Measured
+from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
 from toros_fem.results.runs.folder import EVERY
 
 
@@ -89,7 +90,7 @@ def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> SceneFile:
     scene = read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
     scene.require_files(comm)
     if words := getattr(given, "metric", []):
-        if "metric" not in scene.kind.entries():
+        if not isinstance(scene.config, OwnMeshScene):
             raise UsageError(
                 f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "
                 "metrics of their own."

@@ -99,7 +99,7 @@ class Measured(Table):
             advice = nearest(found["measure"], known)
             raise ParameterError(f"metric {text!r}: unknown measure {found['measure']!r}; {advice}")
         try:
-            return cls(**found.groupdict())
+            return cls(found["measure"], found["of"], found["against"])
         except ParameterError as caught:
             raise ParameterError(f"metric {text!r}: {caught}", caught.key) from None
 
@@ -113,24 +113,24 @@ class Measured(Table):
         side = axis.frame[0] if self.toward is None else unit_vector(self.toward)
         if self.measure == "bend" and abs(along @ side) > 0.5:
             raise ParameterError("toward must be perpendicular to axis; give both.", "toward")
-        regions = _region(self.of), _region(self.against)
+        of, against = _region(self.of), _region(self.against)
 
         def value(measure: str, pattern: Pattern, positions: Floats) -> float:
-            of, against = (one and one.vertices(pattern) for one in regions)
-            assert of is not None
+            tip, root = (None if one is None else one.vertices(pattern) for one in (of, against))
+            assert tip is not None
             if measure == "length":
-                assert against is not None
-                return length_between(pattern, positions, of, against)
+                assert root is not None
+                return length_between(pattern, positions, tip, root)
             if measure in ("bend", "turn"):
                 toward = side if measure == "bend" else None
-                found = bend_between(pattern, positions, of, against, along=along, toward=toward)
+                found = bend_between(pattern, positions, tip, root, along=along, toward=toward)
             elif measure == "twist":
-                found = twist_between(pattern, positions, of, against, along=along)
+                found = twist_between(pattern, positions, tip, root, along=along)
             else:
-                tip = tip_frame(pattern, positions, of, against, along=along)
+                frame = tip_frame(pattern, positions, tip, root, along=along)
                 if measure != "lean":
-                    return float(1e3 * tip.displacement["xyz".index(measure)])
-                found = tip.lean
+                    return float(1e3 * frame.displacement["xyz".index(measure)])
+                found = frame.lean
             return float(np.degrees(found))
 
         several, own = self.measure == "tip", self.name or self.measure
