@@ -38,6 +38,9 @@ def test_part_and_its_images_are_the_whole(
     whole = mirrored(pattern, axes).pattern
     assert len(whole.free_edges) == 0
     assert whole.panel_names == ("panel-1", "panel-2", "panel-3"), "panels go on across the cuts"
+    seams = whole.points[whole.sewn[whole.seams[:, 0]]].mean(axis=1)
+    wall = (seams[:, 2] > 1e-6) & (seams[:, 2] < 0.09 - 1e-6)
+    assert np.ptp(seams[wall, :2], axis=0).max() < 1e-3, "the wall has one seam"
     assert volume(whole.points, whole.triangles) == pytest.approx(
         volume(finger.points, finger.triangles), rel=2e-3
     )
