@@ -55,12 +55,11 @@ def test_part_and_its_images_are_the_whole(
 
 def test_seams_and_parts_are_cut_too() -> None:
     """A box of two parts, with a seam along its top that the plane crosses."""
-    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (0, 1.0) for z in (0, 1.0)])
+    corners = np.stack(np.meshgrid([-1.0, 1.0], [0, 1.0], [0, 1.0], indexing="ij"), -1)
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = np.array([(f[0], *f[k : k + 2]) for f in faces for k in (1, 2)])
-    box = Surface(
-        corners, triangles, np.repeat([0, 1, 1, 1, 1, 1], 2), ("left", "rest"), np.array([[1, 5]])
-    )
+    parts = np.repeat([0, 1, 1, 1, 1, 1], 2)
+    box = Surface(corners.reshape(-1, 3), triangles, parts, ("left", "rest"), np.array([[1, 5]]))
     part = cut_at_planes(box, (0,)).surface
     assert part.part_names == ("rest",)
     np.testing.assert_allclose(np.sort(part.points[part.seams[0]][:, 0]), [0, 1])

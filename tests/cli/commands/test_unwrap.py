@@ -29,9 +29,6 @@ def test_pattern_of_the_finger(
     found = json.loads(captured.out)
     assert found["triangles"] == len(pattern.panel)
     assert found["pattern"] == str(folder / "pattern.npz")
-    assert {path.name for path in folder.iterdir()} == {
-        "pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json",
-    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import SceneError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed
+from toros_fem.products.own_mesh.own_mesh import Held
 from toros_fem.products.tubes.bend import BendScene
 
 
@@ -74,27 +74,6 @@ def test_changes_override_all_else(tmp_path: Path) -> None:
     assert found.config.held == (Held(where="z < 2 mm and x > 0", components="xy"),)
     # Paths of the file are relative to it, those of the command line to the current folder.
     assert found.files == {"mesh": tmp_path / "a/b.stl", "target": Path("c.ply")}
-
-
-def test_tables_that_may_stand_several_times(tmp_path: Path) -> None:
-    text = """
-        kind = "own-mesh"
-        [[held]]
-        where = "z < 5 mm"
-        [[held]]
-        panels = "tip"
-        components = "xy"
-        [printed]
-        panels = "base, tip"
-        """
-    found = scene(tmp_path, text).config
-    assert isinstance(found, OwnMeshScene)
-    assert found.held == (
-        Held(where="z < 5 mm"),
-        Held(panels="tip", components="xy"),
-    )
-    assert found.printed == (Printed(panels="base, tip"),)
-    assert found.plain == ()
 
 
 BEND, OWN = 'kind = "bend"\n', 'kind = "own-mesh"\n'

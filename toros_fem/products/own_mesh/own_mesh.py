@@ -166,11 +166,11 @@ class OwnWeights(SectionWeights):
                 )
 
     @property
-    def metric_names(self) -> list[str] | None:
+    def metric_names(self) -> tuple[str, ...] | None:
         """Names of the metrics; None for those of the target."""
         if self.metrics is None:
             return None
-        return list(dict.fromkeys(map(str.strip, self.metrics.split(","))))
+        return tuple(dict.fromkeys(map(str.strip, self.metrics.split(","))))
 
 
 @dataclass(frozen=True)
@@ -526,7 +526,7 @@ def _metrics(
     """Return the metrics of the objective, their targets measured on one that comes as a file."""
     asked, names, found = scene.target.asked, scene.objective.metric_names, []
     if names is None:
-        names = [*asked, *(["distance"] if scene.objective.counted == "shape" else [])]
+        names = (*asked, *(["distance"] if scene.objective.counted == "shape" else []))
 
     def off(pattern: Pattern, positions: Floats) -> float:
         return 1e3 * distance(pattern, positions, target(pattern))
