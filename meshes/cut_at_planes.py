@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError
-from toros_fem.meshes.mirror import plane_border
+from toros_fem.meshes.mirror import first_chain, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import edges_of, half_edges, lengths, linked
+from toros_fem.meshes.topology import edges_of, half_edges, lengths
 
 # Largest distance between a symmetric surface and its mirror image over the mean edge length: two
 # meshes of one round surface are apart by the sagitta of their edges.
@@ -23,7 +23,7 @@ SYMMETRIC = 0.1
 NEAR = 0.25
 # A vertex this close to a plane, over the surface's size, lies in it.
 FLAT = 1e-6
-# Largest distance of a cut border from a straight line, over its length.
+# Largest distance of a cut border from a line, over its length, that is straightened.
 STRAIGHT = 0.02
 
 
@@ -64,40 +64,27 @@ def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
     """Return a part's flat panels with straight borders where `mirrored` continues them.
 
     There a panel is reflected in the line of its first cut edge. On a smooth surface the cut is a
-    geodesic, and bends by no more than the panel is distorted.
+    geodesic, and bends by no more than the panel is distorted. A border that is more crooked stays:
+    the panel and its image are then sewn together there.
 
     Args:
         pattern: The part, cut at planes through the origin.
         axes: Normals of the planes.
-
-    Raises:
-        SurfaceError: A border is so crooked that the panel and its image would overlap.
     """
     flat = pattern.flat_points.copy()
     for axis in axes:
         border = np.sort(plane_border(pattern, axis))
         edges, panel = half_edges(pattern.flat_triangles)[border], pattern.panel[border // 3]
         for number in np.unique(panel):
-            here = edges[panel == number]
-            label = linked(here[:, 0], here[:, 1], len(flat))
-            chain = here[label[here[:, 0]] == label[here[0, 0]]]
-            vertices, count = np.unique(chain, return_counts=True)
+            vertices, count = np.unique(first_chain(edges[panel == number]), return_counts=True)
             if np.count_nonzero(count == 1) != 2:
-                continue  # a loop has no mirror line
+                continue  # a loop
             begin, end = flat[vertices[count == 1]]
-            along = (end - begin) / np.linalg.norm(end - begin)
+            length = np.linalg.norm(end - begin)
             arm = flat[vertices] - begin
-            on_line = np.outer(arm @ along, along)
-            off = float(np.linalg.norm(arm - on_line, axis=1).max())
-            bound = STRAIGHT * float(np.linalg.norm(end - begin))
-            if off > bound:
-                raise SurfaceError(
-                    f"panel {pattern.panel_names[number]!r} is {off:.3g} m off a straight line at "
-                    f"{'xyz'[axis]} = 0, over {bound:.3g} m, so that its two halves would overlap. "
-                    "Cut it into flatter panels (a smaller max_stretch, or lines in the mesh "
-                    "file), or leave this plane out."
-                )
-            flat[vertices] = begin + on_line
+            on_line = np.outer(arm @ (end - begin), end - begin) / length**2
+            if np.linalg.norm(arm - on_line, axis=1).max() <= STRAIGHT * length:
+                flat[vertices] = begin + on_line
     return replace(pattern, flat_points=flat)
 
 

@@ -13,7 +13,7 @@ from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
-from toros_fem.meshes.topology import half_edges
+from toros_fem.meshes.topology import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
@@ -199,13 +199,27 @@ def _check_side(pattern: Pattern, axis: int) -> None:
         )
 
 
+def first_chain(edges: Ints) -> Ints:
+    """Return the edges, of those of a panel's cut, (k, 2), that the first one is connected with."""
+    label = linked(edges[:, 0], edges[:, 1], int(edges.max()) + 1)
+    return edges[label[edges[:, 0]] == label[edges[0, 0]]]
+
+
+def _straight(pattern: Pattern, chain: Ints) -> bool:
+    """Return whether flat edges lie on the line of the first one."""
+    points, (begin, end) = pattern.flat_points[chain.ravel()], pattern.flat_points[chain[0]]
+    arm, along = points - begin, (end - begin) / np.hypot(*(end - begin))
+    off = arm[:, 0] * along[1] - arm[:, 1] * along[0]
+    return bool(np.abs(off).max() <= FLAT * pattern.size)
+
+
 def _flat_images(
     pattern: Pattern, cut: Ints, plane: str
 ) -> tuple[Floats, Bools, Ints, tuple[str, ...]]:
     """Mirror each panel in the line of its first cut edge, where it continues.
 
-    Its other cuts, as on a tube's wall, become seams. A panel without a cut gets a second panel as
-    its image.
+    Its other cuts, as on a tube's wall, become seams. A panel without a cut, or with a crooked one,
+    gets a second panel as its image.
 
     Returns:
         The mirrored flat points, whether each is its own image, the panel of each mirrored
@@ -219,7 +233,7 @@ def _flat_images(
     for number, name in enumerate(pattern.panel_names):
         points = np.flatnonzero(of_point == number)
         here = cut[of_point[cut[:, 0]] == number]
-        if len(here) == 0:
+        if len(here) == 0 or not _straight(pattern, first_chain(here)):
             flat[points] *= [-1, 1]
             panel[pattern.panel == number] = len(names)
             names.append(f"{name}, mirrored in {plane} = 0")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers import surfaces
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
@@ -51,6 +52,17 @@ def test_part_and_its_images_are_the_whole(
     assert (apart > 1e-12).sum() < 0.1 * len(apart)
     in_plane = cut.surface.points[:, axes[0]] == 0
     assert np.abs(cut.at_vertices(finger.points)[in_plane, axes[0]]).max() < 1e-10  # of an STL
+
+
+def test_curved_panels_are_sewn_to_their_images(alone: MPI.Comm) -> None:
+    """Half a sphere is no flat panel with a straight border."""
+    cut = cut_at_planes(surfaces.sphere(), (2,))
+    pattern = straightened(unwrap(alone, cut.surface).pattern, (2,))
+    whole = mirrored(pattern, (2,)).pattern
+    whole.require_closed()
+    images = tuple(f"{name}, mirrored in z = 0" for name in pattern.panel_names)
+    assert whole.panel_names == (*pattern.panel_names, *images)
+    assert np.ptp(whole.areas.reshape(2, -1), axis=0).max() < 1e-15
 
 
 def test_seams_and_parts_are_cut_too() -> None:
