@@ -14,6 +14,7 @@ from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import checked_path, real_numbers, require_kind
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.surface import Surface
 
 # Corners that are apart by this fraction of the skin's size are different vertices.
 APART = 1e-5
@@ -46,7 +47,7 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
 
 
 def from_copy(
-    comm: MPI.Comm, original: Path, deformed: Path, pattern: Pattern, scale: float
+    comm: MPI.Comm, original: Path, deformed: Path, pattern: Pattern | Surface, scale: float
 ) -> Floats:
     """Read target positions from a deformed copy of the mesh file that a pattern comes from.
 
@@ -57,7 +58,7 @@ def from_copy(
         comm: Communicator.
         original: Mesh file that the pattern was made from by `read_surface` and `unwrap`.
         deformed: The same mesh, deformed.
-        pattern: The pattern.
+        pattern: The pattern, or the surface that it is made of.
         scale: Length of the unit of both files in m.
 
     Returns:
@@ -70,14 +71,14 @@ def from_copy(
     return on_first_rank(comm, lambda: _copied(Path(original), Path(deformed), pattern, scale))
 
 
-def _copied(original: Path, deformed: Path, pattern: Pattern, scale: float) -> Floats:
+def _copied(original: Path, deformed: Path, pattern: Pattern | Surface, scale: float) -> Floats:
     before, after = _corners(original) * scale, _corners(deformed) * scale
     if len(before) != len(after):
         raise TargetError(
             f"{deformed} has {len(after) // 3} triangles, {original} has {len(before) // 3}. "
             "Deform the same mesh, and do not remesh it."
         )
-    near = APART * pattern.size
+    near = APART * float(np.linalg.norm(np.ptp(pattern.points, axis=0)))
     gap, first = cKDTree(before).query(pattern.points)
     if gap.max() > near:
         raise TargetError(

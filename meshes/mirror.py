@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import half_edges
+from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.topology import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
+# Largest distance of a target from its mirror image, as a fraction of the skin's size.
+SYMMETRIC = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +44,35 @@ class Mirrored:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
 
+    def refined(self, finer: Refinement, axes: Sequence[int]) -> Refinement:
+        """Return the refinement of the whole that that of the part leads to.
+
+        Args:
+            finer: The refined part.
+            axes: Normals of the planes, in the order of `mirrored`.
+        """
+        made, count = mirrored(finer.pattern, axes), int(self.vertex.max()) + 1
+        # An image is known by its vertex and its signs, + across a plane that the vertex lies in.
+        outside = np.zeros((count, 3), dtype=bool)
+        np.logical_or.at(outside, self.vertex, self.signs < 0)
+        known, ends = _image_keys(self.vertex, self.signs), finer.ends[made.vertex]
+        order = np.argsort(known)
+        wanted = _image_keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
+        parts = np.arange(2 ** len(axes))[:, None]
+        return Refinement(
+            made.pattern,
+            (len(self.cell) // len(parts) * parts + finer.cell).ravel(),
+            order[np.searchsorted(known[order], wanted)],
+        )
+
     def at_cells(self, values: Floats) -> Floats:
         """Return values of the whole's triangles, such as densities, from those of the part's."""
         return np.asarray(values[self.cell])
+
+
+def _image_keys(vertex: Ints, signs: Floats) -> Ints:
+    """Return a number for each vertex of a part, (…), and its mirror image with signs (…, 3)."""
+    return np.asarray(8 * vertex + (signs < 0) @ [1, 2, 4])
 
 
 _WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDictionary()
@@ -101,6 +130,30 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     return found
 
 
+def require_symmetric_map(
+    points: Floats, axes: Sequence[int], deform: Callable[[Floats], Floats]
+) -> None:
+    """Check that a map takes mirror images to mirror images.
+
+    Args:
+        points: Points to try, (n, 3), in m.
+        axes: Normals of the planes of reflection.
+        deform: The map of positions, of a target for instance.
+
+    Raises:
+        TargetError: It does not.
+    """
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    for axis in axes:
+        flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+        off = float(np.abs(deform(flip * points) - flip * deform(points)).max())
+        if off > SYMMETRIC * size:
+            raise TargetError(
+                f"the target is not symmetric about {'xyz'[axis]} = 0: a vertex and its image are "
+                f"{off:.3g} m apart. Leave this plane out."
+            )
+
+
 def _doubled(part: Mirrored, axis: int) -> Mirrored:
     pattern = part.pattern
     # In the order of the triangles: a panel continues across its first cut edge.
@@ -146,13 +199,27 @@ def _check_side(pattern: Pattern, axis: int) -> None:
         )
 
 
+def first_chain(edges: Ints) -> Ints:
+    """Return the edges, of those of a panel's cut, (k, 2), that the first one is connected with."""
+    label = linked(edges[:, 0], edges[:, 1], int(edges.max()) + 1)
+    return edges[label[edges[:, 0]] == label[edges[0, 0]]]
+
+
+def _straight(pattern: Pattern, chain: Ints) -> bool:
+    """Return whether flat edges lie on the line of the first one."""
+    points, (begin, end) = pattern.flat_points[chain.ravel()], pattern.flat_points[chain[0]]
+    arm, along = points - begin, (end - begin) / np.hypot(*(end - begin))
+    off = arm[:, 0] * along[1] - arm[:, 1] * along[0]
+    return bool(np.abs(off).max() <= FLAT * pattern.size)
+
+
 def _flat_images(
     pattern: Pattern, cut: Ints, plane: str
 ) -> tuple[Floats, Bools, Ints, tuple[str, ...]]:
     """Mirror each panel in the line of its first cut edge, where it continues.
 
-    Its other cuts, as on a tube's wall, become seams. A panel without a cut gets a second panel as
-    its image.
+    Its other cuts, as on a tube's wall, become seams. A panel without a cut, or with a crooked one,
+    gets a second panel as its image.
 
     Returns:
         The mirrored flat points, whether each is its own image, the panel of each mirrored
@@ -166,7 +233,7 @@ def _flat_images(
     for number, name in enumerate(pattern.panel_names):
         points = np.flatnonzero(of_point == number)
         here = cut[of_point[cut[:, 0]] == number]
-        if len(here) == 0:
+        if len(here) == 0 or not _straight(pattern, first_chain(here)):
             flat[points] *= [-1, 1]
             panel[pattern.panel == number] = len(names)
             names.append(f"{name}, mirrored in {plane} = 0")

@@ -21,6 +21,8 @@ FORMATS = "STL, OBJ, PLY, MSH or XDMF"
 READ = ("triangle", "quad", "line")
 # Largest sides in m of a bounding box beyond which a unit is in doubt.
 SMALLEST, LARGEST = 1e-4, 10.0
+# Units that files come in, their length in m, and the sizes in them that surfaces have.
+UNITS = (("Metres", "1", 5e-3, 5.0), ("Millimetres", "1e-3", 5.0, 1e4))
 # Names of the cell data that hold the part of each triangle; the first one found counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
 
@@ -126,14 +128,19 @@ def _in_metres(path: Path, points: Floats, used: Ints, scale: float) -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):
         size = float(np.max((high - low) * scale))
     if not SMALLEST <= size <= LARGEST:
-        advice = "Is `scale`, the length of the file's unit in m, right?"
-        if SMALLEST <= float(np.max(high - low)) * 1e-3 <= LARGEST:
-            advice = "Millimetres? Give scale = 1e-3."
         raise UnitError(
             f"{path} is {size:.3g} m across with scale = {scale:g}; surfaces are {SMALLEST:g} m to "
-            f"{LARGEST:g} m. {advice}"
+            f"{LARGEST:g} m. {unit_hint(float(np.max(high - low)))}"
         )
     return points * scale
+
+
+def unit_hint(size: float) -> str:
+    """Return the advice on the unit of a file whose surface has this size in it."""
+    for unit, scale, least, most in UNITS:
+        if least <= size < most:
+            return f"{unit}? Give scale = {scale}."
+    return "Is `scale`, the length of the file's unit in m, right?"
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:

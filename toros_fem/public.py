@@ -26,6 +26,12 @@ from toros_fem.making.as_printed.printed_lines import printed_lines
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.between_regions import (
+    bend_between,
+    length_between,
+    tip_frame,
+    twist_between,
+)
 from toros_fem.measures.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.metrics import (
@@ -144,6 +150,7 @@ __all__ = [
     "WrinkleField",
     "as_printed",
     "bend_angle",
+    "bend_between",
     "build_in",
     "clamp",
     "clamp_where",
@@ -154,6 +161,7 @@ __all__ = [
     "find_states",
     "fit_material",
     "lay_lines",
+    "length_between",
     "length_ratio",
     "limit_points",
     "make_filter",
@@ -176,9 +184,11 @@ __all__ = [
     "spread_force",
     "swelling",
     "symmetry_plane",
+    "tip_frame",
     "tolerances",
     "trace",
     "twist_angle",
+    "twist_between",
     "wrinkle_field",
     "write_results",
     "write_tolerances",

@@ -74,7 +74,7 @@ AFTER_BEND: dict[str, list[str]] = {
 ALONE: dict[str, list[str]] = {
     "fit": ["fit", str(ROOT / "examples" / "stockinette.csv"), "--thickness", "0.5 mm",
             "--intervals", "hessian", "--output", "fit"],
-    "unwrap": ["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"), "--scale", "1e-3",
+    "unwrap": ["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"),
                "--output", "unwrap"],
 }  # fmt: skip
 # Folders, in the order of the table of their files.

@@ -15,7 +15,6 @@ from toros_fem.measures.metrics import (
     length_ratio,
     shortening,
     swelling,
-    turn_angle,
     twist_angle,
 )
 from toros_fem.meshes import bend, contract, cylinder, twist
@@ -51,23 +50,6 @@ def test_measured_shortening_and_swelling(alone: MPI.Comm) -> None:
     turn = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
     assert shortening(pattern, short @ turn.T + 1.0) == pytest.approx(0.08)
     assert swelling(pattern, short @ turn.T + 1.0) == pytest.approx(1.4)
-
-
-@pytest.mark.parametrize("degrees", [-150.0, 0.0, 90.0, 400.0])
-def test_turn_of_given_sections(alone: MPI.Comm, degrees: float) -> None:
-    """Sections along x that turn towards −z, by more than a whole turn too."""
-    pattern = cylinder(alone, 0.15, 0.02, 4e-3)
-    height = pattern.points[:, 2]
-    sections = [np.flatnonzero(np.abs(height - z) < 4e-3) for z in np.linspace(0.01, 0.14, 14)]
-    assert all(len(section) > 5 for section in sections)
-    lying = pattern.points[:, [2, 0, 1]]
-    moved = lying.copy()
-    for k, section in enumerate(sections):
-        turn = Rotation.from_rotvec([0, np.radians(degrees) * (k + 1) / len(sections), 0])
-        moved[section] = turn.apply(lying[section]) + [0.1 * k, 0, 0]
-    pattern = replace(pattern, points=lying)
-    found = turn_angle(pattern, moved, sections, (1, 0, 0), (0, 0, -1))
-    assert np.degrees(found) == pytest.approx(degrees, abs=1e-6)
 
 
 def test_distance_from_a_target(alone: MPI.Comm) -> None:

@@ -15,7 +15,7 @@ from toros_fem.base.validation import shown
 # Order of tables in files.
 ORDER = (
     "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "contact",
-    "pull", "objective", "design", "lines", "print", "results",
+    "pull", "objective", "metric", "design", "lines", "print", "results",
 )  # fmt: skip
 # Marks a field of a scene that is no table of its file.
 NO_TABLE: Mapping[str, bool] = MappingProxyType({"outside": True})

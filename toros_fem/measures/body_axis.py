@@ -11,7 +11,9 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_about, turn_angle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.targets import Deformer, bend
+from toros_fem.meshes.surface import Surface
+from toros_fem.meshes.targets import Deformer, bend, compose, contract
+from toros_fem.meshes.targets import twist as turned
 
 DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
 # A tip is flat if so many vertices lie at the far end, within this fraction of the length.
@@ -88,62 +90,44 @@ class BodyAxis:
             neutral: Distance in m from the axis, towards the inner side, of the line that keeps
                 its length in a bend.
         """
-        length = self.end - self.begin
-        ratio = 1.0 if shortening is None else 1 - shortening
-        bent = None if angle is None else bend(angle, ratio * length, neutral=neutral)
+        length, ratio = self.end - self.begin, 1 - (shortening or 0.0)
+        slender = compose(contract(ratio), turned(twist or 0.0, ratio * length))
+        bent = bend(angle or 0.0, ratio * length, neutral=neutral)
 
         def deform(points: Floats) -> Floats:
             found = self.local(points) - [0, 0, self.begin]
-            inside = np.clip(found[:, 2], 0, length)
-            if twist is not None:
-                c, s = np.cos(twist * inside / length), np.sin(twist * inside / length)
-                x, y = found[:, 0].copy(), found[:, 1].copy()
-                found[:, 0], found[:, 1] = c * x - s * y, s * x + c * y
-            if shortening is not None:
-                found[:, 2] += (ratio - 1) * inside
-            if bent is not None:
-                found = bent(found)
-            return self.in_space(found + [0, 0, self.begin])
+            outside = found[:, 2] - np.clip(found[:, 2], 0, length)
+            along = np.outer(outside, [0, 0, 1])
+            return self.in_space(bent(slender(found - along) + along) + [0, 0, self.begin])
 
         return deform
 
-    def angle_metric(self, target: float | None) -> Metric:
-        """Return the angle in degrees by which the tip bends in the plane of the target."""
+    def metric(self, name: str, target: float | None) -> Metric:
+        """Return a number that a target along the axis is judged by.
 
-        def measure(pattern: Pattern, positions: Floats) -> float:
-            rings = self._rings(pattern)
-            return float(
-                np.degrees(turn_angle(pattern, positions, rings, self.along, self.frame[0]))
-            )
-
-        return Metric("angle", "deg", target, measure)
-
-    def twist_metric(self, target: float | None) -> Metric:
-        """Return the twist of the tip about the axis in degrees."""
-
-        def measure(pattern: Pattern, positions: Floats) -> float:
-            return float(
-                np.degrees(turn_about(pattern, positions, self._rings(pattern), self.along))
-            )
-
-        return Metric("twist", "deg", target, measure)
-
-    def shortening_metric(self, target: float | None) -> Metric:
-        """Return the decrease in per cent of the distance of the tip from the root.
-
-        Both are mean positions of vertices; that of the root those around `begin`.
+        Args:
+            name: "angle", by which the tip bends in the plane of the target, in degrees; "twist" of
+                the tip about the axis in degrees; "shortening", the decrease in per cent of the
+                distance between the mean vertices of the tip and of the section at `begin`.
+            target: Its target; None if it is only watched.
         """
 
         def measure(pattern: Pattern, positions: Floats) -> float:
             rings = self._rings(pattern)
-            first, last = rings[0], rings[-1]
+            if name == "angle":
+                turn = turn_angle(pattern, positions, rings, self.along, self.frame[0])
+                return float(np.degrees(turn))
+            if name == "twist":
+                return float(np.degrees(turn_about(pattern, positions, rings, self.along)))
             before, after = (
-                np.linalg.norm(x[last].mean(axis=0) - x[first].mean(axis=0))
+                np.linalg.norm(x[rings[-1]].mean(axis=0) - x[rings[0]].mean(axis=0))
                 for x in (pattern.points, positions)
             )
             return float(100 * (1 - after / before))
 
-        return Metric("shortening", "percent", target, measure, LENGTH_SCALE)
+        if name == "shortening":
+            return Metric(name, "percent", target, measure, LENGTH_SCALE)
+        return Metric(name, "deg", target, measure)
 
     def _rings(self, pattern: Pattern) -> list[Ints]:
         """Return the vertices of each cross-section, the tip as the last."""
@@ -153,7 +137,7 @@ class BodyAxis:
 
 
 def body_axis(
-    pattern: Pattern, along: str, toward: str, begin: float, end: float | None
+    pattern: Pattern | Surface, along: str, toward: str, begin: float, end: float | None
 ) -> BodyAxis:
     """Return the axis of a body.
 
@@ -167,7 +151,7 @@ def body_axis(
     Raises:
         ParameterError: The directions are not perpendicular, or the distances do not fit.
     """
-    axis, side = (_unit(word) for word in (along, toward))
+    axis, side = (unit_vector(word) for word in (along, toward))
     if abs(axis @ side) > 0.5:
         raise ParameterError(
             f"toward = {toward!r} must be perpendicular to axis = {along!r}; give another one."
@@ -194,6 +178,7 @@ def body_axis(
     )
 
 
-def _unit(word: str) -> Floats:
+def unit_vector(word: str) -> Floats:
+    """Return one of `DIRECTIONS` as a vector, (3,)."""
     sign = -1.0 if word.startswith("-") else 1.0
     return sign * np.eye(3)["xyz".index(word[-1])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from toros_fem.base.validation import real_numbers, require_count, require_kind,
 from toros_fem.measures.rotation import axial, polar_rotation, require_determined
 from toros_fem.measures.shape import Nodes, checked_target
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 
 
 def label_cross_sections(
@@ -72,6 +73,10 @@ class CrossSections:
     def __call__(self, nodes: Nodes, target: Floats) -> CrossSectionObjective:
         """Return the objective, as a part of a case asks for it (collective)."""
         return CrossSectionObjective(nodes, target, self)
+
+    def refined(self, finer: Refinement) -> CrossSections:
+        """Return the same on a refined pattern; between two cross-sections the lower one counts."""
+        return replace(self, labels=self.labels[finer.ends].min(axis=1))
 
     def __post_init__(self) -> None:
         labels = whole_numbers("labels", self.labels, "one for each vertex, −1 for none")

@@ -108,7 +108,7 @@ class Figure:
         unit = unit_of(self.unit)
         value = unit.factor * self.value
         if self.interval is None:
-            return f"{value:.4g}{unit.sign}"
+            return formatted(self.value, self.unit)
         width = unit.factor * self.interval
         digits = max(0, 1 - int(np.floor(np.log10(width)))) if width > 0 else 3
         digits = min(digits, 4)
@@ -125,4 +125,7 @@ class Figure:
 def formatted(value: float | None, unit: str) -> str:
     """Return a value with its unit, such as "180°"; a dash for None."""
     known = unit_of(unit)
-    return NONE if value is None else f"{known.factor * value:.4g}{known.sign}"
+    if value is None:
+        return NONE
+    shown = round(known.factor * value, 6)  # what is smaller is rounding
+    return f"{shown + 0.0:.4g}{known.sign}"

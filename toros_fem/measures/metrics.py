@@ -300,8 +300,8 @@ def turn_about(
     """
     axis = np.asarray(along, dtype=np.float64)
     rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
-    first = 2 * np.arctan2(*_swing_free(rotations[0], axis))
-    steps = [2 * np.arctan2(*_swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)]
+    first = 2 * np.arctan2(*swing_free(rotations[0], axis))
+    steps = [2 * np.arctan2(*swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)]
     turns = np.array([first, *steps])
     return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())
 
@@ -406,7 +406,7 @@ def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
     return section_vertices(labels, least=6)
 
 
-def _swing_free(rotation: Floats, axis: Floats) -> tuple[float, float]:
+def swing_free(rotation: Floats, axis: Floats) -> tuple[float, float]:
     """Return q·axis and q_w of a rotation's quaternion, up to a common factor."""
     # q·a/q_w of the twist about a is axial(R)·a/(1 + tr R), without dividing where tr R = −1.
     z, w = axial(rotation) @ axis, 1 + np.trace(rotation)

@@ -14,8 +14,10 @@ from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.loop.levels import gathered, optimize_levels, refinements
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.measures.metrics import Metric
-from toros_fem.meshes import Pattern, bend, cylinder
+from toros_fem.mechanics.skin.supports import symmetry_planes
+from toros_fem.meshes import Pattern, bend, cylinder, mirrored, sew
 from toros_fem.meshes.refine import refine
 
 LENGTH, EDGE, RADIUS = 0.06, 3.2e-3, 5e-3
@@ -166,3 +168,29 @@ def test_refined_design_goes_on(coarse: tf.DesignResult) -> None:
     whole = problem.skin.gather_cells(coarse.final.projected)
     assert np.abs(start.density - whole[finer.cell][fine.skin.owned_cells]).max() < 1e-12
     assert fine.simulate(start.density, start.state, start.pressures).equilibrium.steps <= 10
+
+
+@pytest.mark.parametrize("planes", [(), (1,), (1, 0)])
+def test_refined_parts(alone: MPI.Comm, planes: tuple[int, ...]) -> None:
+    """Weights and cross-sections of the whole skin go to that of the refined part."""
+    pattern = cylinder(alone, LENGTH, 0.02, 3 * EDGE, planes=planes)
+    whole, slope = mirrored(pattern, planes).pattern, np.array([3.0, -5.0, 7.0])
+    labels = label_cross_sections(whole, whole.vertices_of("wall"), (0, 0, 1), 3)
+    shape = tf.ShapePart(1 + whole.points @ slope, 2 + whole.points @ slope)
+    rings = tf.CrossSections(labels, np.ones((4, 3)), np.ones(4))
+    supports = tf.clamp(pattern, ["base"]) | symmetry_planes(pattern, planes)
+    made = tf.Case(
+        pattern, pattern.points, supports, 1.0, parts=[shape, rings], symmetry=planes,
+        parts_of_whole=True,
+    ).refined()  # fmt: skip
+    fine = mirrored(made.pattern, planes).pattern
+    finer_shape, finer_rings = made.parts
+    assert isinstance(finer_shape, tf.ShapePart)
+    assert isinstance(finer_rings, tf.CrossSections)
+    np.testing.assert_allclose(finer_shape.weights, 1 + fine.points @ slope, atol=1e-12)
+    np.testing.assert_allclose(finer_shape.relative, 2 + fine.points @ slope, atol=1e-12)
+    wall = fine.vertices_of("wall")
+    tip = fine.points[wall, 2] > LENGTH - 1e-9
+    np.testing.assert_array_equal(finer_rings.labels[wall] == 3, tip)
+    skin = sew(alone, made.pattern)
+    assert made.objective(skin).forward(made.pattern.points[skin.owned_vertices]) < 1e-20

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from toros_fem import errors
+from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.shape import ShapePart
+from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.products.own_mesh.metrics import Measured
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnMeshScene,
@@ -21,6 +26,7 @@ from toros_fem.products.own_mesh.own_mesh import (
     Printed,
     read_skin,
 )
+from toros_fem.results.result import read_summary
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)
@@ -39,6 +45,7 @@ CONFIG = OwnMeshScene.of(
     tip_weight=0.0,
     orientation_length=0.0,
 )
+SYMMETRIC = CONFIG.updated(symmetry="y")
 
 
 def case_on(comm: MPI.Comm, scene: OwnMeshScene, skin: OwnSkin) -> Case:
@@ -56,6 +63,10 @@ def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:
     case = case_on(alone, CONFIG, finger)
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(case.supports.fixed, np.repeat(height[:, None] < 4e-3, 3, 1))
+    held = (Held(where="z < 4 mm"), Held(where="z > 80 mm", components="yz"))
+    x, _, z = case_on(alone, CONFIG.updated(held=held), finger).supports.fixed.T
+    np.testing.assert_array_equal(x, height < 4e-3)
+    np.testing.assert_array_equal(z, (height < 4e-3) | (height > 0.08))
     assert case.passive is not None
     x, _, z = finger.pattern.points[finger.pattern.triangles].mean(axis=1).T
     np.testing.assert_array_equal(case.passive == 1, (z < 1e-5) | (z > 0.08999))
@@ -98,14 +109,6 @@ def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
         lines.updated(refinements=0, laid_width=1e-2).coarser_print_level()
 
 
-def test_supports_by_component(alone: MPI.Comm, finger: OwnSkin) -> None:
-    held = (Held(where="z < 4 mm"), Held(where="z > 80 mm", components="yz"))
-    fixed = case_on(alone, CONFIG.updated(held=held), finger).supports.fixed
-    height = finger.pattern.points[:, 2]
-    np.testing.assert_array_equal(fixed[:, 0], height < 4e-3)
-    np.testing.assert_array_equal(fixed[:, 2], (height < 4e-3) | (height > 0.08))
-
-
 def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
     tip = case_on(alone, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
     top = finger.pattern.points[:, 2] > 0.09 - 1e-9
@@ -118,8 +121,7 @@ def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
     sections = case_on(alone, free, finger)
     part: Any = sections.parts[0]
     assert part.labels.max() == 12
-    across, _, axial = part.position_weights.T
-    assert axial == pytest.approx(0.25 * across)
+    assert (part.position_weights[0] == [1 / 12, 1 / 12, 0.25 / 12]).all()
     assert [m.key for m in sections.metrics] == ["twist_deg"]
     named = case_on(alone, free.updated(metrics="shortening, twist, angle"), finger)
     assert [(m.key, m.target) for m in named.metrics] == [
@@ -148,6 +150,13 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
     finer = case_on(alone, config.updated(refinements=1), skin)
     values = [m.measure(finer.pattern, finer.goal) for m in finer.metrics]
     assert values == pytest.approx([0, 60], abs=1e-3)
+    config = config.updated(symmetry="y")
+    half = case_on(alone, config, read_skin(alone, config, FINGER, tmp_path / "bent.stl"))
+    plane = half.pattern.points[:, 1] == 0
+    assert np.abs(half.goal[plane, 1]).max() < 1e-7
+    values = [m.measure(half.pattern, half.goal) for m in half.metrics or ()]
+    assert values == pytest.approx([0, 60], abs=0.2)
+    config = config.updated(symmetry=None)
     with pytest.raises(errors.ParameterError, match="two targets: a file, and bend = 60"):
         case_on(alone, CONFIG, skin)
     with pytest.raises(errors.TargetError, match="does not meet its neighbours"):
@@ -156,6 +165,69 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
         read_skin(alone, config, FINGER, tmp_path / "fewer.ply")
     with pytest.raises(errors.TargetError, match="there is no file"):
         read_skin(alone, config, FINGER, tmp_path / "nothing.ply")
+
+
+def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> None:
+    """A symmetric finger gets a symmetric print, whose tip stays in the plane."""
+    scene, folder = tmp_path / "mine.toml", tmp_path / "run"
+    tip = Measured(name="tip", measure="bend", of="z > 80 mm", against="z < 4 mm", target=60.0)
+    config = CONFIG.updated(symmetry="auto", metric=(tip,))
+    scene.write_text(scene_text(OwnMeshScene, config, {"mesh": FINGER}), encoding="utf-8")
+    words = ["design", str(scene), "--output", str(folder), "--quiet"]
+    for text in ("tip of z > 80 mm", "bend of z > 80 mm against z < 4 mm"):
+        words += ["--metric", text]
+    assert run(alone, words) == 0
+    found = read_summary(folder)
+    assert found.entries["parts_by_symmetry"] == 2
+    judged, target = found.figures["tip_deg"], found.figures["tip_deg"].target
+    assert (judged.value, target) == (found.value("bend_deg"), 60.0)
+    assert abs(found.value("tip_y_mm") or 0.0) < 1e-9 < (found.value("tip_lean_deg") or 0.0)
+    skin = meshio.read(folder / "skin.vtu")
+    centre = np.asarray(skin.points)[skin.cells_dict["triangle"]].mean(axis=1)
+    gap, image = cKDTree(centre).query(centre * [1, -1, 1])
+    assert gap.max() < 1e-9
+    printed = skin.cell_data["printed"][0]
+    assert 0 < printed.mean() < 1
+    np.testing.assert_array_equal(printed, printed[image])
+
+
+def test_symmetry_by_hand(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> None:
+    """A part has supports and target of the whole, and what does not fit is named."""
+    write_pattern(tmp_path / NAME, read_skin(alone, SYMMETRIC, FINGER).pattern)
+    case = case_on(alone, SYMMETRIC, read_skin(alone, SYMMETRIC, tmp_path))
+    assert case.whole is not None
+    x = case.whole.at_vertices(case.goal)
+    values = [m.measure(case.pattern, case.goal) for m in case.metrics or ()]
+    assert values == pytest.approx([60, 0], abs=1e-6)
+    np.testing.assert_allclose(x * [1, -1, 1], x[cKDTree(x).query(x * [1, -1, 1])[1]], atol=1e-9)
+    held = case.supports.fixed.all(axis=1)
+    np.testing.assert_array_equal(held, case.pattern.points[:, 2] < 4e-3)
+    for changes, message in (
+        ({"held": (Held(where="y < 1 mm"),)}, "held: 'y < 1 mm' is not symmetric about y = 0"),
+        ({"twist": 40.0}, "the target is not symmetric about y = 0: a vertex and its image"),
+        ({"symmetry": "z"}, "the surface is not symmetric about z = 0"),
+        ({"knit_ratio": 2.0, "grain_angle": 30.0}, "grain_angle = 30.0 deg is not symmetric"),
+    ):
+        with pytest.raises(errors.TorosError, match=message):
+            read_skin(alone, SYMMETRIC.updated(**changes), FINGER)
+    write_pattern(tmp_path / NAME, finger.pattern)
+    with pytest.raises(errors.ParameterError, match="symmetry = 'y' needs the mesh file"):
+        read_skin(alone, SYMMETRIC, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("bnd of z > 1", "unknown measure 'bnd'; did you mean 'bend'?"),
+        ("bend z > 1", "write MEASURE of REGION or MEASURE of REGION against REGION"),
+        ("bend of z > 1 kPa", "of: 'z > 1 kPa' cannot be read at character 7"),
+        ("twist of z > 1 against q < 1", "against: 'q < 1' has 'q' at character 1"),
+        ("length of z > 1", "a length needs two regions: give against too"),
+    ],
+)
+def test_words_of_a_metric(words: str, message: str) -> None:
+    with pytest.raises(errors.ParameterError, match=f"^metric '{words}': .*{message}"):
+        Measured.from_words(words)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Regions of a skin: conditions on coordinates, and panels."""
+"""Regions of a skin."""
 
 import numpy as np
 import pytest
@@ -7,71 +7,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.own_mesh.regions import Expression, Region
-
-X, Y, Z = POINTS = np.random.default_rng(3).uniform(-0.02, 0.02, (3, 500))
-
-
-@pytest.mark.parametrize(
-    ("text", "inside"),
-    [
-        ("z < 5 mm", Z < 5e-3),
-        ("z < 0.005", Z < 5e-3),
-        ("z<=-.5cm", Z <= -5e-3),
-        ("0 < z < 5 mm", (Z > 0) & (Z < 5e-3)),
-        ("z < 5 mm and x > 0", (Z < 5e-3) & (X > 0)),
-        ("z < 5 mm or x > 0 and y > 0", (Z < 5e-3) | ((X > 0) & (Y > 0))),
-        ("(z < 5 mm or x > 0) and y > 0", ((Z < 5e-3) | (X > 0)) & (Y > 0)),
-        ("not z < 5 mm", Z >= 5e-3),
-        ("not (x > 0 or not y > 0)", ~((X > 0) | (Y <= 0))),
-        ("not not x > 0", X > 0),
-        ("hypot(x, y) > 1 cm", np.hypot(X, Y) > 1e-2),
-        ("sqrt(x*x + y*y) > 1 cm", np.hypot(X, Y) > 1e-2),
-        ("x*x + y*y > 1 cm²", X**2 + Y**2 > 1e-4),
-        ("abs(x - 3 mm) < 2 * (1 mm + 2 mm) / 3", np.abs(X - 3e-3) < 2e-3),
-        ("-x > 2 mm - 1 mm", -X > 1e-3),
-        ("x / y > 1", X / Y > 1),
-        ("1 mm < 2 mm", np.full(500, True)),
-    ],
-)
-def test_conditions(text: str, inside: np.ndarray) -> None:
-    np.testing.assert_array_equal(Expression(text)(POINTS.T), inside)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the end of '' comes too early"),
-        ("z", "'z' is a number; compare it: z < 5 mm"),
-        ("z < ", "the end of 'z < ' comes too early"),
-        ("z < 5 kPa", "'kPa', character 7 of 'z < 5 kPa', is not expected here"),
-        ("z = 5 mm", "'=', character 3"),
-        ("w < 5 mm", "'w', character 1 of 'w < 5 mm', is not known here"),
-        ("z < 5 mm x", "'x', character 10 .* is not expected here"),
-        ("z < 5 mm and x", "after a number where a comparison is needed"),
-        ("z + (x > 0) > 1", "comes after a comparison where a number is needed"),
-        ("not z", "'not' needs a comparison"),
-        ("x * y > 1 mm", "m\\^2 and m\\^1, which do not go together"),
-        ("sqrt(x) > 0", "square root of m\\^1"),
-        ("hypot(x) > 0", "not expected in hypot, but a comma"),
-        ("hypot x", "not expected after hypot"),
-        ("(z < 1 mm", "is not expected here, but \\)"),
-        ("__import__('os')", "is not known here"),
-        ("z.real < 1", "'.', character 2"),
-        ("(" * 400 + "z", "nested more than"),
-        ("x + " * 200 + "x < 1", "a condition of 805 characters"),
-        ("x < 1 < (y > 2)", "comes after a comparison where a number is needed"),
-    ],
-)
-def test_wrong_conditions(text: str, message: str) -> None:
-    with pytest.raises(ParameterError, match=message):
-        Expression(text)
-
-
-def test_longest_conditions_can_be_evaluated() -> None:
-    assert not Expression("+".join(["x"] * 240) + "<-1e9")(POINTS.T).any()
-    assert Expression("-" * 400 + "1 < 2")(POINTS.T).all()
-    assert Expression("not " * 120 + "1 < 2")(POINTS.T).all()
+from toros_fem.products.own_mesh.regions import Region
 
 
 def test_regions_of_a_skin(alone: MPI.Comm) -> None:

@@ -120,7 +120,7 @@ def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
     oblique = SectionTubeScene.of(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
         oblique.section_case(alone, oblique.finest_level, lambda points: points, [], (1,))
-    with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
+    with pytest.raises(errors.TargetError, match="not symmetric about y = 0"):
         config.tip_case(alone, config.finest_level, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
         plain_tube(alone, config.skin, (0, 1), seams="hinged")

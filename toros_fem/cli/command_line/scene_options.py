@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import Count, key
 from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.parser import UsageError
 
 if TYPE_CHECKING:
     from toros_fem.cli.scene_files.reading import SceneFile
@@ -67,7 +68,34 @@ class RunCommand(SceneCommand, Progress):
     output: Path = key(
         MISSING, "folder of the run, made if missing; files of an earlier run in it are moved aside"
     )
-    TAKES: ClassVar = {**SceneCommand.TAKES, "output": "RUN"}
+    metric: tuple[str, ...] = key(
+        (),
+        'a number more to judge an own mesh by: "bend of z > 70 mm against z < 5 mm", as in the '
+        "tables [[metric]] of its file; measures are bend, turn, twist, length, x, y, z, lean, and "
+        "tip for the last four; may be given several times",
+    )
+    TAKES: ClassVar = {**SceneCommand.TAKES, "output": "RUN", "metric": "WORDS"}
+
+    def scene(self, comm: MPI.Comm) -> SceneFile:
+        """Read the scene that the options name, with the metrics that they add (collective).
+
+        Raises:
+            SceneError: As of other commands.
+            UsageError: The scene is of no own mesh.
+        """
+        from toros_fem.products.own_mesh.metrics import Measured
+        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+
+        scene = super().scene(comm)
+        if not self.metric:
+            return scene
+        if not isinstance(scene.config, OwnMeshScene):
+            raise UsageError(
+                f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "
+                "metrics of their own."
+            )
+        metrics = (*scene.config.metric, *map(Measured.from_words, self.metric))
+        return replace(scene, config=scene.config.updated(metric=metrics))
 
     def run(self, comm: MPI.Comm, scene: SceneFile, name: str) -> Answer:
         """Design or simulate a scene in the run's folder (collective)."""

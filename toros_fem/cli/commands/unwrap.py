@@ -4,40 +4,19 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_together
-from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
+from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer, Command
-
-
-@dataclass(frozen=True)
-class UnwrapConfig(Table):
-    """How a surface is read, cut and laid flat."""
-
-    scale: Length = key(1.0, "length of the file's unit")
-    component: Number | None = key(
-        None, "connected component, 0 for the largest; none: the only one of the file"
-    )
-    seams: Annotated[str, OneOf(("given", "auto"))] = key(
-        "given", "seams of the file, found if it has none, or always found"
-    )
-    method: Annotated[str, OneOf(("auto", "exact", "abf", "lscm"))] = key(
-        "auto", "how panels are laid flat"
-    )
-    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
-        45.0, "angle between normals above which a found seam follows an edge"
-    )
-    max_stretch: Positive | None = key(
-        None, "largest stretch of a panel; none: 0.15 with found seams, no bound with given ones"
-    )
+from toros_fem.products.tables.unwrapping import Unwrapping
 
 
 @dataclass(frozen=True, kw_only=True)
-class Unwrap(Command, UnwrapConfig):
+class Unwrap(Command, Unwrapping):
     """Cuts a surface along seams and lays it flat as a sewing pattern.
 
     The surface is repaired and cut. Line elements in the file and the borders between its
@@ -56,7 +35,7 @@ class Unwrap(Command, UnwrapConfig):
     WORDS: ClassVar = ("mesh",)
     TAKES: ClassVar = {"output": "FOLDER"}
     EXAMPLES: ClassVar = (
-        'toros unwrap finger.stl --scale "1 mm"',
+        "toros unwrap finger.stl",
         "toros unwrap finger.msh --method lscm --max-stretch 0.1 --output finger-flat",
     )
 
@@ -66,25 +45,17 @@ class Unwrap(Command, UnwrapConfig):
 
         from toros_fem.making.panels.svg import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
-        from toros_fem.meshes.surface_file import read_surface
-        from toros_fem.meshes.unwrap import unwrap
         from toros_fem.results.files import write_fields
         from toros_fem.results.writer import if_plotting
 
         output = self.output or Path(self.mesh.stem)
-        surface = read_surface(comm, self.mesh, self.scale, self.component)
-        unwrapped = unwrap(
-            comm,
-            surface,
-            "auto" if self.seams == "auto" else None,
-            self.method,
-            crease_angle=float(np.radians(self.crease_angle)),
-            max_stretch=self.max_stretch,
-        )
+        surface = self.surface(comm, self.mesh)
+        unwrapped = self.unwrapped(comm, surface)
         distortion, pattern = unwrapped.distortion, unwrapped.pattern
-        summary = {
+        summary: dict[str, Any] = {
             "file": self.mesh.name,
             "triangles": len(surface.triangles),
+            "size_m": float(np.ptp(surface.points, axis=0).max()),
             "closed": surface.closed,
             "area_m2": surface.area,
             "repairs": str(surface.repairs),
@@ -92,7 +63,7 @@ class Unwrap(Command, UnwrapConfig):
             "worst_stretch": distortion.worst_stretch,
             "mean_stretch": distortion.mean_stretch,
             "worst_seam": distortion.worst_seam,
-            "inputs": self.over(UnwrapConfig()).as_dict(),
+            "inputs": self.over(Unwrapping()).as_dict(),
         }
 
         def draw() -> None:
@@ -117,9 +88,9 @@ class Unwrap(Command, UnwrapConfig):
 
         write_together(comm, output, write)
         text = (
-            f"{summary['triangles']} triangles (repairs: {surface.repairs}) in "
-            f"{len(pattern.panel_names)} panels: stretch {distortion.worst_stretch:.2%} at "
-            f"most, {distortion.mean_stretch:.2%} in the mean, lengths at a seam within "
-            f"{distortion.worst_seam:.2%}; see {output / NAME}"
+            f"{summary['triangles']} triangles, {1e3 * summary['size_m']:.4g} mm across (repairs: "
+            f"{surface.repairs}), in {len(pattern.panel_names)} panels: stretch "
+            f"{distortion.worst_stretch:.2%} at most, {distortion.mean_stretch:.2%} in the mean, "
+            f"lengths at a seam within {distortion.worst_seam:.2%}; see {output / NAME}"
         )
         return Answer(text, {"pattern": output / NAME, **summary})

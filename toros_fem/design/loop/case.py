@@ -159,8 +159,9 @@ class Case:
         """Return the same case on the refined pattern.
 
         Each triangle is divided into four. A target that is a map is evaluated again, one of
-        positions is interpolated, as are weights of the shape; supports, chambers, forces and
-        densities are carried over. Parts that you define are asked for the refined skin.
+        positions is interpolated; supports, chambers, forces and densities are carried over. A part
+        that has a method `refined`, as `ShapePart` and `CrossSections` have, is asked for the one
+        on the refined pattern; others are taken as they are.
 
         Raises:
             ParameterError: The sheet is moulded in its assembled shape.
@@ -168,13 +169,16 @@ class Case:
         if self.composite is not None:
             self.composite.require_refinable()
         finer, target = refine(self.pattern), self.target
-        passive, start, force = self.passive, self.start, self.force
+        passive, start, force, whole = self.passive, self.start, self.force, self.whole
+        of_parts = finer
+        if whole is not None and self.parts_of_whole:
+            of_parts = whole.refined(finer, self.symmetry)
         return replace(
             self,
             pattern=finer.pattern,
             target=target if callable(target) else finer.at_vertices(np.asarray(target)),
             supports=self.supports.refined(finer),
-            parts=[p.refined(finer) if isinstance(p, ShapePart) else p for p in self.parts],
+            parts=[p.refined(of_parts) if hasattr(p, "refined") else p for p in self.parts],
             passive=None if passive is None else np.asarray(passive)[finer.cell],
             start=None if start is None else np.asarray(start)[finer.cell],
             chambers=self.chambers and self.chambers.refined(finer),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from typing import Any
 
@@ -21,7 +21,7 @@ from toros_fem.base.validation import (
     shown,
     whole_numbers,
 )
-from toros_fem.meshes.mirror import FLAT, plane_border
+from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.topology import edge_keys, following, half_edges
@@ -448,6 +448,27 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
     fixed[border.ravel(), axis] = True
     normals = np.tile(np.eye(3)[axis], (len(border), 1))
     return Supports(fixed, border, normals, planes=((axis, float(at)),))
+
+
+def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = False) -> Supports:
+    """Return the supports of a part in all planes through the origin that it is cut at.
+
+    Args:
+        pattern: The part.
+        axes: Normals of the planes, as of `meshes.mirrored`.
+        hinged: Whether seams carry no moment: the sheet turns freely at a cut that is a seam of
+            the whole.
+    """
+    supports = Supports(np.zeros((len(pattern.points), 3), dtype=bool))
+    for axis in axes:
+        supports |= symmetry_plane(pattern, axis)
+    if not hinged or not len(axes):
+        return supports
+    seams = mirrored(pattern, axes).pattern.seam_edges[: len(pattern.panel)]
+    triangles, count = pattern.triangles, len(pattern.points)
+    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
+    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[seams], count))
+    return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
 
 
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:

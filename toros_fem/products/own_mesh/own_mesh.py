@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,40 +12,33 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import (
-    Count,
-    Distance,
-    In,
-    Length,
-    Number,
-    OneOf,
-    Place,
-    Positive,
-    Table,
-    key,
-)
+from toros_fem.base.errors import ParameterError, SurfaceError, TargetError
+from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, key
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
-from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, distance
 from toros_fem.measures.shape import Part, ShapePart
-from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes import read_surface, unwrap
-from toros_fem.meshes.chart import METHODS
+from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
+from toros_fem.meshes.cut_at_planes import cut_at_planes, require_symmetric, straightened
 from toros_fem.meshes.deformed import from_copy, from_mesh
+from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.refine import refine
+from toros_fem.meshes.surface import Surface
+from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.topology import half_edges
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
+from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.unwrapping import Unwrapping
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
+SYMMETRIES = (*COMPONENTS[:-1], "auto")
 COUNTED = ("shape", "cross-sections")
 METRICS = ("distance", "angle", "twist", "shortening")
 # Filter radius over the mean edge length, where none is given.
@@ -54,6 +48,7 @@ TARGET = {
     "target": "the same mesh deformed to the target, its triangles in the same order; none: the "
     "target is that of the table [target]"
 }
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -100,29 +95,46 @@ class Deformed(Table):
         None, "distance at which it ends; none takes the far end, or where a round tip begins"
     )
 
+    @property
+    def asked(self) -> dict[str, float]:
+        """What is given of the metrics of a target, by their names, in deg and %."""
+        values = {"angle": self.bend, "twist": self.twist, "shortening": self.shorten}
+        return {name: value for name, value in values.items() if value is not None}
+
+    def of_body(self, body: Pattern | Surface) -> BodyAxis:
+        """Return the axis of a whole body."""
+        return body_axis(body, self.axis, self.toward, self.begin, self.end)
+
+    def deformer(self, axis: BodyAxis) -> Deformer:
+        """Return the target as a map of positions.
+
+        Raises:
+            ParameterError: None is asked for.
+        """
+        if not self.asked:
+            raise ParameterError(
+                "there is no target: give bend, twist or shorten, or a target file of the deformed "
+                "mesh."
+            )
+        return axis.deformer(
+            np.radians(self.bend or 0.0),
+            np.radians(self.twist or 0.0),
+            (self.shorten or 0.0) / 100,
+            axis.half_width if self.neutral is None else self.neutral,
+        )
+
 
 @dataclass(frozen=True)
-class MeshFile(Table):
+class MeshFile(Unwrapping):
     """Sizes and mesh."""
 
-    scale: Length = key(1e-3, "length of the mesh file's unit; a pattern is in m")
-    component: Number | None = key(
-        None, "connected component of the file, 0 for the largest; none: it holds only one"
-    )
     refinements: Annotated[int, In(at_least=0, at_most=6)] = key(
         0, "how often each triangle of the file is divided into four"
     )
-    cuts: Annotated[str, OneOf(("given", "auto"))] = key(
-        "given",
-        "where the surface is cut into panels: at the lines and parts of the file, found "
-        "if it has none, or always found",
-    )
-    method: Annotated[str, OneOf(METHODS)] = key("auto", "how panels are laid flat")
-    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
-        45.0, "angle between normals above which a found cut follows an edge"
-    )
-    max_stretch: Positive | None = key(
-        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
+    symmetry: Annotated[str, OneOf(SYMMETRIES)] | None = key(
+        None,
+        "planes that mesh, regions and target are symmetric about, x for x = 0: the part at x >= 0 "
+        "is designed, and the print is symmetric; auto finds them; none designs the whole",
     )
 
 
@@ -148,9 +160,9 @@ class OwnWeights(SectionWeights):
         super().__post_init__()
         for name in self.metric_names or ():
             if name not in METRICS:
+                known = ", ".join(METRICS)
                 raise ParameterError(
-                    f"metrics = {self.metrics!r} names {name!r}; known are {', '.join(METRICS)}.",
-                    "metrics",
+                    f"metrics = {self.metrics!r} names {name!r}; known are {known}.", "metrics"
                 )
 
     @property
@@ -158,7 +170,7 @@ class OwnWeights(SectionWeights):
         """Names of the metrics; None for those of the target."""
         if self.metrics is None:
             return None
-        return tuple(dict.fromkeys(name.strip() for name in self.metrics.split(",")))
+        return tuple(dict.fromkeys(map(str.strip, self.metrics.split(","))))
 
 
 @dataclass(frozen=True)
@@ -175,13 +187,35 @@ class OwnSkin:
     """What the files of a scene hold, the same on all ranks.
 
     Attributes:
-        pattern: Panels and seams on the mesh of the file.
+        pattern: Panels and seams on the mesh of the file, or of its part at the planes.
         target: Target positions of its vertices, (n, 3), in m; None where the configuration
             describes the target.
+        planes: Axes of the symmetry planes that it is cut at.
     """
 
     pattern: Pattern
     target: Floats | None = None
+    planes: tuple[int, ...] = ()
+
+    @property
+    def whole(self) -> Pattern:
+        """The whole skin on the mesh of the file."""
+        return mirrored(self.pattern, self.planes).pattern
+
+    def refined(self, times: int) -> tuple[Pattern, Floats | None]:
+        """Return pattern and target after each triangle was divided into four so often."""
+        pattern, target = self.pattern, self.target
+        for _ in range(times):
+            finer = refine(pattern)
+            pattern, target = finer.pattern, None if target is None else finer.at_vertices(target)
+        return pattern, target
+
+    def goal(self, whole: Pattern) -> Floats:
+        """Return the target of the file on the whole skin, refined as this one is, (n, 3)."""
+        times = round(np.log(len(whole.panel) / len(self.whole.panel)) / np.log(4))
+        part, target = self.refined(times)
+        assert target is not None
+        return mirrored(part, self.planes).at_vertices(target)
 
     @property
     def edge_length(self) -> float:
@@ -200,6 +234,7 @@ class OwnMeshScene(ActuatorScene):
     printed: tuple[Printed, ...] = ()
     plain: tuple[Plain, ...] = ()
     objective: OwnWeights = OwnWeights()
+    metric: tuple[Measured, ...] = ()
     design: OwnDesigning = OwnDesigning()
 
     KIND: ClassVar[str] = "own-mesh"
@@ -213,17 +248,9 @@ class OwnMeshScene(ActuatorScene):
         "polish_iterations": 1 / 2,
     }
     FEW: ClassVar[tuple[str, ...]] = (
-        "bend",
-        "twist",
-        "shorten",
-        "axis",
-        "toward",
-        "scale",
-        "cuts",
-        "pressure",
-        "design_pressure",
-        "seed",
-    )
+        "bend", "twist", "shorten", "axis", "toward", "scale", "cuts", "symmetry", "pressure",
+        "design_pressure", "seed",
+    )  # fmt: skip
 
     TARGETS: ClassVar[Mapping[str, str]] = {
         "angle_deg": "bend",
@@ -277,20 +304,37 @@ class OwnMeshScene(ActuatorScene):
             PanelError: There is no panel of a name.
         """
         del comm
-        skin, asked = self.own_skin, self.target
-        pattern = _refined(skin, level.refinements)[0]
-        axis = body_axis(skin.pattern, asked.axis, asked.toward, asked.begin, asked.end)
+        skin, goal = self.own_skin, self.objective
+        pattern = skin.refined(level.refinements)[0]
+        whole = mirrored(pattern, skin.planes).pattern
+        axis = self.target.of_body(skin.whole)
         target = _target(self, skin, axis)
+        if goal.counted == "cross-sections":
+            labels = axis.labels(whole, goal.cross_sections)
+            along = int(np.argmax(np.abs(axis.along)))
+            part: Part = goal.sections_part(whole, labels, along, border=axis.flat_tip)
+        elif goal.tip_weight or goal.orientation_length:
+            tip = axis.tip(whole)
+            area = whole.vertex_areas[tip]
+            arm = whole.points[tip] - np.average(whole.points[tip], axis=0, weights=area)
+            radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area)))
+            part = goal.shape_part(whole, tip, tip, radius)
+        else:
+            part = ShapePart()
+        metrics = judged_by(self.metric, axis, _metrics(self, axis, target))
+        hinged = self.material.seams == "hinged"
         return Case(
             pattern,
-            target(pattern),
-            _supports(self, pattern),
+            target(whole)[: len(pattern.points)],  # those of the part come first
+            _supports(self, pattern) | symmetry_planes(pattern, skin.planes, hinged=hinged),
             self.pressure.pressure,
             self.pressure.bounds,
             self.material.composite,
-            parts=[_part(self, pattern, axis)],
-            metrics=_metrics(self, skin, axis, target),
+            parts=[part],
+            metrics=[metric.of_whole(skin.planes) for metric in metrics],
             passive=_passive(self, pattern),
+            symmetry=skin.planes,
+            parts_of_whole=True,
         )
 
     @property
@@ -362,91 +406,93 @@ class OwnMeshScene(ActuatorScene):
 
 
 def read_skin(
-    comm: MPI.Comm, config: OwnMeshScene, mesh: Path | str, target: Path | str | None = None
+    comm: MPI.Comm, scene: OwnMeshScene, mesh: Path | str, target: Path | str | None = None
 ) -> OwnSkin:
     """Read a mesh, cut it into flat panels, and read its target (collective).
 
     Args:
         comm: Communicator.
-        config: Scale and cuts.
+        scene: Scale, cuts and symmetry.
         mesh: Mesh file; or a pattern file, or the folder that it lies in.
         target: Mesh file of the target; None for none.
 
     Raises:
-        TorosError: A file cannot be read, or does not fit.
+        TorosError: A file cannot be read, or does not fit, or is not symmetric.
     """
-    path = Path(mesh)
+    path, given, symmetry = Path(mesh), target and Path(target), scene.skin.symmetry
+    axes = tuple(map("xyz".index, symmetry)) if symmetry not in (None, "auto") else ()
     if comm.bcast(path.is_dir()):
         path = path / NAME
     if path.suffix == ".npz":
         pattern = read_pattern(comm, path)
-        return OwnSkin(pattern, None if target is None else from_mesh(comm, Path(target), pattern))
-    pattern = unwrap(
-        comm,
-        read_surface(comm, path, config.skin.scale, config.skin.component),
-        "auto" if config.skin.cuts == "auto" else None,
-        config.skin.method,
-        crease_angle=np.radians(config.skin.crease_angle),
-        max_stretch=config.skin.max_stretch,
-    ).pattern
-    if target is None:
-        return OwnSkin(pattern)
-    return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.skin.scale))
-
-
-def _refined(skin: OwnSkin, times: int) -> tuple[Pattern, Floats | None]:
-    """Return a refined pattern and the target on it."""
-    pattern, target = skin.pattern, skin.target
-    for _ in range(times):
-        finer = refine(pattern)
-        pattern, target = finer.pattern, None if target is None else finer.at_vertices(target)
-    return pattern, target
-
-
-def _target(config: OwnMeshScene, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
-    """Return the target positions of the vertices of the pattern, or of a refined one."""
-    asked = {
-        "bend": config.target.bend,
-        "twist": config.target.twist,
-        "shorten": config.target.shorten,
-    }
-    given = [name for name, value in asked.items() if value is not None]
-    if skin.target is None:
-        if not given:
+        if axes and not len(pattern.free_edges):
             raise ParameterError(
-                "there is no target: give bend, twist or shorten, or a target file of the deformed "
-                "mesh."
+                f"symmetry = {symmetry!r} needs the mesh file, or the pattern of a part that was "
+                f"cut there: {path} is that of a whole skin.",
+                "symmetry",
             )
-        deform = axis.deformer(
-            None if config.target.bend is None else float(np.radians(config.target.bend)),
-            None if config.target.twist is None else float(np.radians(config.target.twist)),
-            None if config.target.shorten is None else config.target.shorten / 100,
-            axis.half_width if config.target.neutral is None else config.target.neutral,
-        )
-        return lambda pattern: deform(pattern.points)
-    if given:
-        raise ParameterError(
-            f"there are two targets: a file, and {given[0]} = {asked[given[0]]:g}. Leave one out."
-        )
-
-    def of_file(pattern: Pattern) -> Floats:
-        times = 0
-        while len(skin.pattern.panel) * 4**times < len(pattern.panel):
-            times += 1
-        target = _refined(skin, times)[1]
-        assert target is not None
-        return target
-
-    return of_file
+        goal = from_mesh(comm, given, pattern) if given else None
+        for axis in axes:
+            _require_symmetric(scene, mirrored(pattern, axes).pattern, goal, axis)
+        return OwnSkin(pattern, goal, axes)
+    surface = scene.skin.surface(comm, path)
+    goal = from_copy(comm, path, given, surface, scene.skin.scale) if given else None
+    found = []
+    for axis in range(3) if symmetry == "auto" else axes:
+        try:
+            _require_symmetric(scene, surface, goal, axis)
+        except (ParameterError, SurfaceError, TargetError) as error:
+            if symmetry != "auto":
+                raise
+            log.info("not cut at %s = 0: %s", "xyz"[axis], error)
+        else:
+            found.append(axis)
+    part = cut_at_planes(surface, found)
+    pattern = straightened(scene.skin.unwrapped(comm, part.surface).pattern, found)
+    return OwnSkin(pattern, None if goal is None else part.at_vertices(goal), tuple(found))
 
 
-def _supports(config: OwnMeshScene, pattern: Pattern) -> Supports:
-    if not config.held:
+def _require_symmetric(
+    scene: OwnMeshScene, body: Surface | Pattern, goal: Floats | None, axis: int
+) -> None:
+    """Check that a body, its regions and its target are symmetric about a plane.
+
+    Raises:
+        TorosError: One is not; the message names it.
+    """
+    scene.require_symmetric_knit((axis,))
+    if isinstance(body, Surface):
+        require_symmetric(body, axis)
+    for name in ("held", "printed", "plain"):
+        for region in getattr(scene, name):
+            region.require_symmetric(name, body.points, axis)
+    if goal is None:
+        deform = scene.target.deformer(scene.target.of_body(body))
+        require_symmetric_map(body.points, (axis,), deform)
+    elif isinstance(body, Surface):
+        require_symmetric(replace(body, points=goal), axis, "the target")
+
+
+def _target(scene: OwnMeshScene, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
+    """Return the target positions of the vertices of the whole pattern, or of a refined one."""
+    if skin.target is None:
+        deform = scene.target.deformer(axis)
+        return lambda whole: deform(whole.points)
+    for name in ("bend", "twist", "shorten"):
+        if (value := scene.target.value(name)) is not None:
+            raise ParameterError(
+                f"there are two targets: a file, and {name} = {value:g}. Leave one out."
+            )
+    return skin.goal
+
+
+def _supports(scene: OwnMeshScene, pattern: Pattern) -> Supports:
+    if not scene.held:
         raise ParameterError(
             'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
         )
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    for held in config.held:
+    for held in scene.held:
         columns = np.array([letter in held.components for letter in "xyz"])
         fixed |= held.vertices(pattern)[:, None] & columns
     if fixed.all():
@@ -457,14 +503,14 @@ def _supports(config: OwnMeshScene, pattern: Pattern) -> Supports:
     return Supports(fixed)
 
 
-def _passive(config: OwnMeshScene, pattern: Pattern) -> Floats | None:
+def _passive(scene: OwnMeshScene, pattern: Pattern) -> Floats | None:
     """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
-    if not (config.printed or config.plain):
+    if not (scene.printed or scene.plain):
         return None
     found = np.full(len(pattern.panel), np.nan)
-    for region in config.printed:
+    for region in scene.printed:
         found[region.cells(pattern)] = 1.0
-    for bare in config.plain:
+    for bare in scene.plain:
         cells = bare.cells(pattern)
         if (found[cells] == 1).any():
             raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
@@ -475,69 +521,22 @@ def _passive(config: OwnMeshScene, pattern: Pattern) -> Floats | None:
 
 
 def _metrics(
-    config: OwnMeshScene, skin: OwnSkin, axis: BodyAxis, target: Callable[[Pattern], Floats]
-) -> tuple[Metric, ...]:
-    """Return the metrics, their targets measured on a target that comes as a file."""
-    asked = {
-        "angle": config.target.bend,
-        "twist": config.target.twist,
-        "shortening": config.target.shorten,
-    }
-    names = config.objective.metric_names
+    scene: OwnMeshScene, axis: BodyAxis, target: Callable[[Pattern], Floats]
+) -> list[Metric]:
+    """Return the metrics of the objective, their targets measured on one that comes as a file."""
+    asked, names, found = scene.target.asked, scene.objective.metric_names, []
     if names is None:
-        names = tuple(name for name, value in asked.items() if value is not None)
-        if config.objective.counted == "shape":
-            names = (*names, "distance")
-    makers = {
-        "angle": axis.angle_metric,
-        "twist": axis.twist_metric,
-        "shortening": axis.shortening_metric,
-    }
-    found = []
+        names = (*asked, *(["distance"] if scene.objective.counted == "shape" else []))
+
+    def off(pattern: Pattern, positions: Floats) -> float:
+        return 1e3 * distance(pattern, positions, target(pattern))
+
     for name in names:
         if name == "distance":
-            found.append(Metric("distance", "mm", 0.0, _distance(target), 1e3 * axis.length))
+            found.append(Metric("distance", "mm", 0.0, off, 1e3 * axis.length))
             continue
-        metric = makers[name](asked[name])
+        metric, skin = axis.metric(name, asked.get(name)), scene.own_skin
         if skin.target is not None:
-            metric = makers[name](metric.measure(skin.pattern, skin.target))
+            metric = replace(metric, target=metric.measure(skin.whole, target(skin.whole)))
         found.append(metric)
-    return tuple(found)
-
-
-def _distance(target: Callable[[Pattern], Floats]) -> Callable[[Pattern, Floats], float]:
-    return lambda pattern, positions: 1e3 * distance(pattern, positions, target(pattern))
-
-
-def _part(config: OwnMeshScene, pattern: Pattern, axis: BodyAxis) -> Part:
-    """Return what counts: the shape with weights of its tip, or cross-sections, as of a tube."""
-    goal = config.objective
-    if goal.counted == "cross-sections":
-        return _sections(goal, pattern, axis)
-    if not (goal.tip_weight or goal.orientation_length):
-        return ShapePart()
-    tip, area, weights = axis.tip(pattern), pattern.vertex_areas, np.ones(len(pattern.points))
-    weights[tip] += goal.tip_weight * area.sum() / area[tip].sum()
-    if not goal.orientation_length:
-        return ShapePart(weights)
-    # Turned by a small angle about a diameter a tip moves by angle · radius/√2 in root mean square.
-    arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=area[tip])
-    radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area[tip])))
-    relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * goal.orientation_length / radius
-    relative[tip] = ratio**2 * (area @ weights) / area[tip].sum()
-    return ShapePart(weights, relative)
-
-
-def _sections(goal: OwnWeights, pattern: Pattern, axis: BodyAxis) -> CrossSections:
-    """Return cross-sections, weighted as those of the tube."""
-    labels, count = axis.labels(pattern, goal.cross_sections), goal.cross_sections
-    if axis.flat_tip:
-        fraction = np.append(np.full(count, 1 / count), goal.tip_weight)
-    else:
-        fraction = np.append(np.full(count - 1, 1 / count), max(1 / count, goal.tip_weight))
-    along = np.abs(axis.along) > 0.5
-    components = np.where(along, goal.axial_weight, 1.0)
-    ratio = goal.orientation_length / pattern.size
-    orientation = np.full(len(fraction), len(fraction) * fraction[-1] * ratio**2)
-    return CrossSections(labels, np.outer(fraction, components), orientation)
+    return found

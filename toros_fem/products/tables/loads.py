@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from toros_fem.base.array_types import Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import (
     Count,
@@ -16,6 +19,9 @@ from toros_fem.base.keys import (
     Table,
     key,
 )
+from toros_fem.measures.cross_sections import CrossSections
+from toros_fem.measures.shape import ShapePart
+from toros_fem.meshes.pattern import Pattern
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,23 @@ class TipWeights(Orientation):
 
     tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
 
+    def shape_part(self, pattern: Pattern, tip: Ints, turned: Ints, radius: float) -> ShapePart:
+        """Return a whole shape that counts, and its tip more.
+
+        Args:
+            pattern: The whole pattern.
+            tip: Vertices of the tip.
+            turned: Vertices whose orientation counts.
+            radius: Of these in m: turned by a small angle about a diameter they move by
+                angle · radius/√2 in root mean square.
+        """
+        area, weights = pattern.vertex_areas, np.ones(len(pattern.points))
+        weights[tip] += self.tip_weight * area.sum() / area[tip].sum()
+        relative = np.zeros(len(pattern.points))
+        ratio = np.sqrt(2) * self.orientation_length / radius
+        relative[turned] = ratio**2 * (area @ weights) / area[turned].sum()
+        return ShapePart(weights, relative)
+
 
 @dataclass(frozen=True)
 class SectionWeights(TipWeights):
@@ -93,6 +116,27 @@ class SectionWeights(TipWeights):
     axial_weight: Factor = key(
         1.0, "weight of the cross-sections' positions along the axis over that across"
     )
+
+    def sections_part(
+        self, pattern: Pattern, labels: Ints, axis: int, *, border: bool = True
+    ) -> CrossSections:
+        """Return cross-sections that count.
+
+        If each of n sections is off by δ/n from the one before, the tip is off by δ.
+
+        Args:
+            pattern: The whole pattern.
+            labels: Cross-section of each vertex, as of `label_cross_sections`.
+            axis: Axis of the body, 0 for x, …
+            border: Whether the tip is one section more than `cross_sections`.
+        """
+        share = 1 / self.cross_sections
+        last = self.tip_weight if border else max(share, self.tip_weight)
+        fraction = np.append(np.full(self.cross_sections - (not border), share), last)
+        components = np.where(np.arange(3) == axis, self.axial_weight, 1.0)
+        ratio = self.orientation_length / pattern.size
+        orientation = np.full(len(fraction), len(fraction) * last * ratio**2)
+        return CrossSections(labels, np.outer(fraction, components), orientation)
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.materials.sheet import Bending
-from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.measures.metrics import (
     Metric,
     MetricFunction,
@@ -23,13 +23,11 @@ from toros_fem.measures.metrics import (
     shortening,
     twist_angle,
 )
-from toros_fem.measures.shape import ShapePart
-from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
-from toros_fem.meshes.topology import edge_keys
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
@@ -62,8 +60,6 @@ class SymmetricTube(Tube):
 
 # A length that is off by so much counts like a twist or an angle that is not there at all.
 LENGTH_SCALE = 0.2
-# Largest distance of a target from its mirror image, as a fraction of the tube's size.
-SYMMETRIC = 1e-9
 
 
 @dataclass(frozen=True)
@@ -118,16 +114,11 @@ class TubeScene(ActuatorScene):
         """
         case = _clamped(comm, self, level, deform, metrics, planes)
         pattern = mirrored(case.pattern, planes).pattern
-        plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
-        weights = np.ones(len(pattern.points))
-        weights[plate] += self.objective.tip_weight * area.sum() / area[plate].sum()
-        # The ring and not the plate, which bulges. Turned by a small angle about a diameter it
-        # moves by angle · radius/√2 in root mean square.
+        plate = pattern.vertices_of(TIP)
+        # The ring and not the plate, which bulges.
         ring = np.intersect1d(plate, pattern.vertices_of(WALL))
-        relative = np.zeros(len(pattern.points))
-        ratio = np.sqrt(2) * self.objective.orientation_length / (self.skin.diameter / 2)
-        relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-        return replace(case, parts=[ShapePart(weights, relative)])
+        part = self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
+        return replace(case, parts=[part])
 
 
 @dataclass(frozen=True)
@@ -158,20 +149,10 @@ class SectionTubeScene(TubeScene):
         Raises:
             ParameterError, TargetError: As of `tip_case`.
         """
-        case, count = (
-            _clamped(comm, self, level, deform, metrics, planes),
-            self.objective.cross_sections,
-        )
-        pattern, goal = mirrored(case.pattern, planes).pattern, self.objective
-        fraction = np.append(np.full(count, 1 / count), goal.tip_weight)
-        # If each of n sections is off by δ/n from the one before, the tip is off by δ.
-        ratio = goal.orientation_length / pattern.size
-        sections = CrossSections(
-            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
-            np.outer(fraction, [1.0, 1.0, goal.axial_weight]),
-            np.full(count + 1, (count + 1) * goal.tip_weight * ratio**2),
-        )
-        return replace(case, parts=[sections])
+        case = _clamped(comm, self, level, deform, metrics, planes)
+        pattern, count = mirrored(case.pattern, planes).pattern, self.objective.cross_sections
+        labels = label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count)
+        return replace(case, parts=[self.objective.sections_part(pattern, labels, 2)])
 
 
 def bend_metric(target: float) -> Metric:
@@ -246,18 +227,12 @@ def _clamped(
     assert level.edge_length is not None
     scene.require_symmetric_knit(planes)
     pattern = _tube(comm, scene.skin, level.edge_length, planes)
-    whole, target = mirrored(pattern, planes), deform(pattern.points)
-    off = float(np.abs(deform(whole.pattern.points) - whole.at_vertices(target)).max())
-    if off > SYMMETRIC * pattern.size:
-        raise TargetError(
-            f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
-            f"vertex and its image are {off:.3g} m apart. Give fewer planes."
-        )
+    require_symmetric_map(pattern.points, planes, deform)
     length = length_metric(None)
     watched = [] if length.key in {metric.key for metric in metrics} else [length]
     return Case(
         pattern,
-        target,
+        deform(pattern.points),
         _supports(pattern, planes, scene.material.seams),
         scene.pressure.pressure,
         scene.pressure.bounds,
@@ -271,22 +246,12 @@ def _clamped(
 
 def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
     """Return supports at the base and in the planes."""
-    supports = clamp(pattern, [BASE])
-    for axis in planes:
-        supports |= symmetry_plane(pattern, axis)
-    if seams == "continuous" or not planes:
-        return supports
-    if 0 in planes:
+    if seams != "continuous" and 0 in planes:
         raise ParameterError(
             f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
             "Give planes = (1,), or make the seams continuous."
         )
-    # A cut where the whole has a hinged seam carries no moment.
-    hinged = mirrored(pattern, planes).pattern.seam_edges[: len(pattern.panel)]
-    triangles, count = pattern.triangles, len(pattern.points)
-    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
-    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[hinged], count))
-    return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
+    return clamp(pattern, [BASE]) | symmetry_planes(pattern, planes, hinged=seams != "continuous")
 
 
 def _printed_caps(pattern: Pattern) -> Floats:

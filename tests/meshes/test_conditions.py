@@ -1,0 +1,64 @@
+"""Conditions on coordinates."""
+
+import numpy as np
+import pytest
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.meshes.conditions import Expression
+
+X, Y, Z = POINTS = np.random.default_rng(3).uniform(-0.02, 0.02, (3, 500))
+
+
+@pytest.mark.parametrize(
+    ("text", "inside"),
+    [
+        ("z < 5 mm", Z < 5e-3),
+        ("z < 0.005", Z < 5e-3),
+        ("z<=-.5cm", Z <= -5e-3),
+        ("0 < z < 5 mm", (Z > 0) & (Z < 5e-3)),
+        ("z < 5 mm and x > 0", (Z < 5e-3) & (X > 0)),
+        ("z < 5 mm or x > 0 and y > 0", (Z < 5e-3) | ((X > 0) & (Y > 0))),
+        ("(z < 5 mm or x > 0) and y > 0", ((Z < 5e-3) | (X > 0)) & (Y > 0)),
+        ("not z < 5 mm", Z >= 5e-3),
+        ("not (x > 0 or not y > 0)", ~((X > 0) | (Y <= 0))),
+        ("not not x > 0", X > 0),
+        ("hypot(x, y) > 1 cm", np.hypot(X, Y) > 1e-2),
+        ("sqrt(x*x + y*y) > 1 cm", np.hypot(X, Y) > 1e-2),
+        ("x*x + y*y > 1 cm²", X**2 + Y**2 > 1e-4),
+        ("abs(x - 3 mm) < 2 * (1 mm + 2 mm) / 3", np.abs(X - 3e-3) < 2e-3),
+        ("-x > 2 mm - 1 mm", -X > 1e-3),
+        ("x / y > 1", X / Y > 1),
+        ("1 mm < 2 mm", np.full(500, True)),
+    ],
+)
+def test_conditions(text: str, inside: np.ndarray) -> None:
+    np.testing.assert_array_equal(Expression(text)(POINTS.T), inside)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "'' cannot be read at character 1"),
+        ("z", "'z' at character 1, where a comparison, z < 5 mm for instance, is needed"),
+        ("z < ", "'z <' cannot be read at character 4"),
+        ("z < 5 kPa", "cannot be read at character 7"),
+        ("w < 5 mm", "'w' at character 1, which is not known; known are x, y, z, abs"),
+        (" 1 mm < 2 mm and x", "'x' at character 17, where a comparison"),
+        ("z + (x > 0) > 1", "'x > 0' at character 6, where a number is needed"),
+        ("1 < x * y + 5 mm", "character 5: m\\^2 and m\\^1 do not go together"),
+        ("sqrt(x) > 0", "the root of m\\^1 is no length"),
+        ("hypot(x) > 0", r"'hypot\(x\)' at character 1, which is not known"),
+        ("(z < 1 mm", "cannot be read at character 1"),
+        ("__import__('os')", "which is not known"),
+        ("x < True", "'True' at character 5, which is not known"),
+        ("-" * 400 + "1 < 2", "a condition of 405 characters"),
+    ],
+)
+def test_wrong_conditions(text: str, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Expression(text)
+
+
+def test_longest_conditions_can_be_evaluated() -> None:
+    assert not Expression("+".join(["x"] * 140) + "<-1e9")(POINTS.T).any()
+    assert Expression("-" * 290 + "1 < 2")(POINTS.T).all()

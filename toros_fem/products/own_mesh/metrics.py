@@ -1,0 +1,166 @@
+"""Numbers that an own skin is judged by: how a region has turned and moved against another."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated, Self
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import OneOf, Table, key, nearest
+from toros_fem.measures.between_regions import (
+    bend_between,
+    length_between,
+    tip_frame,
+    twist_between,
+)
+from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, unit_vector
+from toros_fem.measures.metrics import Metric
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.own_mesh.regions import Region
+
+# Unit of each measure in files, and the measures that "tip" stands for.
+MEASURES = {
+    "bend": "deg", "turn": "deg", "twist": "deg", "length": "ratio",
+    "x": "mm", "y": "mm", "z": "mm", "lean": "deg",
+}  # fmt: skip
+TIP = ("x", "y", "z", "lean")
+# A length that is off by so much counts like an angle that is not there at all.
+LENGTH_SCALE = 0.2
+WORDS = re.compile(r"\s*(?P<measure>\S+)\s+of\s+(?P<of>.+?)(?:\s+against\s+(?P<against>.+))?\s*")
+
+
+@dataclass(frozen=True)
+class Measured(Table):
+    """A number to judge by: how a region has turned or moved.
+
+    Raises:
+        ParameterError: A region is missing or wrong, or the name is none.
+    """
+
+    measure: Annotated[str, OneOf((*MEASURES, "tip"))] = key(
+        "bend",
+        "what is measured: the bend in the plane of the axis, the turn in all, the twist about the "
+        "axis, the length between the regions' means over the assembled one, the way of the mean "
+        "along x, y or z, the lean of the axis, or with tip these four",
+    )
+    of: str | None = key(
+        None, 'region that is measured: a condition, "z > 70 mm" for instance, or names of panels'
+    )
+    against: str | None = key(None, "region that it is seen from; none: it is seen from space")
+    name: str | None = key(None, "name of the number; none takes that of the measure")
+    target: float | None = key(
+        None, "target in deg, mm, or over the assembled length; none: the number is only watched"
+    )
+    axis: Annotated[str, OneOf(DIRECTIONS)] | None = key(
+        None, "axis of the assembled region; none takes that of the target"
+    )
+    toward: Annotated[str, OneOf(DIRECTIONS)] | None = key(
+        None, "direction that a bend goes to; none takes that of the target"
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.of is None:
+            raise ParameterError('a metric needs of = "z > 70 mm" for instance.', "of")
+        if self.measure == "length" and self.against is None:
+            raise ParameterError("a length needs two regions: give against too.", "against")
+        if self.measure == "tip" and self.target is not None:
+            raise ParameterError(f"tip is four numbers: give {', '.join(TIP)} a target.", "target")
+        if self.name is not None and not self.name.isidentifier():
+            raise ParameterError(
+                f"name = {self.name!r} must be of letters, digits and underscores.", "name"
+            )
+        for name in ("of", "against"):
+            try:
+                _region(getattr(self, name))
+            except ParameterError as caught:
+                raise ParameterError(str(caught).replace("where", name, 1), name) from None
+
+    @classmethod
+    def from_words(cls, text: str) -> Self:
+        """Return the metric of a command line, "bend of z > 70 mm against z < 5 mm".
+
+        Raises:
+            ParameterError: It has another form, or a part of it is wrong.
+        """
+        known = cls.described()["measure"].words
+        if (found := WORDS.fullmatch(text)) is None:
+            raise ParameterError(
+                f"metric {text!r}: write MEASURE of REGION or MEASURE of REGION against REGION, as "
+                f"in bend of z > 70 mm against z < 5 mm; MEASURE is one of {', '.join(known)}."
+            )
+        if found["measure"] not in known:
+            advice = nearest(found["measure"], known)
+            raise ParameterError(f"metric {text!r}: unknown measure {found['measure']!r}; {advice}")
+        try:
+            return cls(found["measure"], found["of"], found["against"])
+        except ParameterError as caught:
+            raise ParameterError(f"metric {text!r}: {caught}", caught.key) from None
+
+    def metrics(self, axis: BodyAxis) -> list[Metric]:
+        """Return the number, or the four of a tip, of a body along an axis.
+
+        Raises:
+            ParameterError: A bend does not go across the axis.
+        """
+        along = axis.along if self.axis is None else unit_vector(self.axis)
+        side = axis.frame[0] if self.toward is None else unit_vector(self.toward)
+        if self.measure == "bend" and abs(along @ side) > 0.5:
+            raise ParameterError("toward must be perpendicular to axis; give both.", "toward")
+        of, against = _region(self.of), _region(self.against)
+
+        def value(measure: str, pattern: Pattern, positions: Floats) -> float:
+            tip, root = (None if one is None else one.vertices(pattern) for one in (of, against))
+            assert tip is not None
+            if measure == "length":
+                assert root is not None
+                return length_between(pattern, positions, tip, root)
+            if measure in ("bend", "turn"):
+                toward = side if measure == "bend" else None
+                found = bend_between(pattern, positions, tip, root, along=along, toward=toward)
+            elif measure == "twist":
+                found = twist_between(pattern, positions, tip, root, along=along)
+            else:
+                frame = tip_frame(pattern, positions, tip, root, along=along)
+                if measure != "lean":
+                    return float(1e3 * frame.displacement["xyz".index(measure)])
+                found = frame.lean
+            return float(np.degrees(found))
+
+        several, own = self.measure == "tip", self.name or self.measure
+        return [
+            Metric(
+                f"{own}_{one}" if several else own,
+                MEASURES[one],
+                self.target,
+                partial(value, one),
+                LENGTH_SCALE if one == "length" else None,
+            )
+            for one in (TIP if several else (self.measure,))
+        ]
+
+
+def judged_by(entries: Sequence[Measured], axis: BodyAxis, known: Sequence[Metric]) -> list[Metric]:
+    """Return known metrics and those of entries; names that nobody gave are numbered if taken."""
+    found = list(known)
+    for entry in entries:
+        for metric in entry.metrics(axis):
+            keys, name, number = {one.key for one in found}, metric.name, 1
+            while entry.name is None and metric.key in keys:
+                number += 1
+                metric = replace(metric, name=f"{name}_{number}")
+            found.append(metric)
+    return found
+
+
+def _region(text: str | None) -> Region | None:
+    """Return the region of a condition, or of panels where the text compares nothing."""
+    if text is None:
+        return None
+    return Region(where=text) if re.search("[<>]", text) else Region(panels=text)

@@ -1,0 +1,77 @@
+"""Table of a mesh file: its unit, and how its surface is cut and laid flat."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
+
+if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
+    from toros_fem.meshes.surface import Surface
+    from toros_fem.meshes.unwrap import Unwrapped
+
+log = logging.getLogger(__name__)
+# Sizes of skins in m; those of other surfaces are told.
+USUAL = (5e-3, 5.0)
+
+
+@dataclass(frozen=True)
+class Unwrapping(Table):
+    """How a mesh file is read, cut and laid flat."""
+
+    scale: Length = key(1e-3, "length of the mesh file's unit; a pattern is in m")
+    component: Number | None = key(
+        None, "connected component of the file, 0 for the largest; none: it holds only one"
+    )
+    cuts: Annotated[str, OneOf(("given", "auto"))] = key(
+        "given",
+        "where the surface is cut into panels: at the lines and parts of the file, found "
+        "if it has none, or always found",
+    )
+    method: Annotated[str, OneOf(("auto", "exact", "abf", "lscm"))] = key(
+        "auto", "how panels are laid flat"
+    )
+    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
+        45.0, "angle between normals above which a found cut follows an edge"
+    )
+    max_stretch: Positive | None = key(
+        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
+    )
+
+    def surface(self, comm: MPI.Comm, path: Path) -> Surface:
+        """Read the surface, and warn of a size that no skin has (collective).
+
+        Raises:
+            SurfaceError, UnitError: As of `read_surface`.
+        """
+        from toros_fem.meshes.surface_file import read_surface, unit_hint
+
+        surface = read_surface(comm, path, self.scale, self.component)
+        size = float(np.ptp(surface.points, axis=0).max())
+        if comm.rank == 0 and not USUAL[0] <= size <= USUAL[1]:
+            hint = unit_hint(size / self.scale)
+            log.warning("%s is %.3g m across with scale = %g m. %s", path, size, self.scale, hint)
+        return surface
+
+    def unwrapped(self, comm: MPI.Comm, surface: Surface) -> Unwrapped:
+        """Cut a surface and lay it flat (collective).
+
+        Raises:
+            SurfaceError: A region cannot be laid flat by the requested method.
+        """
+        from toros_fem.meshes.unwrap import unwrap
+
+        return unwrap(
+            comm,
+            surface,
+            "auto" if self.cuts == "auto" else None,
+            self.method,
+            crease_angle=float(np.radians(self.crease_angle)),
+            max_stretch=self.max_stretch,
+        )
