@@ -91,7 +91,9 @@ def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -
     run = scene.run_design if hasattr(scene, "run_design") else scene.run_simulation
     with tempfile.TemporaryDirectory() as folder:
         found = run(MPI.COMM_SELF, Path(folder))
-    return {**found.entries(), **{figure.key: figure.value for figure in found.figures}}
+    told = {figure.key: figure.value for figure in found.figures}
+    errors = {f"{one.name}_error_{one.unit}": one.interval for one in found.figures}
+    return {**found.entries(), **told, **errors}
 
 
 def value_of(summary: Mapping[str, Any], key: str) -> Any:
