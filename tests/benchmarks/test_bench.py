@@ -135,7 +135,8 @@ def test_published_figures_are_those_of_the_demos() -> None:
         start = starts.get(row.variant, f"| `{row.variant}.py`")
         (line,) = (line for line in lines if line.startswith(start))
         numbers = [float(n) for n in re.findall(r"[-+]?\d+\.?\d*", line)]
-        scale = {"growth_above_over_below": 100, "pressure_pa": 1e-3}.get(row.figure, 1)
+        scales = {"growth_above_over_below": 100, "pressure_pa": 1e-3, "held_mass_kg": 1e3}
+        scale = scales.get(row.figure, 1)
         assert (row.value or 0) * scale in [pytest.approx(n) for n in numbers], row
     near, far = (replace(rows[0], value=v, reference=2.0, note="± 1") for v in (2.9, 3.1))
     assert not seeds.deviates(near)
