@@ -40,6 +40,11 @@ class Mirrored:
     flat: Ints
     signs: Floats
 
+    @property
+    def parts(self) -> int:
+        """Number of equal parts that the whole is made of."""
+        return len(self.cell) // (int(self.cell.max()) + 1)
+
     def at_vertices(self, positions: Floats) -> Floats:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
@@ -58,10 +63,10 @@ class Mirrored:
         known, ends = _image_keys(self.vertex, self.signs), finer.ends[made.vertex]
         order = np.argsort(known)
         wanted = _image_keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
-        parts = np.arange(2 ** len(axes))[:, None]
+        triangles = len(self.cell) // self.parts
         return Refinement(
             made.pattern,
-            (len(self.cell) // len(parts) * parts + finer.cell).ravel(),
+            (triangles * np.arange(self.parts)[:, None] + finer.cell).ravel(),
             order[np.searchsorted(known[order], wanted)],
         )
 

@@ -1,13 +1,36 @@
 """Every column and key that a run writes is described, with the unit that its name ends in."""
 
 import csv
+from fnmatch import fnmatchcase
+from typing import NamedTuple
 
+from helpers.scenes import ROOT
 from kit.pin import GOLDEN
 
-from toros_fem.results.columns import column, columns
+ENDINGS = {"n_per_m": "N/m", "deg": "deg", "mm": "mm", "mm2": "mm²", "m3": "m³", "m2": "m²",
+           "m": "m", "pa": "Pa", "n": "N", "kg": "kg", "j": "J", "percent": "%"}  # fmt: skip
 
-ENDINGS = {"deg": "deg", "mm": "mm", "mm2": "mm²", "m3": "m³", "m2": "m²", "pa": "Pa", "n": "N",
-           "per_m": "N/m", "kg": "kg", "j": "J", "percent": "%"}  # fmt: skip
+
+class Column(NamedTuple):
+    """A row of columns.csv."""
+
+    key: str
+    unit: str
+    meaning: str
+
+
+with (ROOT / "toros_fem" / "results" / "columns.csv").open(encoding="utf-8") as table:
+    COLUMNS = [Column(*row) for row in csv.reader(table)][1:]
+
+
+def column(key: str) -> Column | None:
+    """The row of exactly this key, or of its last part, before patterns."""
+    last, known = key.rpartition(".")[2], {row.key: row for row in COLUMNS}
+    if key in known or last in known:
+        return known.get(key, known.get(last))
+    dotted = [row for row in COLUMNS if "." in row.key and fnmatchcase(key, row.key)]
+    plain = [row for row in COLUMNS if "." not in row.key and fnmatchcase(last, row.key)]
+    return next(iter(dotted + plain), None)
 
 
 def written() -> set[str]:
@@ -24,12 +47,12 @@ def written() -> set[str]:
 def test_each_is_described_and_each_row_is_of_use() -> None:
     rows = {key: column(key) for key in written()}
     assert not [key for key, row in rows.items() if row is None]
-    assert not set(columns()) - set(rows.values())
+    assert not set(COLUMNS) - set(rows.values())
     assert column("no such column") is None
 
 
 def test_units_are_those_of_the_names() -> None:
     for key in written():
-        row, ending = column(key), key.rpartition("_")[2]
-        if row is not None and ending in ENDINGS and "*" not in row.key:
-            assert row.unit in (ENDINGS.get(ending), ENDINGS.get("per_m"), "its own"), (key, row)
+        row, ending = column(key), next((e for e in ENDINGS if key.endswith(f"_{e}")), None)
+        if row is not None and ending is not None and "*" not in row.key:
+            assert row.unit == ENDINGS[ending], (key, row)

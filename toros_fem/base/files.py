@@ -57,6 +57,23 @@ def reason(caught: Exception) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
+def read_json(path: Path) -> dict[str, Any]:
+    """Return what a JSON file of a run holds, empty if there is none (one rank).
+
+    Raises:
+        OutputError: It cannot be read, or holds something else.
+    """
+    if not path.exists():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as caught:
+        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
+    if not isinstance(content, dict):
+        raise OutputError(f"{path} holds no summary of a run. Delete it.")
+    return content
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a mapping as JSON, numbers in full precision (one rank)."""
     replace_file(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode())

@@ -122,10 +122,17 @@ class Figure:
         return f"{name} {self.shown}{of}"
 
 
-def formatted(value: float | None, unit: str) -> str:
-    """Return a value with its unit, such as "180°"; a dash for None."""
-    known = unit_of(unit)
+def formatted(value: float | None, unit: str, digits: int = 4, *, sign: bool = False) -> str:
+    """Return a value with its unit, such as "180°"; a dash for None.
+
+    Args:
+        value: The value, or a change of it.
+        unit: Its unit as an ending of `UNITS`.
+        digits: Significant digits.
+        sign: Whether to write its sign, as "+3°".
+    """
     if value is None:
         return NONE
-    shown = round(known.factor * value, 6)  # what is smaller is rounding
-    return f"{shown + 0.0:.4g}{known.sign}"
+    known = unit_of(unit)
+    shown = round(known.factor * value, 6) + 0.0  # what is smaller is rounding
+    return f"{shown:{'+' * sign}.{digits}g}{known.sign}".replace("-", "−" if sign else "-")

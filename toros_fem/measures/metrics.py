@@ -21,7 +21,7 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
-from toros_fem.measures.figures import NONE, TOLERANCE, Figure, unit_of
+from toros_fem.measures.figures import TOLERANCE, Figure, formatted, unit_of
 from toros_fem.measures.rotation import axial, best_rotation, polar_rotation
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -146,10 +146,7 @@ class Metric:
             digits: Significant digits.
             sign: Whether to write its sign, as "+3°".
         """
-        if value is None:
-            return NONE
-        text = f"{value:{'+' * sign}.{digits}g}{unit_of(self.unit).sign}"
-        return text.replace("-", "−" if sign else "-")
+        return formatted(value, self.unit, digits, sign=sign)
 
     def figure(self, value: float | None, interval: float | None = None) -> Figure:
         """Return the figure of a value, within `TOLERANCE` of the target if it is reached.

@@ -22,7 +22,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.result import RunResult
+from toros_fem.results.result import RunResult, state_figures
 from toros_fem.results.writer import if_plotting, wrinkle_fields, wrinkles_of
 
 
@@ -55,7 +55,7 @@ class PathResult(RunResult):
     @property
     def parts(self) -> int:
         """Number of equal parts of the skin, of which one is simulated."""
-        return 1 if self.whole is None else len(self.whole.cell) // len(self.pattern.panel)
+        return 1 if self.whole is None else self.whole.parts
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -71,9 +71,7 @@ class PathResult(RunResult):
         last = self.points[-1]
         return (
             *(m.figure(last.metrics[m.key], intervals.get(m.key)) for m in self.metrics),
-            Figure("pressure", "pa", last.result.pressure),
-            Figure("volume", "m3", self.parts * last.result.volume),
-            Figure("stretch", "use", last.result.stretch_use),
+            *state_figures(last.result.pressure, last.result, self.parts),
         )
 
     def entries(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -12,9 +11,10 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import write_json, write_together
+from toros_fem.base.files import read_json, write_json, write_together
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
 from toros_fem.results.runs.folder import SUMMARY
 
 
@@ -45,6 +45,23 @@ class RunResult(ABC):
     def summary(self) -> dict[str, Any]:
         """Return the content of summary.json: the list "figures", and further entries."""
         return {"figures": [figure.as_dict() for figure in self.figures], **self.entries()}
+
+
+def state_figures(
+    pressure: float, state: EquilibriumResult | None, parts: int
+) -> tuple[Figure, ...]:
+    """Return the figures of an equilibrium that every skin has.
+
+    Args:
+        pressure: In Pa.
+        state: The equilibrium; None where there is none.
+        parts: Number of equal parts of the skin, of which this is one.
+    """
+    return (
+        Figure("pressure", "pa", pressure),
+        Figure("volume", "m3", None if state is None else parts * state.volume),
+        Figure("stretch", "use", None if state is None else state.stretch_use),
+    )
 
 
 @dataclass(frozen=True)
@@ -87,15 +104,8 @@ def read_content(folder: Path) -> dict[str, Any]:
         OutputError: It cannot be read, is none, or is that of an earlier version.
     """
     path = folder / SUMMARY
-    if not path.exists():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
-    if not isinstance(content, dict):
-        raise OutputError(f"{path} holds no summary of a run. Delete it.")
-    if "figures" not in content:
+    content = read_json(path)
+    if content and "figures" not in content:
         raise OutputError(
             f'{path} has no list "figures": it was written by an earlier version of toros_fem, '
             "whose runs are not read any more. Run the scene again."

@@ -17,7 +17,7 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure
-from toros_fem.results.result import RunResult
+from toros_fem.results.result import RunResult, state_figures
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
@@ -80,21 +80,11 @@ class PrintedResult(RunResult):
         return shape_problem(self.design)
 
     @property
-    def parts(self) -> int:
-        """Number of equal parts of the skin, of which one is designed."""
-        return len(self.printed.pattern.panel) // len(self.problem.skin.pattern.panel)
-
-    @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume of the print."""
-        made = self.printed.evaluation
+        made, pressure = self.printed.evaluation, self.design.final.equilibrium.pressure
         state = None if made is None else made.equilibrium
-        return (
-            *self.metric_figures,
-            Figure("pressure", "pa", self.design.final.equilibrium.pressure),
-            Figure("volume", "m3", None if state is None else self.parts * state.volume),
-            Figure("stretch", "use", None if state is None else state.stretch_use),
-        )
+        return (*self.metric_figures, *state_figures(pressure, state, self.problem.parts))
 
     @property
     def metric_figures(self) -> tuple[Figure, ...]:
@@ -103,6 +93,12 @@ class PrintedResult(RunResult):
             metric.figure(self.metrics.get(metric.key), self.intervals.get(metric.key))
             for metric in self.problem.metrics
         )
+
+    @property
+    def shown_metrics(self) -> Mapping[str, float]:
+        """Metrics of the print by key, those of the design where it has no equilibrium."""
+        made = self.printed.evaluation is not None
+        return self.metrics if made else self.design.history[-1].metrics
 
     def entries(self) -> dict[str, Any]:
         """Return design, print and cost."""
@@ -150,8 +146,8 @@ class PrintedResult(RunResult):
             "design": {
                 **last.metrics,
                 "shape": last.shape,
-                "perimeter_m": final.perimeter and self.parts * final.perimeter,
-                "volume_m3": self.parts * final.equilibrium.volume,
+                "perimeter_m": final.perimeter and self.problem.parts * final.perimeter,
+                "volume_m3": self.problem.parts * final.equilibrium.volume,
                 "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
             },
             "gradient_norm_first": first.gradient_norm,
@@ -186,7 +182,7 @@ class PrintedResult(RunResult):
             "factorisations": sum(row.factorisations for row in history),
             "triangles": len(skin.pattern.panel),
             "vertices": len(skin.pattern.points),
-            "parts_by_symmetry": self.parts,
+            "parts_by_symmetry": self.problem.parts,
             "linear_solver": self.problem.solver.linear_solver,
             "reason": self.design.reason,
         }

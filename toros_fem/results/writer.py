@@ -153,10 +153,7 @@ def _shown(found: PrintedResult) -> _Shown:
     fields |= wrinkle_fields(folds)
     fields["printed"] = printed.cells.astype(np.float64)
     regions = None if printed.evaluation is None else printed.regions
-    values = {
-        "pressure_pa": shown.equilibrium.pressure,
-        **problem.metrics_of(shown.equilibrium),
-    }
+    values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
@@ -212,8 +209,7 @@ def wrinkle_fields(folds: WrinkleField | None) -> dict[str, Floats]:
 
 def _title(found: PrintedResult) -> str:
     """Return the title of the picture of the shape: metrics, their targets and the pressure."""
-    as_printed = found.printed.evaluation is not None
-    values = found.metrics if as_printed else found.design.history[-1].metrics
+    as_printed, values = found.printed.evaluation is not None, found.shown_metrics
     # Of a distance or a gap the target is 0, which says nothing.
     told = ", ".join(
         f"{m.name} {m.formatted(values[m.key])}"

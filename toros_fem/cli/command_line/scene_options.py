@@ -83,12 +83,12 @@ class RunCommand(SceneCommand, Progress):
             SceneError: As of other commands.
             UsageError: The scene is of no own mesh.
         """
-        from toros_fem.products.own_mesh.metrics import Measured
-        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
-
         scene = super().scene(comm)
         if not self.metric:
             return scene
+        from toros_fem.products.own_mesh.metrics import Measured
+        from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
+
         if not isinstance(scene.config, OwnMeshScene):
             raise UsageError(
                 f"--metric is for own meshes; scenes of the kind {scene.kind.KIND!r} have "

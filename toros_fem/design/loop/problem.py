@@ -535,13 +535,15 @@ class DesignProblem(ABC, Generic[R]):
         return self.differentiate(self.simulate(density, start, pressure))
 
     @property
+    def parts(self) -> int:
+        """Number of equal parts of the skin, of which one is designed."""
+        return 1 if self.whole is None else self.whole.parts
+
+    @property
     def _perimeter_price(self) -> float:
         """Increase of T per metre of border."""
-        whole, pattern = self.whole, self.skin.pattern
-        if whole is None:
-            return (self.perimeter_weight or 0.0) / pattern.size
-        parts = len(whole.cell) // len(pattern.panel)
-        return (self.perimeter_weight or 0.0) * parts / whole.pattern.size
+        pattern = self.skin.pattern if self.whole is None else self.whole.pattern
+        return (self.perimeter_weight or 0.0) * self.parts / pattern.size
 
     def _pull_back(
         self, evaluation: Evaluation[R], by_filtered: Floats | None, by_projected: Floats

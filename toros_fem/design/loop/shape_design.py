@@ -131,7 +131,7 @@ class ShapeDesign(ShapeProblem):
                 r.length_scale,
                 self.designed,
                 r.projection,
-                parts=1 if whole is None else len(whole.cell) // len(case.pattern.triangles),
+                parts=self.parts,
             )
 
     def towards(self, case: Case) -> Self:

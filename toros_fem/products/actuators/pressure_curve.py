@@ -167,11 +167,10 @@ def write_curve(
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
     curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
-    parts = 1 if whole is None else len(whole.cell) // len(problem.skin.pattern.panel)
     rows = [
         {
             "pressure_pa": point.result.pressure,
-            "volume_m3": parts * point.result.volume,
+            "volume_m3": problem.parts * point.result.volume,
             "stretch_use": point.result.stretch_use,
             **point.metrics,
         }

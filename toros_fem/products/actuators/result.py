@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -62,6 +62,21 @@ class Search:
         return found
 
 
+class Trial(Protocol):
+    """What the print was simulated at, beyond its curve: a dataclass, as gaits and lifts are."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]  # of any dataclass
+    NAME: ClassVar[str]  # its entry in summaries
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The most important numbers."""
+
+    @property
+    def words(self) -> str:
+        """It in words."""
+
+
 @dataclass(frozen=True, eq=False)
 class ActuatorResult(RunResult):
     """The result of the design of an actuator.
@@ -71,12 +86,14 @@ class ActuatorResult(RunResult):
         search: How it was found.
         errors: Errors of its metrics; None if they were not estimated.
         curve: What the print does over the pressure; None if this was left out.
+        trial: What it was simulated at besides, of a walker or a gripper for instance.
     """
 
     made: PrintedResult
     search: Search
     errors: MetricErrors | None = None
     curve: CurveFigures | None = None
+    trial: Trial | None = None
 
     @property
     def problem(self) -> ShapeProblem:
@@ -95,8 +112,8 @@ class ActuatorResult(RunResult):
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """Metrics, pressure and volume of the print."""
-        return self.made.figures
+        """Metrics, pressure and volume of the print, and those of its trial."""
+        return (*self.made.figures, *(() if self.trial is None else self.trial.figures))
 
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""
@@ -105,6 +122,8 @@ class ActuatorResult(RunResult):
             found["errors"] = self.errors.as_dict()
         if self.curve is not None:
             found["curve"] = asdict(self.curve)
+        if self.trial is not None:
+            found[self.trial.NAME] = asdict(self.trial)
         return found
 
     def sentence(self) -> str:
@@ -115,4 +134,5 @@ class ActuatorResult(RunResult):
             words = [figure.words for figure in self.made.metric_figures]
             told = self.made.told(words, f"lines laid {laid} times")
         doubt = "" if self.errors is None else self.errors.words
-        return f"{told}; {doubt}" if doubt else told
+        tried = "" if self.trial is None else self.trial.words
+        return "; ".join(filter(None, (told, doubt, tried)))

@@ -122,7 +122,7 @@ class ActuatorScene(Scene):
             values["levels"] = max(1, self.design.levels - 1)
         if bound is not None and edge is not None:
             most = max(1.0, bound / edge)
-            for key in ("edge_length", "filter_radius"):
+            for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
                 values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
         if "print_edge_length" in values:  # no longer than lines are wide
             wider = self.updated(**{key: values[key] for key in values if key.endswith("_width")})

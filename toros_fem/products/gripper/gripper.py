@@ -15,9 +15,9 @@ contact area and pressure, and the force of each finger.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -355,7 +355,7 @@ class GripperScene(ActuatorScene):
         made = design_actuator(comm, output, self, verbose=verbose)
         if self.object.lift_distance is None:
             return made
-        found = GripperResult(made, lift(comm, Path(output), self, made))
+        found = replace(made, trial=lift(comm, Path(output), self, made))
         write_summary(comm, output, found)
         return found
 
@@ -397,6 +397,8 @@ class Load:
     printed: LiftFigures
     initial: LiftFigures
 
+    NAME: ClassVar[str] = "load"
+
     @property
     def figures(self) -> tuple[Figure, ...]:
         """The most important figures of the print."""
@@ -417,27 +419,6 @@ class Load:
         if made.held_mass_kg is not None:
             found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
         return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
-
-
-@dataclass(frozen=True, eq=False)
-class GripperResult(RunResult):
-    """A designed gripper, and how it lifts its object."""
-
-    actuator: ActuatorResult
-    load: Load
-
-    @property
-    def figures(self) -> tuple[Figure, ...]:
-        """Those of the gripper, and of the lift."""
-        return (*self.actuator.figures, *self.load.figures)
-
-    def entries(self) -> dict[str, Any]:
-        """Return those of the gripper, and the lift."""
-        return {**self.actuator.entries(), "load": asdict(self.load)}
-
-    def sentence(self) -> str:
-        """Return both in a sentence."""
-        return f"{self.actuator.sentence()}; {self.load.words}"
 
 
 def touching_vertices(pattern: Pattern, config: GripperScene, edge: float) -> Bools:

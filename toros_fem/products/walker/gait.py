@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -123,12 +124,11 @@ def walk_of(
     # Halves of the legs: a leg that lies touches with more than its tip.
     outer = along > 0.5 * along.max(axis=0)
     lowest = [[shape[leg, 2].min() for leg in outer.T] for shape in shapes]
-    parts = len(whole.cell) // len(np.unique(whole.cell))
     return Walk(
         np.array([tip_positions(whole.pattern, shape, directions) for shape in shapes]),
         np.array(lowest) <= reach,
         np.array([point.result.pressures for point in points]),
-        parts * np.array([point.result.volumes for point in points]),
+        whole.parts * np.array([point.result.volumes for point in points]),
     )
 
 
@@ -159,6 +159,8 @@ class GaitFigures:
     foot_lift_mm: float | None = None
     supplied_energy_j: float | None = None
     lost_energy_j: float | None = None
+
+    NAME: ClassVar[str] = "gait"
 
     @property
     def figures(self) -> tuple[Figure, ...]:

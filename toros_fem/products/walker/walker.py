@@ -9,7 +9,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -32,7 +32,6 @@ from toros_fem.base.keys import (
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
-from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.opening import opened
@@ -53,7 +52,6 @@ from toros_fem.products.actuators.legs import (
     rest_on_body,
     tip_angle_metric,
 )
-from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Orientation, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
@@ -286,30 +284,9 @@ class WalkerScene(ActuatorScene):
         made = design_actuator(comm, output, self, verbose=verbose)
         if steps is None:
             return made
-        found = WalkerResult(made, walk(comm, Path(output), self, steps, made.made))
+        found = replace(made, trial=walk(comm, Path(output), self, steps, made.made))
         write_summary(comm, output, found)
         return found
-
-
-@dataclass(frozen=True, eq=False)
-class WalkerResult(RunResult):
-    """A designed walker, and what it does on the ground."""
-
-    actuator: ActuatorResult
-    gait: GaitFigures
-
-    @property
-    def figures(self) -> tuple[Figure, ...]:
-        """Those of the walker, and of its gait."""
-        return (*self.actuator.figures, *self.gait.figures)
-
-    def entries(self) -> dict[str, Any]:
-        """Return those of the walker, and its gait."""
-        return {**self.actuator.entries(), "gait": asdict(self.gait)}
-
-    def sentence(self) -> str:
-        """Return both in a sentence."""
-        return f"{self.actuator.sentence()}; {self.gait.words}"
 
 
 def stride_sections(

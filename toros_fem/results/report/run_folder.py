@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import OutputError
+from toros_fem.base.files import read_json
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
 from toros_fem.results.result import Summary, read_summary
@@ -78,21 +78,9 @@ def read_run(folder: str | Path) -> Run:
     names = {frame.skin for found in series.values() for frame in found}
     skins = {name: read_skin(frames / name) for name in sorted(names)}
     note = made[0].note if made else ""
-    tolerance = _read_json(folder / "tolerance.json")
+    tolerance = read_json(folder / "tolerance.json")
     curve = _read_table(folder / "curve.csv")
     return Run(folder, summary, history, curve, series, skins, note, tolerance)
-
-
-def _read_json(path: Path) -> Mapping[str, Any]:
-    if not path.exists():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
-    if not isinstance(content, dict):
-        raise OutputError(f"{path} holds no summary of a run. Delete it.")
-    return content
 
 
 def _read_table(path: Path) -> list[dict[str, float]]:
