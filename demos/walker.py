@@ -36,9 +36,7 @@ parser.add_argument(
     "--coarse", action="store_true", help="a coarse mesh, and feet that are printed"
 )
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
-parser.add_argument(
-    "--output", type=Path, default=Path("output/walker"), help="folder of the files"
-)
+parser.add_argument("--output", type=Path, default=Path("output/walker"), help="its folder")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
@@ -52,9 +50,8 @@ edge, radius, foot = (2.8e-3, 4.3e-3, 15e-3) if given.coarse else (1.8e-3, 2.75e
 # ## Panels, seams, supports, target
 #
 # The target bends the leg over 3 cm from its root; the rest of it stays straight. A closed skin
-# under pressure needs no force to stay in place: the bottom's centre keeps its height, the planes of
-# symmetry do the rest. On the coarse mesh the feet are printed all over: they hardly change T, and
-# few steps would leave holes there.
+# under pressure needs no force to stay in place: the bottom's centre keeps its height, the planes
+# of symmetry do the rest. On the coarse mesh the feet are printed: few steps leave holes there.
 
 # %%
 pattern = walker(comm, edge, star, planes=(0, 1))
@@ -63,12 +60,13 @@ bent = stand(np.radians(ANGLE), 0.03, directions=star.directions[:1], root=star.
 sections = leg_cross_sections(
     pattern, along, star.root, count=6, centreline_weight=0.02, orientation_length=0.03
 )
+composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
 case = tf.Case(
     pattern,
     target=bent(pattern.points),
     supports=rest_on_body(pattern, star.body_radius, (0, 1)),
     pressure=PRESSURE,
-    composite=tf.Composite(bending=tf.Bending(seams="hinged")),  # sewn seams carry no moment
+    composite=composite,
     parts=[sections],
     metrics=[tip_angle_metric(ANGLE, along, (0.0, 0.0, -1.0), star.root)],
     passive=np.where(plane_centroids(pattern) @ along[:2] > star.reach - foot, 1.0, np.nan),
@@ -91,8 +89,7 @@ options = tf.DesignOptions(
 reporter = tf.DesignReporter(comm, given.output)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
-limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-printed = tf.as_printed(design, result, limits, island_area=20e-6)
+printed = tf.as_printed(design, result, tf.PrintLimits(0.6e-3, 0.6e-3), island_area=20e-6)
 summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 
 # %% [markdown]
@@ -106,12 +103,12 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 half = mirrored(pattern, (0,)).pattern
 whole = mirrored(half, (1,))
 skin, supports = tf.sew(comm, half), tf.symmetry_plane(half, 1)
-sizes = tf.Contact().sizes(case.composite)
+sizes = tf.Contact().sizes(composite)
 start, height = flat_on_ground(comm, half, supports, sizes)
 reach = (half.points[:, :2] @ star.directions.T).max(axis=1)
 solver = tf.EquilibriumSolver(
     skin,
-    case.composite,
+    composite,
     supports,
     chambers=chambers(half, star),
     weight=tf.Weight(0.25, 0.25 + 0.6),  # kg/m² of fabric, and of fabric and print
@@ -123,11 +120,11 @@ solver = tf.EquilibriumSolver(
 )
 gait = Gait(("body", "front", "rear"), np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]), steps=8)
 density = printed.cells[: len(half.triangles)].astype(float)[skin.owned_cells]
-pressures = (PRESSURE * gait.pressure_fractions).tolist()
+pressures = [list(PRESSURE * row) for row in gait.pressure_fractions]
 points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
 walk = walk_of(points, whole, star.directions, height, sizes.thickness / 2 + sizes.distance)
 write_gait(comm, given.output, gait, walk, points, (whole, printed.regions))
 if comm.rank == 0:
     angle = summary["figures"][0]["value"]
     print(f"legs by {angle:.1f}° of {ANGLE:g}° as printed; a stride of {1e3 * walk.stride:.1f} mm")
-    print(f"see {given.output}/shape.png, gait.png and tracks.png")
+    print(f"see {given.output}/shape.png and {given.output}/gait.png")
