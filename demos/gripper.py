@@ -1,27 +1,128 @@
-"""A gripper whose fingers close on an object when inflated, and lift it (paper Fig. 1).
+# %% [markdown]
+# # A gripper whose fingers close on a sphere (paper Fig. 1)
+#
+# Three flat fingers stand around a sphere of 4 cm. Each is two panels sewn all around, clamped at
+# its root in a mount, which carries the inner panel on a stem too. By symmetry half a finger is
+# designed, in contact with the sphere, and so is its pressure. The density ρ of print minimises
+#
+#     T(ρ, p) = cross-sections of the finger, as in eqs. (17, 18)
+#             + ½ g ∫ d² dA / A l²          d: distance of the inner panel from the sphere
+#             + ½ max(0, 1 − a·F / F₀)²     F: normal force on it, F₀: four times its weight
+#
+# at the equilibrium x(ρ, p), a minimum of W_stretch + W_bend − p V + W_contact (eqs. 1-10, and the
+# barriers of Li et al. 2020). Then the printed fingers lift it.
+#
+#     python demos/gripper.py --coarse            # a quarter of a minute
+#     mpirun -n 2 python demos/gripper.py         # the mesh of the figures in docs/demos.md
 
-    python demos/gripper.py --coarse
-    python demos/gripper.py --coarse --shape box
-
-Each finger is flat, made of two panels, and clamped at its root in a mount. The mount also carries
-the inner panel on a stem: held in a flat line alone the finger would turn about it like a hinge.
-Three fingers stand around a sphere, four around a box. Half a finger is designed, by symmetry, in
-contact with the object, which is held in its place. A line along the inner panel is always printed,
-so that this panel keeps its length. The target shape goes around the object. The objective also
-asks for a holding force, that of the normal forces upwards and of the friction that they allow.
-
-The printed gripper then lifts the object from a thin post. The object slides until the fingers bear
-its weight. The summary gives the largest mass that they bear, the sliding at the object's own mass,
-contact area and pressure, and the force of each finger.
-"""
-
-import sys
+# %%
+import argparse
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_scene_script
-from toros_fem.products.gripper.gripper import GripperScene
+import toros_fem as tf
+from toros_fem.measures.gap import Body, GapObjective, mean_gap
+from toros_fem.mechanics.contact.solids import rigid_sphere
+from toros_fem.mechanics.paths.pull_out import largest_force, pull_out
+from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.meshes import curl, finger, mirrored, plane_centroids
+from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
+from toros_fem.products.gripper.lift import LiftShape, write_lift
 
-if __name__ == "__main__":
-    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, GripperScene(), Path("output/gripper")))
+parser = argparse.ArgumentParser(description="Design a gripper, and let it lift a sphere.")
+parser.add_argument("--coarse", action="store_true", help="a coarse mesh")
+parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
+parser.add_argument("--output", type=Path, default=Path("output/gripper"), help="its folder")
+given = parser.parse_args()
+comm = MPI.COMM_WORLD
+
+LENGTH, WIDTH, ROOT, STEM, DEPTH = 0.09, 0.025, 0.015, 0.025, 0.016  # m; DEPTH when inflated
+RADIUS, MASS, FRICTION, FINGERS, GRAVITY = 0.02, 0.1, 0.6, 3, 9.81  # m, kg, m/s²
+ALONG, TOWARD, WRAP = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), np.pi / 2  # rad around the sphere
+edge, filter_radius = (2.4e-3, 3.7e-3) if given.coarse else (1.2e-3, 2.15e-3)
+
+# %% [markdown]
+# ## Panels, supports, contact, target
+#
+# The inner panel keeps its length: a line along it is always printed. It goes around the sphere.
+# By symmetry fingers meet in planes through the sphere's axis, which act as walls.
+
+# %%
+pattern = finger(comm, edge, length=LENGTH, width=WIDTH, root=ROOT, planes=(1,))
+begin = LENGTH - WRAP * RADIUS
+body = Body("sphere", 2 * RADIUS, (begin, 0.0, DEPTH / 2 + RADIUS))
+bent = curl(WRAP, WRAP * RADIUS, origin=(begin, 0, DEPTH / 2), along=ALONG, toward=TOWARD)
+target = bent(pattern.points)
+inner = pattern.panel == pattern.panel_index("top")
+on_inner = np.isin(np.arange(len(pattern.points)), pattern.vertices_of("top"))
+x, y, _ = pattern.points.T
+strip = on_inner & (x > begin) & (x < LENGTH - WIDTH / 4) & (np.abs(y) < WIDTH / 6)
+held = (x <= ROOT * (1 + 1e-9)) | (on_inner & (x <= STEM * (1 + 1e-9)))
+supports = tf.clamp_where(pattern, lambda _: held) | tf.symmetry_plane(pattern, 1)
+composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
+wall = (0.0, -np.cos(np.pi / FINGERS), -np.sin(np.pi / FINGERS))
+ball, ground = rigid_sphere("object", RADIUS, body.centre), tf.Ground((0, 0, body.centre[2]), wall)
+contact = tf.Contact(ground, bodies=[ball], self_contact=False)
+# Upwards, and towards the sphere's axis as far as friction makes use of it.
+up, needed = FRICTION * np.array(TOWARD) - ALONG, 4 * MASS * GRAVITY / (2 * FINGERS)
+sizes, tip = contact.sizes(composite), tip_angle_metric(0.0, ALONG, TOWARD, ROOT, outer_count=3)
+gap = tf.Metric("gap", "mm", 0.0, lambda of, x: 1e3 * mean_gap(body, of, x, strip))
+case = tf.Case(
+    pattern,
+    target,
+    supports,
+    pressure=10e3,  # Pa, the first guess
+    pressure_bounds=(1e3, 15e3),
+    composite=composite,
+    parts=[
+        leg_cross_sections(pattern, ALONG, ROOT, 4, 0.05, orientation_length=0.02),
+        lambda nodes, _: GapObjective(nodes, body, strip.astype(float), factor=5.0),
+        lambda nodes, _: HoldingObjective(nodes, contact, sizes, supports.fixed, up, needed),
+    ],
+    metrics=[gap, replace(tip, target=tip.measure(pattern, target))],
+    passive=np.where(inner & (np.abs(plane_centroids(pattern)[:, 1]) < 3e-3), 1.0, np.nan),
+    # The outer panel is to stretch; without this hint the start is the same in and out.
+    start=np.where(inner, 0.65, 0.35),
+    symmetry=(1,),
+    contact=contact,
+)
+
+# %% [markdown]
+# ## Design, print, files
+#
+# Steps that only raise the holding force are small: no stage ends because T falls slowly.
+
+# %%
+options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
+reporter = tf.DesignReporter(comm, given.output)
+design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))
+result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
+printed = tf.as_printed(design, result, tf.PrintLimits(0.6e-3, 0.6e-3), island_area=20e-6)
+tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+
+# %% [markdown]
+# ## The lift
+#
+# Seen from the mounts the sphere goes down, by up to 5 mm, until the fingers bear it. Nothing moves
+# it back, so the largest force up to there tells the largest mass. Friction acts from here on.
+
+# %%
+pulling = replace(contact, friction=FRICTION)
+solver = tf.EquilibriumSolver(design.skin, composite, supports, contact=pulling)
+made, parts, limit = printed.evaluation or result.final, 2 * FINGERS, 5e-3
+at = made.projected, result.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
+pull = list(pull_out(solver, *at, made.equilibrium.positions))
+mass = parts * largest_force(pull, limit) / GRAVITY
+end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
+whole = mirrored(pattern, (1,))
+closed, lifted = (whole.at_vertices(point.positions) for point in (pull[0], end))
+shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
+rows = [(whole.at_cells(design.skin.gather_cells(made.projected)), shapes)]
+prints = list(printed.regions) * FINGERS
+write_lift(comm, given.output, printed.pattern, rows, prints, ball, FINGERS)
+if comm.rank == 0:
+    told = f"the fingers bear {1e3 * mass:.0f} g at {result.pressure:.0f} Pa"
+    print(f"{told}; see {given.output}/shape.png and {given.output}/lift.png")

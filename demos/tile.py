@@ -1,27 +1,113 @@
-"""A fabric with designed stiffness: a tile that repeats (paper section 4.3, Fig. 7).
+# %% [markdown]
+# # A fabric of designed stiffness (paper Fig. 7)
+#
+# A square tile of 1 cm repeats. Pulled by 10 % along the direction n, free across, it has the
+# stiffness s(n) = n·P̄n / (λ − 1), where P̄ is the mean stress of the tile at the equilibrium
+#
+#     x = F̄ X + w,   w periodic,   F̄n = λ n,   no mean stress on lines across n,
+#
+# a minimum of the membrane energy (eq. 1). The density ρ of print on it minimises
+#
+#     T(ρ) = Σ (s(nₖ) / s*(nₖ) − 1)² / k
+#
+# over k directions. The target s* is that of a linear sheet: 2000 N/m along x and y, 400 at 45°,
+#
+#     1/s* = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².
+#
+# Profiles have many local minima: several random families of lines, and long waves, are tried. The
+# two best go on, on finer meshes and with less grey. What the print misses of the target is asked
+# for on top (docs/tiles.md).
+#
+#     python demos/tile.py --coarse            # two minutes
+#     mpirun -n 2 python demos/tile.py         # ranks share the directions
 
-    python demos/tile.py --target tetragonal --coarse
-    python demos/tile.py --target orthotropic
-
-The print of a square tile of 1 cm is designed so that the fabric has the target stiffness when it
-is pulled by 10 % in any direction and free across. Several random starts are tried,
-families of straight and wavy lines and long waves of the density by turns, and the best is
-continued; islands and lines or gaps below `--print-width` count against a start and a print. All
-figures are those of the printed pattern, simulated again on a mesh of half the edge length.
-
-Targets: "orthotropic" (2000 N/m along x, 500 along y and at 45°), "tetragonal" (2000 along x and y,
-400 at 45°), "isotropic" (700 everywhere), "anisotropic" (the largest ratio of stiffness along x to
-that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet of
-the result.
-"""
-
-import sys
+# %%
+import argparse
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_scene_script
-from toros_fem.products.tile_design.tile import TileScene
+import toros_fem as tf
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes import tile
+from toros_fem.products.tile_design import search
+from toros_fem.products.tile_design.as_printed import measure_print
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene
+from toros_fem.products.tile_design.report import TileRun, write_tile_results
+from toros_fem.products.tile_design.tile import linear_profile
+from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
-if __name__ == "__main__":
-    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, TileScene(), Path("output/tile")))
+parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
+parser.add_argument("--coarse", action="store_true", help="coarse meshes, and fewer starts")
+parser.add_argument("--seed", type=int, default=2, help="seed of the first random start")
+parser.add_argument("--output", type=Path, default=Path("output/tile"), help="folder of the files")
+given = parser.parse_args()
+comm = MPI.COMM_WORLD
+
+SIZE, STRAIN, SYMMETRY, MESH = 0.01, 0.1, "tetragonal", "crossed"  # SIZE in m
+edge, radius, starts, drafts = (
+    (0.2e-3, 0.8e-3, 5, 16) if given.coarse else (0.125e-3, 0.7e-3, 8, 40)
+)
+
+# %% [markdown]
+# ## Meshes, target
+#
+# Starts are tried on a mesh of twice the edge length, prints are simulated on one of half of it. A
+# tetragonal tile repeats its stiffness every 45° mirrored, so four directions tell all.
+
+# %%
+angles = np.linspace(0.0, np.pi / 4, 4, dtype=np.float64)
+stiffness = linear_profile(angles, along=2000.0, diagonal=400.0, across=2000.0)
+coarse, own, fine = (tile(comm, SIZE, k * edge, MESH, SYMMETRY) for k in (2, 1, 0.5))
+case = TileCase(own, angles, ProfileTarget(stiffness), SYMMETRY, coarse, fine)
+
+# %% [markdown]
+# ## What is solved
+#
+# One evaluation of the profile, here of the plain fabric: its stiffness is the same all around. The
+# design adds the gradient of s by ρ, from the same factorisation.
+
+# %%
+composite = tf.Composite(bending=None)  # the sheet stays flat
+alone = tf.sew(MPI.COMM_SELF, coarse.pattern)  # each rank has the whole tile
+solver = ProfileSolver(TileSolver(alone, composite, Periodic(coarse)), angles, STRAIN, comm)
+plain = solver.solve(np.zeros(len(alone.owned_cells)), gradients=False)
+if comm.rank == 0:
+    print(f"plain fabric {plain.stiffness.round()}, asked {stiffness.round()} N/m")
+
+# %% [markdown]
+# ## Search, print
+#
+# A start or a print with islands, or with lines or gaps that are too narrow for the printer, counts
+# as worse. Steps are those of MMA with constraints on widths (eqs. 13, 14).
+
+# %%
+settings = TileDesignScene.of(
+    strain=STRAIN,
+    filter_radius=radius,
+    seed=given.seed,
+    starts=starts,
+    draft_iterations=drafts,
+    print_width=0.6e-3,
+    island_area=0.1e-6,
+)
+reporter = tf.DesignReporter(comm, given.output)
+result = search.design_tile(comm, case, settings, reporter)
+measured = measure_print(comm, case, settings, result)  # in all directions, and over the strain
+
+# %% [markdown]
+# ## Files
+#
+# `profile.png` has the stiffness over the direction beside the target, `pattern.svg` the print in
+# true scale, `tile.npz` what demos/tile_sheet.py lays side by side.
+
+# %%
+printed = PrintedTile(result.printed.cells, (SIZE, SIZE), edge, MESH, SYMMETRY, composite)
+run = TileRun(case, result, measured, printed, settings, reporter.seconds)
+write_tile_results(comm, given.output, run)
+if comm.rank == 0:
+    print(f"{run.sentence()}; see {given.output}/profile.png")

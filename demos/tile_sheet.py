@@ -1,24 +1,101 @@
-"""A sheet of tiles: a file to print, and a pull test beside its prediction.
+# %% [markdown]
+# # A sheet of tiles, pulled (paper section 4.3)
+#
+# A printed tile of 1 cm, here a simple one with its diagonals as lines of 1 mm, is laid side by
+# side. Both ends of the sheet are clamped and one of them moves, in the plane. The force over the
+# undeformed width, and the lateral contraction of the middle, are compared with those that the
+# periodic tile predicts for an endless sheet:
+#
+#     sheet:  x minimises W_stretch(x; ρ),            x = X on one end, X + ε L n on the other
+#     tile:   x = F̄ X + w minimises the same energy,  w periodic,  F̄n = (1 + ε) n,  free across
+#
+# The clamps keep the sheet from contracting, so a short one is stiffer than its prediction
+# (docs/tiles.md). Nothing is random here, so there is no seed.
+#
+#     python demos/tile_sheet.py --coarse            # a few seconds
+#     mpirun -n 2 python demos/tile_sheet.py
 
-    python demos/tile_sheet.py --coarse
-    python demos/tile_sheet.py --tile output/tile
-
-A designed tile is read from the output folder of `demos/tile.py` and laid side by side: 10 along
-the pull and 5 across. The print file shows the whole sheet in true scale. The lines of neighbouring
-tiles are joined, and there is unprinted cloth for clamps at both ends. The simulated sheet is as
-long as the print, since the cloth inside a clamp does not stretch. Both its ends are fixed in all
-components and one of them moves, in the plane. The prediction is that of the periodic tile on the
-same mesh: its stiffness and its lateral contraction. Without a tile the demo takes a simple one,
-with its diagonals as lines of 1 mm.
-"""
-
-import sys
+# %%
+import argparse
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_scene_script
-from toros_fem.products.tiles.pulled_sheet import TileSheetScene
+from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.sheets.write import if_possible, write_manufacture
+from toros_fem.meshes import tile
+from toros_fem.products.tiles import pull_test
+from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
+from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.sheet import print_layout, remesh, tile_sheet
 
-if __name__ == "__main__":
-    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, TileSheetScene(), Path("output/tile_sheet")))
+parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
+parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")
+parser.add_argument("--output", type=Path, default=Path("output/tile_sheet"), help="its folder")
+given = parser.parse_args()
+comm = MPI.COMM_WORLD
+
+SIDE, EDGES, LINE, STRAIN, MARGIN = 0.01, 28, 1e-3, 0.1, 0.02  # m; MARGIN of cloth in the clamps
+along, across, longer = (6, 3, 2.0) if given.coarse else (10, 5, 1.0)
+
+# %% [markdown]
+# ## The tile
+#
+# A triangle is printed if its middle is near a diagonal, or near that of a neighbour. For a tile of
+# demos/tile.py: `read_tile(comm, "output/tile")` of `toros_fem.products.tiles.printed_tile`. Where
+# the mesh is coarser, a triangle is printed if half of it is.
+
+# %%
+x, y = tile(comm, SIDE, SIDE / EDGES).pattern.centroids.T
+off = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
+printed = np.minimum(*off) < LINE / np.sqrt(2)
+drawn = PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
+used = drawn if longer == 1.0 else remesh(comm, drawn, longer * drawn.edge_length)
+
+# %% [markdown]
+# ## The sheets: what is printed, and what is pulled
+#
+# The print has unprinted cloth for the clamps at both ends. The simulated sheet has none: the cloth
+# inside a clamp does not stretch.
+
+# %%
+directions = ("x", "y")
+fine, mesh = drawn.tile(comm), used.tile(comm)
+sheets = [tile_sheet(fine, direction, along, across) for direction in directions]
+cloth, regions = print_layout(sheets, drawn.printed, MARGIN)
+strains = np.linspace(0.0, STRAIN, 6, dtype=np.float64)[1:]
+pulled = [
+    pull_test.pull_sheet(comm, tile_sheet(mesh, n, along, across), mesh, used, strains)
+    for n in directions
+]
+
+# %% [markdown]
+# ## Files
+#
+# `curve.png` has force and contraction over the strain, `pattern.svg` the sheets in true scale,
+# `manufacture/make_it.html` shows how to print and cut them.
+
+
+# %%
+def write() -> None:
+    """Write figures, curves, print and pictures (one rank)."""
+    folder: Path = given.output
+    write_json(folder / "pull.json", {one.sheet.direction: one.summary() for one in pulled})
+    write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
+    write_svg(folder / "pattern.svg", cloth, regions)
+    if_possible(lambda: write_manufacture(folder / "manufacture", cloth, regions))
+    plot_pulls(folder / "curve.png", pulled)
+    for one in pulled:
+        title = f"pulled by {100 * STRAIN:g} % along {one.sheet.direction}"
+        path, cells = folder / f"sheet_{one.sheet.direction}.png", used.printed[one.sheet.cell]
+        plot_sheet(path, one.sheet.pattern, one.test.positions, cells, title)
+
+
+write_together(comm, given.output, write)
+if comm.rank == 0:
+    for one in pulled:
+        stiff = one.test.curve.stiffness[-1], one.predicted.stiffness[-1]
+        print(f"along {one.sheet.direction}: {stiff[0]:.0f} N/m, predicted {stiff[1]:.0f}")
+    print(f"see {given.output}/curve.png")

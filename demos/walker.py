@@ -1,23 +1,130 @@
-"""An X-shaped walker that stands up or crawls when inflated (paper Figs. 9, 10).
+# %% [markdown]
+# # A walker that stands up (paper Fig. 9)
+#
+# Two flat panels are sewn along an X: a body and four legs. Inflated to 20 kPa, each leg is to turn
+# down by 90°, so that the robot stands. By symmetry a quarter with one leg is designed. A density ρ
+# of print in each triangle minimises
+#
+#     T(ρ) = Σ w |x̄ₖ − x̄ₖ*|² + v |Rₖ − Rₖ*|²,                             (eqs. 17, 18)
+#
+# where x̄ₖ and Rₖ are mean position and rotation of cross-section k of the leg at the equilibrium
+# x(ρ), a minimum of W_stretch + W_bend − p V (eqs. 1-10). Orientations count most.
+#
+# The printed robot then walks. It lies on the ground with its weight, friction and pads that slide
+# forwards easily, and its chambers are filled and emptied in turn. This gait is a path of
+# equilibria, without inertia (docs/walking.md).
+#
+#     python demos/walker.py --coarse            # a minute
+#     mpirun -n 2 python demos/walker.py         # the mesh of the figures in docs/demos.md
 
-    python demos/walker.py --coarse
-    python demos/walker.py --coarse --motion crawl
-    python demos/walker.py --coarse --motion crawl --aim stride --design-pressure
-
-Two flat panels, top and bottom, are sewn along an X: a body and four legs along the diagonals. A
-quarter with one leg is designed, by symmetry, at 20 kPa. The leg is to turn down by 90° (stand), or
-by 60° while the body reaches out (crawl); or the stride of the gait is to be long (--aim stride).
-The whole robot is printed. Half of it then walks on the ground, with three chambers that are filled
-and emptied fully, its own weight, friction and contact (docs/walking.md).
-"""
-
-import sys
+# %%
+import argparse
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
-from toros_fem.cli.command_line.scripts import run_scene_script
-from toros_fem.products.walker.walker import WalkerScene
+import toros_fem as tf
+from toros_fem.mechanics.contact.pads import Pads
+from toros_fem.meshes import Star, mirrored, plane_centroids, stand, walker
+from toros_fem.products.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.products.walker.gait import Gait, flat_on_ground, walk_of, write_gait
+from toros_fem.products.walker.walker import chambers
 
-if __name__ == "__main__":
-    sys.exit(run_scene_script(MPI.COMM_WORLD, __doc__, WalkerScene(), Path("output/walker")))
+parser = argparse.ArgumentParser(description="Design a walker that stands up, and let it walk.")
+parser.add_argument(
+    "--coarse", action="store_true", help="a coarse mesh, and feet that are printed"
+)
+parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
+parser.add_argument("--output", type=Path, default=Path("output/walker"), help="its folder")
+given = parser.parse_args()
+comm = MPI.COMM_WORLD
+
+ANGLE, PRESSURE = 90.0, 20e3  # deg, Pa
+star = Star(
+    4, arm_length=0.06, arm_width=0.024, body_radius=0.02, corner_radius=6e-3, angle=np.pi / 4
+)
+edge, radius, foot = (2.8e-3, 4.3e-3, 15e-3) if given.coarse else (1.8e-3, 2.75e-3, 0.0)  # m
+
+# %% [markdown]
+# ## Panels, seams, supports, target
+#
+# The target bends the leg over 3 cm from its root; the rest of it stays straight. A closed skin
+# under pressure needs no force to stay in place: the bottom's centre keeps its height, the planes
+# of symmetry do the rest. On the coarse mesh the feet are printed: few steps leave holes there.
+
+# %%
+pattern = walker(comm, edge, star, planes=(0, 1))
+along = np.append(star.directions[0], 0.0)
+bent = stand(np.radians(ANGLE), 0.03, directions=star.directions[:1], root=star.root)
+sections = leg_cross_sections(
+    pattern, along, star.root, count=6, centreline_weight=0.02, orientation_length=0.03
+)
+composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
+case = tf.Case(
+    pattern,
+    target=bent(pattern.points),
+    supports=rest_on_body(pattern, star.body_radius, (0, 1)),
+    pressure=PRESSURE,
+    composite=composite,
+    parts=[sections],
+    metrics=[tip_angle_metric(ANGLE, along, (0.0, 0.0, -1.0), star.root)],
+    passive=np.where(plane_centroids(pattern) @ along[:2] > star.reach - foot, 1.0, np.nan),
+    # The top is to stretch; without this hint the start does not tell up from down.
+    start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
+    symmetry=(0, 1),
+)
+
+# %% [markdown]
+# ## Design, print, files
+#
+# First the steps are free, then lines and gaps keep a least width (eqs. 13, 14). `toros export
+# FOLDER` writes the files for printer and cutter.
+
+# %%
+first, second = (40, 30) if given.coarse else (60, 40)
+options = tf.DesignOptions(
+    (tf.Stage(first), tf.Stage(second, constrained=True)), min_relative_decrease=0.05
+)
+reporter = tf.DesignReporter(comm, given.output)
+design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
+result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
+printed = tf.as_printed(design, result, tf.PrintLimits(0.6e-3, 0.6e-3), island_area=20e-6)
+summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+
+# %% [markdown]
+# ## The gait
+#
+# Half of the robot, front and rear leg on one side, has three chambers: body, front and rear legs.
+# All are filled, then the legs are emptied, and so on. Full legs draw the rear feet up to the front
+# ones; emptied, they push the front ones ahead.
+
+# %%
+half = mirrored(pattern, (0,)).pattern
+whole = mirrored(half, (1,))
+skin, supports = tf.sew(comm, half), tf.symmetry_plane(half, 1)
+sizes = tf.Contact().sizes(composite)
+start, height = flat_on_ground(comm, half, supports, sizes)
+reach = (half.points[:, :2] @ star.directions.T).max(axis=1)
+solver = tf.EquilibriumSolver(
+    skin,
+    composite,
+    supports,
+    chambers=chambers(half, star),
+    weight=tf.Weight(0.25, 0.25 + 0.6),  # kg/m² of fabric, and of fabric and print
+    contact=tf.Contact(
+        tf.Ground((0.0, 0.0, height)),
+        friction=0.8,
+        pads=Pads(reach > star.reach - 0.015, (1.0, 0.0, 0.0), forward=0.2, backward=0.8),
+    ),
+)
+gait = Gait(("body", "front", "rear"), np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]), steps=8)
+density = printed.cells[: len(half.triangles)].astype(float)[skin.owned_cells]
+pressures = [list(PRESSURE * row) for row in gait.pressure_fractions]
+points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
+walk = walk_of(points, whole, star.directions, height, sizes.thickness / 2 + sizes.distance)
+write_gait(comm, given.output, gait, walk, points, (whole, printed.regions))
+if comm.rank == 0:
+    angle = summary["figures"][0]["value"]
+    print(f"legs by {angle:.1f}° of {ANGLE:g}° as printed; a stride of {1e3 * walk.stride:.1f} mm")
+    print(f"see {given.output}/shape.png and {given.output}/gait.png")

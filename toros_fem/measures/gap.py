@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.base.validation import (
@@ -17,6 +17,7 @@ from toros_fem.base.validation import (
     require_positive,
 )
 from toros_fem.measures.shape import Nodes, require_nodes
+from toros_fem.meshes.pattern import Pattern
 
 SHAPES = ("sphere", "box")
 
@@ -71,6 +72,19 @@ class Body:
         side = np.argmax(over[deep], axis=1)
         gradient[deep] = np.sign(arm[deep]) * np.eye(3)[side]
         return reach + inside - self.radius, gradient
+
+
+def mean_gap(body: Body, pattern: Pattern, positions: Floats, touching: Bools) -> float:
+    """Return the mean distance in m of vertices from a body, inside counted as outside.
+
+    Args:
+        body: The body.
+        pattern: The pattern, whose flat areas are the weights.
+        positions: Positions of all its vertices, (n, 3), in m.
+        touching: Which of them count, (n,).
+    """
+    distance, _ = body.distance(positions[touching])
+    return float(np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
 
 
 class GapObjective:

@@ -45,7 +45,7 @@ def pull_out(
     solver: EquilibriumSolver,
     density: Floats,
     pressure: float | Sequence[float],
-    depths: Sequence[float],
+    depths: Sequence[float] | Floats,
     direction: Sequence[float],
     closed: Floats,
     *,

@@ -28,7 +28,7 @@ from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Posi
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import Figure
-from toros_fem.measures.gap import SHAPES, Body, GapObjective
+from toros_fem.measures.gap import SHAPES, Body, GapObjective, mean_gap
 from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective, Part
 from toros_fem.mechanics.contact.bodies import RigidBody
@@ -441,12 +441,10 @@ def mounted(pattern: Pattern, config: GripperScene) -> Bools:
 
 def gap_metric(config: GripperScene, edge: float) -> Metric:
     """Return the mean distance in mm of the touching strip from the object, inside or outside."""
-    body = config.body
 
     def measure(pattern: Pattern, positions: Floats) -> float:
         touching = touching_vertices(pattern, config, edge)
-        distance, _ = body.distance(positions[touching])
-        return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
+        return 1e3 * mean_gap(config.body, pattern, positions, touching)
 
     return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.object.size)
 

@@ -15,15 +15,23 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import write_table, write_together
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
+from toros_fem.mechanics.contact.opening import opened
+from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.writer import if_plotting
+
+# The ground lies so far below the lowest point of the start, over the distance of contact.
+CLEARANCE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +113,25 @@ class Walk:
     def lost_energy(self) -> float:
         """Work in J over the closed cycle: what friction and snapping turn into heat."""
         return float(self.work.sum())
+
+
+def flat_on_ground(
+    comm: MPI.Comm, pattern: Pattern, supports: Supports, sizes: ContactSizes
+) -> tuple[Floats, float]:
+    """Return a flat robot as it lies on the ground, and the height of the ground (collective).
+
+    Args:
+        comm: Communicator.
+        pattern: The robot, or a part of it.
+        supports: Its symmetry planes.
+        sizes: Sizes of its contact.
+
+    Returns:
+        Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
+        ground that the lowest of them nearly touch.
+    """
+    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
+    return start, float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
 
 
 def walk_of(

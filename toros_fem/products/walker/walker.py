@@ -29,12 +29,10 @@ from toros_fem.base.keys import (
     Table,
     key,
 )
-from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
-from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -60,6 +58,7 @@ from toros_fem.products.walker.gait import (
     Gait,
     GaitFigures,
     Walk,
+    flat_on_ground,
     gait_figures,
     walk_of,
     write_gait,
@@ -79,8 +78,6 @@ PHASES = {
 }
 # Part of the shape in the objective of a stride: it tells down from up.
 SHAPE_IN_STRIDE = 0.1
-# The ground lies so far below the lowest point of the start, over the distance of contact.
-CLEARANCE = 0.5
 DOWN = (0.0, 0.0, -1.0)
 # Fig. 10 of the paper: distance in m by which the crawling robot gets ahead in a cycle.
 MEASURED_STRIDE = ("paper, measured", 0.025)
@@ -410,8 +407,7 @@ def follow_gait(
     """
     skin, supports, star = sew(comm, pattern), symmetry_plane(pattern, 1), config.star
     sizes = contact_of(pattern, config, 0.0).sizes(config.material.composite)
-    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
-    height = float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
+    start, height = flat_on_ground(comm, pattern, supports, sizes)
     solver = EquilibriumSolver(
         skin,
         config.material.composite,
