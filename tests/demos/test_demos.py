@@ -1,0 +1,147 @@
+"""Each demo beside the scene of the same name: the same model, options and first two steps."""
+
+import re
+import runpy
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+import toros_fem as tf
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.relaxed.find import find_lines
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.products.tubes.inflate import METRICS
+from toros_fem.products.tubes.tube import plain_planes, plain_tube
+
+
+class Model(NamedTuple):
+    """What a demo is made of: its numbers, what must be equal, and figures of its first steps."""
+
+    numbers: dict[str, Any]
+    settings: Any
+    figures: list[float]
+
+
+class Ended(Exception):
+    """The end of a script, with its model."""
+
+
+def model(solver: Any, settings: Any, figures: list[float], **numbers: Any) -> Model:
+    pattern, supports = solver.skin.pattern, solver.model.supports
+    numbers |= {"points": pattern.points, "flat": pattern.flat_points, "normals": supports.normals}
+    numbers |= {"fixed": supports.fixed, "guided": supports.guided, "faces": pattern.triangles}
+    return Model(numbers, (solver.model.composite, settings), figures)
+
+
+def of_problem(problem: Any, settings: Any, history: Any) -> Model:
+    given = {"target": problem.target, "density": problem.passive, "pressure": problem.pressures}
+    return model(problem.solver, (settings, problem.pressure_bounds, problem.regularisation),
+                 [row.objective for row in history], **given)  # fmt: skip
+
+
+def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    two = replace(options, stages=(replace(options.stages[0], iterations=2),))
+    return of_problem(problem, options, optimize(problem, two, seed=seed).history)
+
+
+def levels(problems: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    return densities(next(iter(problems)), options[0], seed=seed)
+
+
+def lines(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    found = find_lines(problem, replace(options, iterations=(2, 1)), seed=seed)
+    return of_problem(problem, options, found.history)
+
+
+def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:
+    points = islice(trace(solver, density, pressures, metrics), 3)
+    figures = [value for point in points for value in point.metrics.values()]
+    return model(solver, None, figures, density=density, pressures=pressures)
+
+
+def scene_levels(comm: MPI.Comm, scene: Any) -> Model:
+    level = scene.levels[0]
+    problem = scene.problem(comm, scene.case(comm, level), level)
+    return densities(problem, scene.options[0], seed=scene.design.seed)
+
+
+def scene_lines(comm: MPI.Comm, scene: Any) -> Model:
+    level = scene.relaxed_level
+    problem = scene.problem(comm, scene.case(comm, level), level)
+    return lines(problem, scene.relaxed_options, seed=scene.design.seed)
+
+
+def scene_path(comm: MPI.Comm, scene: Any) -> Model:
+    planes = plain_planes(scene.material.seams)
+    pattern, supports, density = plain_tube(comm, scene.skin, planes)
+    skin = tf.sew(comm, pattern)
+    solver = tf.EquilibriumSolver(skin, scene.material.composite, supports)
+    metrics = [metric.of_whole(planes) for metric in METRICS]
+    return path(solver, density[skin.owned_cells], scene.pressures, metrics)
+
+
+# The public function that a demo comes to first, what two of its steps are, and the scene's.
+DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
+    "bend": ("optimize_levels", levels, scene_levels),
+    "contract": ("find_lines", lines, scene_lines),
+    "twist": ("find_lines", lines, scene_lines),
+    "bend_twist": ("find_lines", lines, scene_lines),
+    "own_design": ("optimize", densities, scene_levels),
+    "inflate": ("trace", path, scene_path),
+}
+
+
+def compare(comm: MPI.Comm, name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry, steps, of_scene = DEMOS[name]
+
+    def end(*given: Any, **named: Any) -> None:
+        raise Ended(steps(*given, **named))
+
+    monkeypatch.setattr(tf, entry, end)
+    monkeypatch.setattr(sys, "argv", [name, "--coarse", "--output", str(shared(comm, folder))])
+    with pytest.raises(Ended) as ended:
+        runpy.run_path(str(ROOT / "demos" / f"{name}.py"), run_name="__main__")
+    file = read_scene(ROOT / "demos" / "scenes" / f"{name}.toml", coarse=True)
+    scene: Any = file.config
+    if file.files:
+        scene = scene.with_files(comm, file.files)
+    found, expected = ended.value.args[0], of_scene(comm, scene)
+    assert found.numbers.keys() == expected.numbers.keys()
+    for key, value in expected.numbers.items():
+        np.testing.assert_allclose(found.numbers[key], value, 1e-9, 1e-12, err_msg=key)
+    assert found.settings == expected.settings
+    assert len(found.figures) > 2
+    assert found.figures == pytest.approx(expected.figures, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", list(DEMOS))
+def test_is_its_scene(
+    alone: MPI.Comm, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare(alone, name, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["bend", "contract"])
+def test_on_all_ranks(
+    comm: MPI.Comm, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if comm.size > 1:
+        compare(comm, name, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("name", [*DEMOS, "three_field"])
+def test_is_a_short_script_with_three_options(name: str) -> None:
+    text = (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
+    assert re.findall(r'"--(.*?)"', text) == ["coarse", "seed", "output"]
+    if name in DEMOS:
+        assert text.startswith("# %% [markdown]\n# # ")
+        assert len(text.splitlines()) <= 130
