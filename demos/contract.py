@@ -14,8 +14,8 @@
 #     T = ½ Σᵢ wᵢ |x̄ᵢ − x̄ᵢ*|² + vᵢ |Rᵢ − Rᵢ*|²  +  share of the lines,
 #
 # of their mean places x̄ᵢ and rotations Rᵢ: all of them stay square to the axis. Lines of printable
-# width are then laid along the families, cleaned and inflated. What the print misses is asked for on
-# top. The default materials allow little more than 8 % (docs/limits.md).
+# width are then laid along the families, cleaned and inflated. What the print misses is asked for
+# on top. The default materials allow little more than 8 % (docs/limits.md).
 #
 #     python demos/contract.py --coarse        # a minute or two
 #     mpirun -n 2 python demos/contract.py --coarse

@@ -2,8 +2,8 @@
 # # A tube without reinforcement (paper Fig. 8a)
 #
 # Inflated, a plain tube of fabric swells and lengthens, then saturates: up to some kPa the fabric
-# stretches more and more, and above about 10 kPa it is close to its stretch bounds. At each pressure
-# p the stable equilibrium x is a minimum of
+# stretches more and more, and above about 10 kPa it is close to its stretch bounds. At each
+# pressure p the stable equilibrium x is a minimum of
 #
 #     E(x) = ∫ ψ_fabric(F) dA + W_bend(x) − p V(x),        F = ∂x/∂X         (eqs. 1-10)
 #
@@ -38,8 +38,8 @@ edge, levels = (2.8e-3, 20) if given.coarse else (1.4e-3, 40)
 # %% [markdown]
 # ## Panels, seams, supports, materials
 #
-# The wall is one flat panel, rolled up and sewn along a line; the end caps are two discs, printed all
-# over. The tube is symmetric about x = 0 and y = 0, so a quarter of it is enough; lengths and radii
+# The wall is one flat panel, rolled up and sewn along a line; the end caps are two discs, printed
+# all over. The tube is symmetric about x = 0 and y = 0, so a quarter of it is enough; lengths and radii
 # are those of the whole. The end z = 0 is clamped.
 
 # %%
@@ -86,6 +86,4 @@ radii = {point.result.pressure: point.metrics["radius_percent"] for point in poi
 half, last = radii[SATURATED], radii[HIGHEST]
 if comm.rank == 0:
     growth = 100 * (last - half) / (half - radii[0.0])
-    print(
-        f"Above 10 kPa the radius grows by {growth:.0f} % of its growth below; see {given.output}/"
-    )
+    print(f"Above 10 kPa the radius grows by {growth:.0f} % of that below; see {given.output}/")

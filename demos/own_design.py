@@ -12,9 +12,9 @@
 #
 #     E(x; ρ, p) = W_stretch(x; ρ) + W_bend(x; ρ) − p V(x)                  (eqs. 1-10)
 #
-# and lines and gaps keep a least width in the second stage (eqs. 11-14). Copy this script and change
-# what differs in your case: every step is one call. `demos/scenes/own_design.toml` is the same
-# design without a script; there `[skin] symmetry` designs half a symmetric body, and
+# and lines and gaps keep a least width in the second stage (eqs. 11-14). Copy this script and
+# change what differs in your case: every step is one call. `demos/scenes/own_design.toml` is the
+# same design without a script; there `[skin] symmetry` designs half of a symmetric body, and
 # `examples/finger.toml` shows more.
 #
 #     python demos/own_design.py --coarse      # a minute
@@ -35,9 +35,7 @@ FILE = Path(__file__).parent / "surfaces" / "finger.stl"
 parser = argparse.ArgumentParser(description="Design the print of a skin from a mesh file.")
 parser.add_argument("--coarse", action="store_true", help="half the steps, on the same mesh")
 parser.add_argument("--seed", type=int, default=0, help="seed of the random start")
-parser.add_argument(
-    "--output", type=Path, default=Path("output/own_design"), help="folder of files"
-)
+parser.add_argument("--output", type=Path, default=Path("output/own_design"), help="folder")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A tube that twists (paper Fig. 8d)
 #
-# Inflated, the end of the tube turns by 300° about the axis. From noise, densities of such a tube end
-# in traps. So the design begins with a relaxed material: in each triangle two families of fine
+# Inflated, the end of the tube turns by 300° about the axis. From noise, densities of such a tube
+# end in traps. So the design begins with a relaxed material: in each triangle two families of fine
 # stiff lines with shares s₁, s₂ and directions t₁, t₂. Their energy per flat area,
 #
 #     f(s) ψ_fabric(F) + Σ sₖ ½ E h (|F dₖ| − 1)²,        dₖ = (cos tₖ, sin tₖ),

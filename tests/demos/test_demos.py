@@ -31,7 +31,7 @@ class Model(NamedTuple):
     figures: list[float]
 
 
-class Ended(Exception):
+class EndedError(Exception):
     """The end of a script, with its model."""
 
 
@@ -104,11 +104,11 @@ def compare(comm: MPI.Comm, name: str, folder: Path, monkeypatch: pytest.MonkeyP
     entry, steps, of_scene = DEMOS[name]
 
     def end(*given: Any, **named: Any) -> None:
-        raise Ended(steps(*given, **named))
+        raise EndedError(steps(*given, **named))
 
     monkeypatch.setattr(tf, entry, end)
     monkeypatch.setattr(sys, "argv", [name, "--coarse", "--output", str(shared(comm, folder))])
-    with pytest.raises(Ended) as ended:
+    with pytest.raises(EndedError) as ended:
         runpy.run_path(str(ROOT / "demos" / f"{name}.py"), run_name="__main__")
     file = read_scene(ROOT / "demos" / "scenes" / f"{name}.toml", coarse=True)
     scene: Any = file.config
