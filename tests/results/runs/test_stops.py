@@ -20,18 +20,19 @@ pytestmark = [
 ]
 
 OPTIONS = {
-    "length": "0.05", "angle": "40", "edge-length": "6e-3", "filter-radius": "9.1e-3",
-    "levels": "1", "iterations": "4", "constrained-iterations": "1", "polish-iterations": "0",
-    "corrections": "0", "curve-pressure": "none",
+    "length": "0.05", "angle": "40", "edge_length": "6e-3", "filter_radius": "9.1e-3",
+    "levels": "1", "iterations": "4", "constrained_iterations": "1", "polish_iterations": "0",
+    "corrections": "0", "curve_pressure": "none", "estimate_error": "false",
 }  # fmt: skip
 ROWS = 7  # of a whole run: two stages, each with its start
 
 
 def start(folder: Path, *more: str, ranks: int = 1) -> subprocess.Popen[str]:
-    words = [word for name, value in OPTIONS.items() for word in (f"--{name}", value)]
+    words = [word for key, value in OPTIONS.items() for word in ("--set", f"{key}={value}")]
     python = [sys.executable] if ranks == 1 else ["mpirun", "-n", str(ranks), sys.executable]
     return subprocess.Popen(
-        [*python, "demos/bend.py", "--output", str(folder), "--no-estimate-error", *words, *more],
+        [*python, "-m", "toros_fem", "design", "demos/scenes/bend.toml", "--output", str(folder),
+         *words, *more],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -103,7 +104,7 @@ def test_a_signal_ends_the_step_and_a_line_says_how_to_go_on(tmp_path: Path, who
 
 def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
     """In the middle of a solve; design and pattern are on disk."""
-    process = start(tmp_path, "--estimate-error")
+    process = start(tmp_path, "--set", "estimate_error=true")
     rows = 0
     while rows < ROWS:
         rows += is_row(process.stdout.readline())
