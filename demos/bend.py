@@ -75,11 +75,11 @@ def case(edge: float, angle: float = ANGLE) -> tf.Case:
 # %% [markdown]
 # ## Design from coarse to fine
 #
-# On the first mesh 60 steps are free, and 40 have the constraints on widths. Each finer mesh goes on
-# with 10 small steps.
+# On the first mesh 60 steps are free, and 40 have the constraints on widths. Each finer mesh goes
+# on with 10 small steps.
 
 # %%
-edges = [2.8e-3] if given.coarse else [2.8e-3, 1.4e-3]
+edges, radius = ([2.8e-3], 4.4e-3) if given.coarse else ([2.8e-3, 1.4e-3], 2.15e-3)
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))
 start = tf.DesignOptions(stages, min_relative_decrease=0.05)
@@ -93,7 +93,7 @@ finer = tf.DesignOptions(
 
 def problem(edge: float) -> tf.ShapeDesign:
     """Return the design problem on a mesh; the radius of the filter follows its edges."""
-    rules = tf.Regularisation(2.15e-3 * edge / 1.4e-3, perimeter_weight=1e-4)
+    rules = tf.Regularisation(radius * edge / edges[-1], perimeter_weight=1e-4)
     return tf.ShapeDesign(comm, case(edge), rules)
 
 

@@ -14,8 +14,8 @@
 #     T = ½ Σᵢ wᵢ |x̄ᵢ − x̄ᵢ*|² + vᵢ |Rᵢ − Rᵢ*|²  +  0.003 · mean of s₁ + s₂
 #
 # Lines of printable width are laid along the families, cleaned and inflated. Half of what their
-# print misses is asked for on top, of both angles. A few lines along the tube make the bend, and one
-# line more moves it by 10°. So later rounds keep the number of lines, and the best print counts.
+# print misses is asked for on top, of both angles. A few lines along the tube make the bend: one
+# more moves it by 10°. So later rounds keep the number of lines, and the best print counts.
 #
 #     python demos/bend_twist.py --coarse      # one to three minutes
 #     mpirun -n 2 python demos/bend_twist.py --coarse

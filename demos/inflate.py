@@ -39,8 +39,8 @@ edge, levels = (2.8e-3, 20) if given.coarse else (1.4e-3, 40)
 # ## Panels, seams, supports, materials
 #
 # The wall is one flat panel, rolled up and sewn along a line; the end caps are two discs, printed
-# all over. The tube is symmetric about x = 0 and y = 0, so a quarter of it is enough; lengths and radii
-# are those of the whole. The end z = 0 is clamped.
+# all over. The tube is symmetric about x = 0 and y = 0, so a quarter of it is enough; lengths and
+# radii are those of the whole. The end z = 0 is clamped.
 
 # %%
 planes = (0, 1)

@@ -44,12 +44,17 @@ def model(solver: Any, settings: Any, figures: list[float], **numbers: Any) -> M
 
 def of_problem(problem: Any, settings: Any, history: Any) -> Model:
     given = {"target": problem.target, "density": problem.passive, "pressure": problem.pressures}
-    return model(problem.solver, (settings, problem.pressure_bounds, problem.regularisation),
-                 [row.objective for row in history], **given)  # fmt: skip
+    rules = problem.regularisation
+    window = rules.perimeter_window or rules.filter_radius
+    rules = replace(rules, perimeter_window=window)
+    figures = [row.objective for row in history]
+    return model(problem.solver, (settings, problem.pressure_bounds, rules), figures, **given)
 
 
 def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
     two = replace(options, stages=(replace(options.stages[0], iterations=2),))
+    # Nothing else tells robust stages from others: no demo has a tolerance of widths.
+    options = replace(options, stages=tuple(replace(s, robust=True) for s in options.stages))
     return of_problem(problem, options, optimize(problem, two, seed=seed).history)
 
 
