@@ -98,7 +98,7 @@ for _ in range(5):
     if comm.rank == 0:
         lines = tf.lay_lines(field, widths, printed=caps, like=lines)
     lines = comm.bcast(lines, root=0)
-    fine = problem(print_edge, asked, lines)
+    fine = problem(print_edge, AIMS, lines)
     near = (field.pattern, relaxed.positions)
     printed = tf.printed_lines(
         fine, lines.pattern, lines.regions, limits, island_area=20e-6, near=near

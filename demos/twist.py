@@ -89,7 +89,7 @@ for _ in range(4):
     lines = comm.bcast(
         tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 else None, root=0
     )
-    fine = problem(print_edge, asked, lines)
+    fine = problem(print_edge, TWIST, lines)
     near = (field.pattern, relaxed.positions)
     printed = tf.printed_lines(
         fine, lines.pattern, lines.regions, limits, island_area=20e-6, near=near
