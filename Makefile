@@ -25,9 +25,9 @@ lint:
 	cp -r toros_fem tests demos benchmarks build/typed
 	cp -r forms meshes build/typed/toros_fem # as installed: mypy does not follow __path__
 	cd build/typed && "$(CURDIR)/$(FENICSX)" python3 -m mypy --config-file "$(CURDIR)/pyproject.toml" \
-		--cache-dir "$(CURDIR)/.mypy_cache" -p toros_fem -p demos
+		--cache-dir "$(CURDIR)/.mypy_cache" -p toros_fem
 	cd build/typed && "$(CURDIR)/$(FENICSX)" env MYPYPATH=.:tests python3 -m mypy \
-		--config-file "$(CURDIR)/pyproject.toml" --cache-dir "$(CURDIR)/.mypy_cache" --no-strict-optional tests
+		--config-file "$(CURDIR)/pyproject.toml" --cache-dir "$(CURDIR)/.mypy_cache" --no-strict-optional demos tests
 
 docs:
 	$(FENICSX) python3 -m sphinx -q --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs

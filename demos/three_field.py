@@ -16,9 +16,8 @@ The demo writes a table, `three_field.json`, a strip of all prints, `three_field
 
 from __future__ import annotations
 
-import sys
+import argparse
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,6 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.designer import design_actuator
@@ -95,18 +93,13 @@ def run(
     comm: MPI.Comm,
     output: Path | str,
     config: ThreeFieldScene | None = None,
-    files: Mapping[str, Path] | None = None,
-    *,
-    verbose: bool = False,
-) -> str:
-    """Design all variants and write table and picture strip; return a sentence.
+) -> None:
+    """Design all variants and write table and picture strip.
 
     Args:
         comm: Communicator.
         output: Folder for table and picture strip, and a folder for each variant.
         config: Numbers of this comparison; None takes the defaults.
-        files: It takes none.
-        verbose: Whether to print every Newton step.
     """
     output, config = Path(output), config or ThreeFieldScene()
     rows: list[dict[str, Any]] = []
@@ -118,7 +111,7 @@ def run(
         with warnings.catch_warnings():
             # The radius of the first variant is too small on purpose.
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
-            made = design_actuator(comm, folder, variant, verbose=verbose).made
+            made = design_actuator(comm, folder, variant).made
         rows.append(row(name, made))
         pattern, printed, design = made.printed.pattern, made.printed, made.design
         wall = printed.contours[pattern.panel_index("wall")]
@@ -143,7 +136,6 @@ def run(
         plot_variants(path, pattern, "wall", [named[name] for name in WITHOUT_AND_WITH])
 
     write_pictures(comm, output, {"fig4.png": draw_fields, "fig5.png": draw_pairs})
-    return f"{len(rows)} variants designed"
 
 
 def row(name: str, found: PrintedResult) -> dict[str, Any]:
@@ -203,12 +195,12 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(
-        run_from_command_line(
-            MPI.COMM_WORLD,
-            __doc__,
-            ThreeFieldScene(),
-            run,
-            Path("output/three_field"),
-        )
+    parser = argparse.ArgumentParser(description="Compare six designs of a bending tube.")
+    parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
+    parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
+    parser.add_argument(
+        "--output", type=Path, default=Path("output/three_field"), help="folder of the files"
     )
+    given = parser.parse_args()
+    scene = ThreeFieldScene().coarse() if given.coarse else ThreeFieldScene()
+    run(MPI.COMM_WORLD, given.output, scene.updated(seed=given.seed))

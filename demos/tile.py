@@ -15,8 +15,8 @@
 #     1/s* = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².
 #
 # Profiles have many local minima: several random families of lines, and long waves, are tried. The
-# two best go on, on finer meshes and with less grey. What the print misses of the target is asked
-# for on top (docs/tiles.md).
+# two best go on, on finer meshes and with less grey. What a print misses is added to the target
+# of a last design (docs/tiles.md).
 #
 #     python demos/tile.py --coarse            # two minutes
 #     mpirun -n 2 python demos/tile.py         # ranks share the directions

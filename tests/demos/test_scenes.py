@@ -25,7 +25,7 @@ def test_every_demo_is_a_scene() -> None:
 
 
 @pytest.mark.parametrize("name", list(CONFIGS))
-def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
+def test_scene_has_the_defaults_of_its_kind(name: str) -> None:
     path, (config, coarse) = FOLDER / f"{name}.toml", CONFIGS[name]
     found = read_scene(path)
     assert found.config == config

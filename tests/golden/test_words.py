@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import runpy
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
 import pytest
-from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.base.scene import Scene
@@ -19,8 +16,6 @@ from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.commands.main import COMMANDS, run
 from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
 from toros_fem.products.kinds import ABOUT, KINDS
-
-DEMOS = sorted((ROOT / "demos").glob("*.py"))
 
 
 @pytest.fixture
@@ -89,19 +84,13 @@ def test_commands(parser_of: Callable[..., Any], pinned: Callable[..., None]) ->
 
 
 def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
-    """What `--help` says about each command and demo, and about each of its options."""
+    """What `--help` says about each command, and about each of its options."""
     toros = parser_of(run, MPI.COMM_SELF, [])
     found: dict[str, Any] = {"toros": plain(toros.description), **helps("toros", toros)}
     for name, parser in commands(parser_of):
         found[f"toros {name}"] = plain(parser.description)
         found[f"toros {name}: examples"] = list(COMMANDS[name].EXAMPLES)
         found |= helps(f"toros {name}", parser)
-    for path in DEMOS:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "argv", [path.name])
-            parser = parser_of(runpy.run_path, str(path), run_name="__main__")
-        found[path.name] = plain(parser.description)
-        found |= helps(path.name, parser)
     pinned("help_texts", found)
 
 

@@ -1,4 +1,4 @@
-"""The bending tube as a script and a function: what cannot be written or held loses nothing."""
+"""The bending tube as a function: what cannot be written or held loses nothing."""
 
 from pathlib import Path
 

@@ -159,10 +159,10 @@ def discover(
 ) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
-    The relaxed design is laid as lines, which are simulated as printed. What the print misses by
-    far is asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a
-    relaxed design costs a fraction of a simulated print. What it misses by little is mended by the
-    widths of its lines (`mended_widths`). Where a target is in no field of the scene
+    The relaxed design is laid as lines, which are simulated as printed. Where the print
+    misses by far, the next relaxed design asks for more (space mapping, Bandler et al. 1994): it
+    costs a fraction of a simulated print. The widths of the lines take away a small miss
+    (`mended_widths`). Where a target is in no field of the scene
     (`TARGETS`), there is one round only.
 
     Args:

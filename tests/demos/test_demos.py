@@ -1,0 +1,189 @@
+"""Each demo beside the scene of the same name: the same model, options and first two steps."""
+
+import re
+import runpy
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+import toros_fem as tf
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.relaxed.find import find_lines
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tile_design.tile import tile_case
+from toros_fem.products.tiles import pulled_sheet
+from toros_fem.products.tiles.pull_test import pull_sheet
+from toros_fem.products.tubes.inflate import METRICS
+from toros_fem.products.tubes.tube import plain_planes, plain_tube
+
+# Numbers by name, what must be equal, and figures of the first steps.
+Model = tuple[dict[str, Any], Any, list[float]]
+
+
+class EndedError(Exception):
+    """The end of a script, with its model."""
+
+
+def model(solver: Any, settings: Any, figures: list[float], **numbers: Any) -> Model:
+    pattern, supports = solver.skin.pattern, solver.model.supports
+    numbers |= {"points": pattern.points, "flat": pattern.flat_points, "normals": supports.normals}
+    numbers |= {"fixed": supports.fixed, "guided": supports.guided, "faces": pattern.triangles}
+    return (numbers, (solver.model.composite, settings), figures)
+
+
+def of_problem(problem: Any, settings: Any, history: Any) -> Model:
+    given = {"target": problem.target, "density": problem.passive, "pressure": problem.pressures}
+    rules = problem.regularisation
+    window = rules.perimeter_window or rules.filter_radius
+    rules = replace(rules, perimeter_window=window)
+    figures = [row.objective for row in history]
+    return model(problem.solver, (settings, problem.pressure_bounds, rules), figures, **given)
+
+
+def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    two = replace(options, stages=(replace(options.stages[0], iterations=2),))
+    # Nothing else tells robust stages from others: no demo has a tolerance of widths.
+    options = replace(options, stages=tuple(replace(s, robust=True) for s in options.stages))
+    return of_problem(problem, options, optimize(problem, two, seed=seed).history)
+
+
+def levels(problems: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    return densities(next(iter(problems)), options[0], seed=seed)
+
+
+def lines(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
+    found = find_lines(problem, replace(options, iterations=(2, 1)), seed=seed)
+    return of_problem(problem, options, found.history)
+
+
+def tile(comm: MPI.Comm, case: Any, scene: Any, _: Any = None) -> Model:
+    meshes = [of.pattern.points for of in (case.tile, case.coarse, case.fine)]
+    numbers = {f"mesh_{k}": points for k, points in enumerate(meshes)}
+    numbers |= {"angles": case.angles, "stiffness": case.objective.stiffness}
+    settings = case.symmetry, scene.material, scene.pull, scene.design, scene.print
+    problem = tile_problem(comm, replace(case, tile=case.coarse), scene)
+    two = optimize(problem, tf.DesignOptions((tf.Stage(2),)), seed=scene.design.seed)
+    return numbers, settings, [row.objective for row in two.history]
+
+
+def sheet(comm: MPI.Comm, of: Any, mesh: Any, printed: Any, strains: Any, _: Any = None) -> Model:
+    numbers = {"points": of.pattern.points, "tile": mesh.pattern.points, "strains": strains}
+    numbers |= {"printed": printed.printed, "cell": of.cell}
+    found = pull_sheet(comm, of, mesh, printed, strains[:2])
+    return numbers, printed.composite, [*found.test.curve.stiffness, *found.predicted.stiffness]
+
+
+def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:
+    points = islice(trace(solver, density, pressures, metrics), 3)
+    figures = [value for point in points for value in point.metrics.values()]
+    return model(solver, None, figures, density=density, pressures=pressures)
+
+
+def scene_levels(comm: MPI.Comm, scene: Any) -> Model:
+    problem = scene.problem(comm, scene.case(comm, scene.levels[0]), scene.levels[0])
+    return densities(problem, scene.options[0], seed=scene.design.seed)
+
+
+def scene_lines(comm: MPI.Comm, scene: Any) -> Model:
+    problem = scene.problem(comm, scene.case(comm, scene.relaxed_level), scene.relaxed_level)
+    return lines(problem, scene.relaxed_options, seed=scene.design.seed)
+
+
+def scene_path(comm: MPI.Comm, scene: Any) -> Model:
+    planes = plain_planes(scene.material.seams)
+    pattern, supports, density = plain_tube(comm, scene.skin, planes)
+    skin = tf.sew(comm, pattern)
+    solver = tf.EquilibriumSolver(skin, scene.material.composite, supports)
+    metrics = [metric.of_whole(planes) for metric in METRICS]
+    return path(solver, density[skin.owned_cells], scene.pressures, metrics)
+
+
+def scene_tile(comm: MPI.Comm, scene: Any) -> Model:
+    return tile(comm, tile_case(comm, scene), scene)
+
+
+def scene_sheet(comm: MPI.Comm, scene: Any) -> Model:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pulled_sheet, "pull_sheet", ending(sheet))
+        with pytest.raises(EndedError) as ended:
+            scene.run_simulation(comm, "unused")
+    return ended.value.args[0]
+
+
+def ending(steps: Callable[..., Model]) -> Callable[..., None]:
+    """Return a function that ends its caller by the model that it is given."""
+
+    def end(*given: Any, **named: Any) -> None:
+        raise EndedError(steps(*given, **named))
+
+    return end
+
+
+# The public function that a demo comes to first, what two of its steps are, and the scene's.
+DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
+    "bend": ("optimize_levels", levels, scene_levels),
+    "contract": ("find_lines", lines, scene_lines),
+    "twist": ("find_lines", lines, scene_lines),
+    "bend_twist": ("find_lines", lines, scene_lines),
+    "own_design": ("optimize", densities, scene_levels),
+    "inflate": ("trace", path, scene_path),
+    "walker": ("optimize_levels", levels, scene_levels),
+    "gripper": ("optimize_levels", levels, scene_levels),
+    "tile": ("products.tile_design.search.design_tile", tile, scene_tile),
+    "tile_sheet": ("products.tiles.pull_test.pull_sheet", sheet, scene_sheet),
+}
+ON_RANKS = ["bend", "contract"]
+
+
+def compare(comm: MPI.Comm, name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entry, steps, of_scene = DEMOS[name]
+
+    monkeypatch.setattr(f"toros_fem.{entry}", ending(steps))
+    monkeypatch.setattr(sys, "argv", [name, "--coarse", "--output", str(shared(comm, folder))])
+    with pytest.raises(EndedError) as ended:
+        runpy.run_path(str(ROOT / "demos" / f"{name}.py"), run_name="__main__")
+    file = read_scene(ROOT / "demos" / "scenes" / f"{name}.toml", coarse=True)
+    scene: Any = file.config
+    if file.files:
+        scene = scene.with_files(comm, file.files)
+    (found, settings, figures), expected = ended.value.args[0], of_scene(comm, scene)
+    assert found.keys() == expected[0].keys()
+    for key, value in expected[0].items():
+        np.testing.assert_allclose(found[key], value, 1e-9, 1e-12, err_msg=key)
+    assert settings == expected[1]
+    assert len(figures) >= 2
+    assert figures == pytest.approx(expected[2], rel=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in DEMOS if name not in ON_RANKS])
+def test_is_its_scene(
+    alone: MPI.Comm, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare(alone, name, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ON_RANKS)
+def test_on_all_ranks(
+    comm: MPI.Comm, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare(comm, name, tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize("name", [*DEMOS, "three_field"])
+def test_is_a_short_script_with_three_options(name: str) -> None:
+    text = (ROOT / "demos" / f"{name}.py").read_text(encoding="utf-8")
+    seeds = [] if name == "tile_sheet" else ["seed"]  # nothing is random there
+    assert re.findall(r'"--(.*?)"', text) == ["coarse", *seeds, "output"]
+    if name in DEMOS:
+        assert text.startswith("# %% [markdown]\n# # ")
+        assert len(text.splitlines()) <= 130
