@@ -23,7 +23,6 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.meshes import bend, cylinder, mirrored
 
 parser = argparse.ArgumentParser(description="Design a tube that bends when it is inflated.")
@@ -85,7 +84,7 @@ finer = tf.DesignOptions(
     (tf.Stage(10, constrained=True),),
     min_relative_decrease=0.05,
     pressure_move=0.02,
-    mma=MMAOptions(move=0.05),
+    mma=tf.MMAOptions(move=0.05),
 )
 
 

@@ -6,7 +6,8 @@ import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
-from toros_fem.materials.library import MATERIAL_KINDS, LibraryMaterial, read_library
+from toros_fem.materials.library.files import read_library
+from toros_fem.materials.library.material import MATERIAL_KINDS, LibraryMaterial
 from toros_fem.materials.library.table import HEADER, TITLES, row, sentence
 
 PAGE = Path(__file__).parent / "materials.md"

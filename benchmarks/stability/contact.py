@@ -24,8 +24,10 @@ from toros_fem.base.errors import TorosError
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_sphere
+from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.motion import placed
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, finger, sew

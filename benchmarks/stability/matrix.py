@@ -26,7 +26,7 @@ from benchmarks.stability.scenes import (
     neighbour,
 )
 from toros_fem.base.errors import TorosError
-from toros_fem.mechanics.contact import Contact
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import (
     EquilibriumError,

@@ -1,4 +1,4 @@
-"""Directive that documents every public name of a room, each name once on the whole site."""
+"""Directive that documents the public names of modules, each name once on the whole site."""
 
 from __future__ import annotations
 
@@ -49,7 +49,9 @@ def public_names(module: str) -> list[str]:
         names = [
             name
             for name, thing in vars(room).items()
-            if not name.startswith("_") and getattr(thing, "__module__", None) == module
+            if getattr(thing, "__module__", None) == module
+            and name[0] != "_"
+            and kind_of(thing) != "data"
         ]
     return [n for n in names if not n.startswith("__") and not inspect.ismodule(getattr(room, n))]
 
@@ -63,17 +65,28 @@ def qualified(module: str, name: str) -> str:
 
 
 class PublicNames(SphinxDirective):
-    """Document the names of the module given as the argument."""
+    """Document the names of a module, or of the modules in the content, which a room has."""
 
     required_arguments = 1
+    has_content = True
     option_spec: ClassVar = {}
 
     def run(self) -> list[nodes.Node]:
-        """Return the nodes of all names, in the order of `__all__`."""
-        module = self.arguments[0]
-        room = importlib.import_module(module)
+        """Return the nodes of all names, module by module."""
+        room = self.arguments[0]
+        parts = " ".join(self.content).split()
+        modules = [f"{room}.{part}" for part in parts] or [room]
+        lines = [line for module in modules for line in self.lines(module)]
+        block = StringList(["```{eval-rst}", *lines, "```"], source=room)
+        parent = nodes.Element()
+        parent.document = self.state.document
+        nested_parse_with_titles(self.state, block, parent)
+        return parent.children
+
+    def lines(self, module: str) -> list[str]:
+        """Return the text of all names of a module, in the order of `__all__` or of their code."""
+        room, lines = importlib.import_module(module), []
         self.env.note_dependency(str(room.__file__))
-        lines: list[str] = []
         for name in public_names(module):
             kind, place = kind_of(getattr(room, name)), qualified(module, name)
             if kind == "data":
@@ -82,11 +95,7 @@ class PublicNames(SphinxDirective):
                 continue
             directive, options = DIRECTIVES[kind]
             lines += [f".. {directive}:: {place}", *options, ""]
-        block = StringList(["```{eval-rst}", *lines, "```"], source=module)
-        parent = nodes.Element()
-        parent.document = self.state.document
-        nested_parse_with_titles(self.state, block, parent)
-        return parent.children
+        return lines
 
 
 def setup(app: Any) -> dict[str, Any]:

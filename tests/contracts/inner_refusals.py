@@ -37,17 +37,27 @@ from contracts.refusals import (
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import offset_thresholds, threshold_for_width
 from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
-from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines, widened
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines, widened
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.starts import best_start
-from toros_fem.design.mma import MMA
+from toros_fem.design.mma.optimizer import MMA
 from toros_fem.design.relaxed.smoothing import Smoothing
-from toros_fem.making.panels import ManufactureOptions, bladder_drawings, panel_drawings, sewn_seams
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.bladder import bladder_drawings
+from toros_fem.making.panels.panel_drawing import panel_drawings
+from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.contours import printed_region
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
-from toros_fem.making.sheets import nest, print_body
+from toros_fem.making.sheets.placement import nest
+from toros_fem.making.sheets.print_bodies import print_body
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.measures.cross_sections import (
@@ -56,20 +66,19 @@ from toros_fem.measures.cross_sections import (
     label_cross_sections,
 )
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.mechanics.contact import (
-    Contact,
-    Ground,
-    Pads,
-    RigidBody,
-    rigid_box,
-    rigid_cylinder,
-    rigid_sphere,
-)  # fmt: skip
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.friction import Coulomb
+from toros_fem.mechanics.contact.pads import Pads
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
+from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls
+from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.load_case import LoadCase
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -269,7 +278,7 @@ OUTLINES: Table = {
     ),
     "transfer of 3 values": lambda s: make_transfer(SHEET, SHEET).at_cells(np.zeros(3)),
     "transfer between moulded skins": lambda s: make_transfer(ball(), ball()),
-    "cone filter of a moulded skin": lambda s: tf.make_filter("cone", m.sew(ALONE, ball()), 0.01),
+    "cone filter of a moulded skin": lambda s: make_filter("cone", m.sew(ALONE, ball()), 0.01),
     "grain of a moulded skin": lambda s: SkinModel(
         m.sew(ALONE, ball()), tf.Composite(knit=tf.Knit(2.0)), tf.pin(ball())
     ),
@@ -394,9 +403,9 @@ SUPPORTS: Table = {
     ),
     "poses without bodies": lambda s: s.solver.solve(s.plain, 1.0, poses=np.zeros((1, 6))),
     "a fabric of negative weight": lambda s: tf.Weight(-1.0, 1.0),
-    "a force is infinite": lambda s: tf.spread_force(s.pattern, "tip", [1.0, INF, 0.0]),
-    "a force on an unknown panel": lambda s: tf.spread_force(s.pattern, "top", [1.0, 0.0, 0.0]),
-    **{f"a force at {name}": lambda s, given=given: tf.point_force(s.pattern, *given)
+    "a force is infinite": lambda s: spread_force(s.pattern, "tip", [1.0, INF, 0.0]),
+    "a force on an unknown panel": lambda s: spread_force(s.pattern, "top", [1.0, 0.0, 0.0]),
+    **{f"a force at {name}": lambda s, given=given: point_force(s.pattern, *given)
        for name, given in {
            "another place of the panel": ([0.1, 0.0], [0, 0, 1], "tip"),
            "a flat place": ([0.0, 0.0], [0, 0, 1]),
@@ -443,14 +452,14 @@ SOLVES: Table = {
     "a path by volume": lambda s: tf.trace(s.solver, s.plain, 1e3, by="volume"),
     "a path without all pressures": lambda s: tf.trace(s.solver, s.plain, 1e3),
     "an arc length by pressures": lambda s: tf.trace(
-        s.solver, s.plain, [1e3], options=tf.ArcLengthOptions()
+        s.solver, s.plain, [1e3], options=ArcLengthOptions()
     ),
     "an arc length without load": lambda s: tf.trace(s.solver, s.plain, 0.0, by="arc-length"),
     "an arc length into vacuum": lambda s: tf.trace(s.solver, s.plain, -1.0, by="arc-length"),
     "an arc length of no density": lambda s: tf.trace(
         s.solver, s.plain - 1, 1e3, by="arc-length"
     ),
-    "states of size 0": lambda s: tf.find_states(s.solver, s.plain, 1e3, size=0.0),
+    "states of size 0": lambda s: find_states(s.solver, s.plain, 1e3, size=0.0),
     "a path of no load": lambda s: LoadPath(s.solver, []),
     "pressures of two steps for one": lambda s: LoadPath(s.solver, [LoadStep(2e3)]).solve(
         s.plain, np.ones((2, 1))
@@ -487,8 +496,8 @@ def _goal(s: Scene, **changes: Any) -> CrossSections:
     return replace(tube_sections(s.skin), **changes)
 
 
-def _shape(s: Scene, target: Any = None, **more: Any) -> tf.ShapeObjective:
-    return tf.ShapeObjective(s.skin, s.pattern.points if target is None else target, **more)
+def _shape(s: Scene, target: Any = None, **more: Any) -> ShapeObjective:
+    return ShapeObjective(s.skin, s.pattern.points if target is None else target, **more)
 
 
 MEASURES: Table = {
@@ -551,7 +560,7 @@ def _stepped() -> MMA:
 
 ONES = _vector(1.0, 1.0)
 DESIGNS: Table = {
-    **each(tf.Projection, {"beta": 0.0}, {"eta": 1.5}),
+    **each(Projection, {"beta": 0.0}, {"eta": 1.5}),
     "a cone around a tile": lambda s: ConeFilter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
     "a lattice of one vector": lambda s: ConeFilter(s.skin, 0.012, lattice=np.ones(2)),
     "a cone of radius -1": lambda s: ConeFilter(s.skin, -1.0),
@@ -563,7 +572,7 @@ DESIGNS: Table = {
     "offsets that vanish": lambda s: offset_thresholds("cone", 0.3, 0.99),
     "lines of 10 cm": lambda s: _widths(s, True, line_width=0.1),
     "no triangle has widths": lambda s: _widths(s, False),
-    "random densities below 0": lambda s: tf.random_density(s.skin, 7, 0.1, spread=0.2),
+    "random densities below 0": lambda s: random_density(s.skin, 7, 0.1, spread=0.2),
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
@@ -593,7 +602,7 @@ DESIGNS: Table = {
 
 
 def _widths(s: Scene, designed: bool, **more: Any) -> LengthScaleConstraints:
-    made = tf.make_filter("cone", s.skin, 0.012)
+    made = make_filter("cone", s.skin, 0.012)
     everywhere = np.full(len(s.skin.owned_cells), designed)
     return LengthScaleConstraints(s.skin, made, LengthScale(**more), everywhere)
 

@@ -22,13 +22,26 @@ from petsc4py import PETSc
 
 import toros_fem as tf
 from toros_fem import meshes as m
-from toros_fem.design.mma import MMA, MMAOptions
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.mma.optimizer import MMA, MMAOptions
 from toros_fem.making.print.cleaning import require_island_area
-from toros_fem.materials.library import LibraryMaterial, named, read_library, write_material
+from toros_fem.materials.library.files import named, read_library, write_material
+from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
+from toros_fem.mechanics.paths.states import find_states
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
+from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
+from toros_fem.mechanics.skin.supports import Supports, build_in, displace
 from toros_fem.products.gripper.gripper import GripperScene
-from toros_fem.products.tiles import PrintedTile, read_tile
+from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.inflate import InflateScene
 from toros_fem.products.walker.walker import WalkerScene
@@ -62,7 +75,7 @@ class Scene:
         return tf.sew(self.comm, self.pattern)
 
     @cached_property
-    def held(self) -> tf.Supports:
+    def held(self) -> Supports:
         return tf.clamp(self.pattern, ["base"])
 
     @cached_property
@@ -317,21 +330,21 @@ SUPPORTS: Table = {
     "region is text": lambda s: tf.clamp_where(s.pattern, "z < 5 mm"),
     "region is empty": lambda s: tf.clamp_where(s.pattern, lambda x: x[:, 2] > 9),
     "region returns numbers": lambda s: tf.clamp_where(s.pattern, lambda x: x[:, 2]),
-    "supports from a list": lambda s: tf.Supports([1, 2, 3]),
-    "supports from integers": lambda s: tf.Supports(np.zeros((9, 3), int)),
+    "supports from a list": lambda s: Supports([1, 2, 3]),
+    "supports from integers": lambda s: Supports(np.zeros((9, 3), int)),
     "supports of another pattern": lambda s: tf.EquilibriumSolver(
-        s.skin, tf.Composite(bending=None), tf.Supports(np.ones((3, 3), bool))
+        s.skin, tf.Composite(bending=None), Supports(np.ones((3, 3), bool))
     ),
-    "guides are text": lambda s: tf.Supports(s.held.fixed, "edge"),
-    "displaced by a word": lambda s: tf.displace(s.pattern, ["tip"], "up"),
-    "displaced by NaN": lambda s: tf.displace(s.pattern, ["tip"], [0, 0, NAN]),
-    "displaced by a number": lambda s: tf.displace(s.pattern, ["tip"], 0.01),
+    "guides are text": lambda s: Supports(s.held.fixed, "edge"),
+    "displaced by a word": lambda s: displace(s.pattern, ["tip"], "up"),
+    "displaced by NaN": lambda s: displace(s.pattern, ["tip"], [0, 0, NAN]),
+    "displaced by a number": lambda s: displace(s.pattern, ["tip"], 0.01),
     "pinned panel is unknown": lambda s: tf.pin(s.pattern, "top"),
     "symmetry across axis 7": lambda s: tf.symmetry_plane(s.pattern, 7),
     "symmetry across a letter": lambda s: tf.symmetry_plane(s.pattern, "x"),
-    "built-in vertices are numbers": lambda s: tf.build_in(s.pattern, [1, 2]),
+    "built-in vertices are numbers": lambda s: build_in(s.pattern, [1, 2]),
     "nothing is fixed": lambda s: tf.EquilibriumSolver(
-        s.skin, tf.Composite(bending=None), tf.Supports(np.zeros_like(s.held.fixed))
+        s.skin, tf.Composite(bending=None), Supports(np.zeros_like(s.held.fixed))
     ),
     "chambers are short": lambda s: tf.EquilibriumSolver(
         s.skin, tf.Composite(bending=None), s.held, chambers=tf.Chambers(("a", "b"), [0, 1])
@@ -341,8 +354,8 @@ SUPPORTS: Table = {
     "chambers are words": lambda s: tf.Chambers(("a",), ["a", "a"]),
     "chambers' name is text": lambda s: tf.Chambers("ab", [0, 1]),
     "chambers of panels are a list": lambda s: chambers_of_panels(s.pattern, ["base"]),
-    "force is a word": lambda s: tf.spread_force(s.pattern, "tip", "down"),
-    "force at no place": lambda s: tf.point_force(s.pattern, (9, 9, 9), (0, 0, 1)),
+    "force is a word": lambda s: spread_force(s.pattern, "tip", "down"),
+    "force at no place": lambda s: point_force(s.pattern, (9, 9, 9), (0, 0, 1)),
 }
 
 
@@ -384,16 +397,16 @@ SOLVES: Table = {
     "path into vacuum": lambda s: tf.trace(s.solver, s.plain, [1e3, -1e3]),
     "path by time": lambda s: tf.trace(s.solver, s.plain, [1e3], by="time"),
     "path of a skin": lambda s: tf.trace(s.skin, s.plain, [1e3]),
-    "first increment is zero": lambda s: tf.ArcLengthOptions(first_increment=0),
+    "first increment is zero": lambda s: ArcLengthOptions(first_increment=0),
     "limit points of numbers": lambda s: tf.limit_points([1.0, 2.0]),
     "limit points of a path": lambda s: tf.limit_points(iter([])),
-    "states in 0 tries": lambda s: tf.find_states(s.solver, s.plain, 10.0, tries=0),
-    "states by a word": lambda s: tf.find_states(s.solver, s.plain, 10.0, seed="x"),
+    "states in 0 tries": lambda s: find_states(s.solver, s.plain, 10.0, tries=0),
+    "states by a word": lambda s: find_states(s.solver, s.plain, 10.0, seed="x"),
     "error of nothing": lambda s: tf.estimate_error(s.solver, s.plain, None, [tf.swelling]),
     "error of a function": lambda s: tf.estimate_error(s.solver, s.plain, s.result, tf.swelling),
     "error of a name": lambda s: tf.estimate_error(s.solver, s.plain, s.result, ["swelling"]),
-    "wrinkles of a membrane": lambda s: tf.wrinkle_field(s.solver, s.plain, s.result),
-    "wrinkles of nothing": lambda s: tf.wrinkle_field(s.solver, s.plain, None),
+    "wrinkles of a membrane": lambda s: wrinkle_field(s.solver, s.plain, s.result),
+    "wrinkles of nothing": lambda s: wrinkle_field(s.solver, s.plain, None),
 }
 
 
@@ -401,7 +414,7 @@ def _metric(value: Any, name: str = "height", unit: str = "mm") -> tf.Metric:
     return tf.Metric(name, unit, None, lambda pattern, positions: value)
 
 
-def _measured(s: Scene, *metrics: tf.Metric) -> list[tf.TracePoint]:
+def _measured(s: Scene, *metrics: tf.Metric) -> list[TracePoint]:
     return list(tf.trace(s.solver, s.plain, [500.0], list(metrics)))
 
 
@@ -421,16 +434,16 @@ METRICS: Table = {
     "metric hides the pressure": lambda s: s.designed(metrics=[_metric(1.0, "pressure", "pa")]),
     "metrics are one metric": lambda s: s.designed(metrics=_metric(1.0)),
     "metrics are functions": lambda s: s.designed(metrics=[tf.bend_angle]),
-    "gap's body is text": lambda s: tf.GapObjective(s.skin, "ball", np.ones(9)),
-    "gap's weights are short": lambda s: tf.GapObjective(
-        s.skin, tf.Body("sphere", 0.01, (0, 0, 0)), np.ones(9)
+    "gap's body is text": lambda s: GapObjective(s.skin, "ball", np.ones(9)),
+    "gap's weights are short": lambda s: GapObjective(
+        s.skin, Body("sphere", 0.01, (0, 0, 0)), np.ones(9)
     ),
-    "body's centre is a number": lambda s: tf.Body("sphere", 0.01, 0.0),
-    "body is a cone": lambda s: tf.Body("cone", 0.01, (0, 0, 0)),
-    "weights are negative": lambda s: tf.ShapeObjective(
+    "body's centre is a number": lambda s: Body("sphere", 0.01, 0.0),
+    "body is a cone": lambda s: Body("cone", 0.01, (0, 0, 0)),
+    "weights are negative": lambda s: ShapeObjective(
         s.skin, s.pattern.points, -np.ones(len(s.pattern.points))
     ),
-    "weights are text": lambda s: tf.ShapeObjective(s.skin, s.pattern.points, "area"),
+    "weights are text": lambda s: ShapeObjective(s.skin, s.pattern.points, "area"),
     "labels are text": lambda s: tf.CrossSections("rings", np.ones((1, 3)), np.ones(1)),
 }
 
@@ -439,12 +452,12 @@ DESIGNS: Table = {
     "filter radius is zero": lambda s: s.designed(filter_radius=0),
     "filter radius is text": lambda s: s.designed(filter_radius="5 mm"),
     "filter radius over the skin": lambda s: s.designed(filter_radius=3.0),
-    "filter radius of Helmholtz over the skin": lambda s: tf.make_filter("helmholtz", s.skin, 3.0),
+    "filter radius of Helmholtz over the skin": lambda s: make_filter("helmholtz", s.skin, 3.0),
     "filter is unknown": lambda s: s.designed(filter="gauss"),
-    "filter of a pattern": lambda s: tf.make_filter("cone", s.pattern, 0.01),
-    "threshold is 0": lambda s: tf.Projection(eta=0),
-    "threshold is 1": lambda s: tf.Projection(eta=1.0),
-    "steepness is text": lambda s: tf.Projection(beta="steep"),
+    "filter of a pattern": lambda s: make_filter("cone", s.pattern, 0.01),
+    "threshold is 0": lambda s: Projection(eta=0),
+    "threshold is 1": lambda s: Projection(eta=1.0),
+    "steepness is text": lambda s: Projection(beta="steep"),
     "projection is a number": lambda s: s.designed(projection=20.0),
     "widths are text": lambda s: tf.LengthScale(line_width="1 mm"),
     "passive is short": lambda s: s.designed(passive=np.zeros(3)),
@@ -485,10 +498,10 @@ DESIGNS: Table = {
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),
     "moving limit is 2": lambda s: MMAOptions(move=2.0),
     **each(MMAOptions, {"asymptote_start": 0.0}, {"penalty": -1.0}, {"tolerance": 0.0}),
-    "random density leaves its bounds": lambda s: tf.random_density(s.skin, 0, mean=0.95),
-    "random density of text": lambda s: tf.random_density(s.skin, 0, mean="half"),
-    "lines of a word": lambda s: tf.LineField(s.pattern, "some", "0"),
-    "lines of negative shares": lambda s: tf.LineField(
+    "random density leaves its bounds": lambda s: random_density(s.skin, 0, mean=0.95),
+    "random density of text": lambda s: random_density(s.skin, 0, mean="half"),
+    "lines of a word": lambda s: LineField(s.pattern, "some", "0"),
+    "lines of negative shares": lambda s: LineField(
         s.pattern, -np.ones((len(s.pattern.panel), 1)), np.zeros((len(s.pattern.panel), 1))
     ),
     "lines laid on a pattern": lambda s: tf.lay_lines(s.pattern),

@@ -31,14 +31,14 @@ from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.design.loop.journal import Checkpoint
-from toros_fem.making.panels import ManufactureOptions, PanelDrawing, panel_drawings
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.sheets import PrintBody, write_3mf, write_cut_dxf, write_cut_svg, write_stl
-from toros_fem.making.sheets.cut_files import sheet_layers
-from toros_fem.materials.library import read_library, write_material
-from toros_fem.materials.library.files import read_materials
+from toros_fem.making.sheets.cut_files import sheet_layers, write_cut_dxf, write_cut_svg
+from toros_fem.making.sheets.print_bodies import PrintBody, write_3mf, write_stl
+from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit
 from toros_fem.meshes import (
@@ -51,15 +51,9 @@ from toros_fem.meshes import (
     write_pattern,
 )
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tiles import PrintedTile, read_tile, write_tile
-from toros_fem.results.frames import (
-    Frame,
-    ShownSkin,
-    read_frames,
-    read_skin,
-    write_frame,
-    write_skin,
-)
+from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
+from toros_fem.results.frames.files import Frame, read_frames, write_frame
+from toros_fem.results.frames.shown_skin import ShownSkin, read_skin, write_skin
 from toros_fem.results.runs.files import read_checkpoint, write_checkpoint
 from toros_fem.results.runs.folder import open_run, read_run
 

@@ -13,7 +13,8 @@ import pytest
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import NONE, Key, Table
 from toros_fem.cli.commands import main  # noqa: F401
-from toros_fem.materials.library import LibraryMaterial, read_library
+from toros_fem.materials.library.files import read_library
+from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.mechanics.paths import arc_length  # noqa: F401
 from toros_fem.products.kinds import KINDS
 

@@ -19,7 +19,7 @@ from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew, tile
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tiles import TileSolver
+from toros_fem.products.tiles.solver import TileSolver
 
 Maker = Callable[[MPI.Comm], Any]
 # A coarse tube of some 250 triangles, and robots as coarse.

@@ -16,15 +16,20 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
-from toros_fem.design.lines.laid_lines import widened
-from toros_fem.making.panels import ManufactureOptions, panel_drawings, printed_face, sewn_seams
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines, widened
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
+from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
-from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
+from toros_fem.making.panels.printed_face import printed_face
+from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.cleaning import clean, clean_symmetric
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.making.print.thickness import thickened
-from toros_fem.making.sheets import print_bodies, write_cut_dxf
+from toros_fem.making.sheets.cut_files import write_cut_dxf
+from toros_fem.making.sheets.print_bodies import print_bodies
 from toros_fem.making.sheets.sewing_order import sewing_order
 from toros_fem.making.sheets.sheets import layout
 from toros_fem.meshes import cylinder, mirrored

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from pathlib import Path
 from types import ModuleType
 from typing import Any, get_origin
 
@@ -17,19 +15,10 @@ import numpy as np
 import toros_fem
 
 
-def faces() -> Iterator[ModuleType]:
-    """Yield the package and its sub-packages."""
-    yield toros_fem
-    yield importlib.import_module("toros_fem.meshes")
-    folder = Path(toros_fem.__file__).parent
-    for path in sorted(folder.glob("*/**/__init__.py")):
-        yield importlib.import_module(".".join(path.parent.relative_to(folder.parent).parts))
-
-
 def public() -> Iterator[tuple[str, Any]]:
     """Yield each public name and its object; all errors are public."""
-    for face in faces():
-        for name in getattr(face, "__all__", ()):
+    for face in (toros_fem, toros_fem.meshes):
+        for name in face.__all__:
             yield name, getattr(face, name)
     for name, value in vars(toros_fem.base.errors).items():
         if inspect.isclass(value) and issubclass(value, Exception):

@@ -7,8 +7,9 @@ from mpi4py import MPI
 
 from toros_fem.materials.sheet import Material
 from toros_fem.meshes import sew
-from toros_fem.products.fitting import TensileTest, uniaxial_curve
 from toros_fem.products.fitting.printed_sheet import scaled
+from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.pull_test import pull
 from toros_fem.products.tiles.sheet import tile_sheet

@@ -5,6 +5,7 @@ import shapely
 from mpi4py import MPI
 
 import toros_fem as tf
+from toros_fem.making.as_printed.as_printed import PrintedDesign
 
 LENGTH = 0.06
 # Slanted ribs on a spine, in m on the wall.
@@ -17,7 +18,7 @@ RIBS = shapely.union_all(
         ],
     ]
 )
-Printed = tuple[tf.ShapeDesign, tf.PrintedDesign]
+Printed = tuple[tf.ShapeDesign, PrintedDesign]
 
 
 def printed_tube(comm: MPI.Comm) -> Printed:

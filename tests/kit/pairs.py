@@ -42,7 +42,8 @@ from toros_fem.measures.cross_sections import CrossSectionObjective
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
-from toros_fem.mechanics.contact import Contact, rigid_sphere
+from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep

@@ -6,7 +6,12 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from toros_fem.base.errors import MetricError, ParameterError
-from toros_fem.measures import bend_between, length_between, tip_frame, twist_between
+from toros_fem.measures.between_regions import (
+    bend_between,
+    length_between,
+    tip_frame,
+    twist_between,
+)
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
 

@@ -24,7 +24,7 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
-from toros_fem.results.frames import read_frames
+from toros_fem.results.frames.files import read_frames
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.writer import (
     if_plotting,

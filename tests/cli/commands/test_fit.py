@@ -10,9 +10,9 @@ from helpers.tensile_tests import JERSEY, pulled_sheet, synthetic
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.materials.library import read_library
+from toros_fem.materials.library.files import read_library
 from toros_fem.products.fitting import strip
-from toros_fem.products.tiles import write_tile
+from toros_fem.products.tiles.printed_tile import write_tile
 from toros_fem.products.tiles.pulled_sheet import cross_tile
 from toros_fem.products.tiles.sheet import remesh
 

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.materials.library import read_library, write_material
+from toros_fem.materials.library.files import read_library, write_material
 
 
 def test_table_with_a_file_of_ones_own(

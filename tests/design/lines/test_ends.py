@@ -3,9 +3,12 @@ import pytest
 from helpers.lines import distance_to_others, largest_jump
 from mpi4py import MPI
 
-from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
 from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.ends import Family, Net
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.lines.transport import make_line_mesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import disc, one_panel, rectangle

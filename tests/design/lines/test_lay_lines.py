@@ -6,7 +6,10 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker

@@ -5,7 +5,9 @@ import pytest
 from helpers.lines import even_field
 from mpi4py import MPI
 
-from toros_fem.design.lines import LaidLines, LineOptions, lay_lines, widened
+from toros_fem.design.lines.laid_lines import LaidLines, widened
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.lines.widths import smooth_functions, width_changes, within_bounds
 from toros_fem.meshes.sheet import rectangle
 

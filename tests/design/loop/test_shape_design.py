@@ -7,6 +7,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem import errors
+from toros_fem.measures.metrics import shortening
 from toros_fem.meshes import Pattern
 
 LENGTH, DIAMETER, RADIUS = 0.06, 0.02, 7e-3
@@ -56,7 +57,7 @@ def test_own_start_and_metrics(alone: MPI.Comm, pattern: Pattern) -> None:
     # T of this objective is half the square of the distance over the skin's size.
     size = 1e3 * pattern.size
     assert wanted["distance_mm"] == pytest.approx(size * np.sqrt(2 * result.history[-1].shape))
-    own = tf.Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - tf.shortening(of, x)))
+    own = tf.Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x)))
     other = design(alone, pattern, metrics=[own])
     assert set(tf.optimize(other, [tf.Stage(1)]).history[0].metrics) == {"length_percent"}
 

@@ -6,7 +6,8 @@ import shapely
 from helpers.panels import CLOSED, pattern_of
 from shapely.geometry import LineString
 
-from toros_fem.making.panels import ManufactureOptions, bladder_drawings
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.print.contours import panel_outline
 
 OPTIONS = ManufactureOptions(weld_allowance=6e-3, connector_width=8e-3, connector_length=20e-3)

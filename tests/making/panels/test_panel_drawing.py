@@ -9,7 +9,8 @@ from helpers.panels import KINDS, pattern_of, striped
 from mpi4py import MPI
 from shapely.geometry import LineString
 
-from toros_fem.making.panels import ManufactureOptions, PanelDrawing, panel_drawings
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import cylinder
 

@@ -5,7 +5,10 @@ import pytest
 import shapely
 from helpers.panels import pattern_of, striped
 
-from toros_fem.making.panels import ManufactureOptions, panel_drawings, printed_face, sewn_seams
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import panel_drawings
+from toros_fem.making.panels.printed_face import printed_face
+from toros_fem.making.panels.seam_lines import sewn_seams
 
 INSIDE = ManufactureOptions(print_side="inside", grain=60.0)
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of
 
-from toros_fem.making.panels import sewn_seams
+from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.contours import panel_outline
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from helpers.panels import pattern_of, striped
 
-from toros_fem.making.panels import ManufactureOptions, panel_drawings
-from toros_fem.making.sheets import write_cut_svg
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import panel_drawings
+from toros_fem.making.sheets.cut_files import write_cut_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -7,8 +7,8 @@ import pytest
 from helpers.browser import opened
 from helpers.runs import SUMMARY, regions_of, tube
 
-from toros_fem.making.panels import ManufactureOptions
-from toros_fem.making.sheets import write_manufacture
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.sheets.write import write_manufacture
 
 
 @pytest.fixture(scope="module")

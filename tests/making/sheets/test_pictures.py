@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from helpers.panels import pattern_of, striped
 
-from toros_fem.making.panels import ManufactureOptions, PanelDrawing, panel_drawings
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.sheets.pictures import CAPITAL, seam_picture, sheet_picture
 
 SIZE = (0.3, 0.2)

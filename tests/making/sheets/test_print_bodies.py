@@ -10,8 +10,8 @@ from helpers.panels import pattern_of, striped
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.panels import panel_drawings
-from toros_fem.making.sheets import PrintBody, print_bodies, print_body, write_stl
+from toros_fem.making.panels.panel_drawing import panel_drawings
+from toros_fem.making.sheets.print_bodies import PrintBody, print_bodies, print_body, write_stl
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3

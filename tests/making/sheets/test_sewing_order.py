@@ -5,8 +5,8 @@ import pytest
 from helpers.runs import tube
 from mpi4py import MPI
 
-from toros_fem.making.panels import sewn_seams
-from toros_fem.making.sheets import SewingStep, sewing_order
+from toros_fem.making.panels.seam_lines import sewn_seams
+from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.pattern import Panel
 

@@ -12,9 +12,9 @@ import shapely
 from helpers.runs import SUMMARY, regions_of, tube
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
-from toros_fem.making.panels import ManufactureOptions
-from toros_fem.making.sheets import made_as, read_regions, write_manufacture
-from toros_fem.making.sheets.write import if_possible
+from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.sheets.reading import read_regions
+from toros_fem.making.sheets.write import if_possible, made_as, write_manufacture
 from toros_fem.meshes import Pattern
 
 SMALL = ManufactureOptions(bed_width=0.1, bed_depth=0.19, layer_height=0.5e-3)

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from toros_fem.materials.library import LibraryMaterial
+from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Bladder, Material
 
 FABRIC: dict[str, Any] = {

@@ -8,7 +8,8 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError
-from toros_fem.materials.library import MATERIAL_KINDS, TRUSTS, named, read_library
+from toros_fem.materials.library.files import named, read_library
+from toros_fem.materials.library.material import MATERIAL_KINDS, TRUSTS
 from toros_fem.materials.sheet import Composite
 
 MINE = """\

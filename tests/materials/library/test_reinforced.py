@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toros_fem.materials.library import print_offset, read_library, reinforced
+from toros_fem.materials.library.files import read_library
+from toros_fem.materials.library.reinforced import print_offset, reinforced
 from toros_fem.materials.sheet import Material
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 from helpers.scenes import ROOT
 
-from toros_fem.materials.library import TRUSTS, read_library
+from toros_fem.materials.library.files import read_library
+from toros_fem.materials.library.material import TRUSTS
 from toros_fem.materials.library.table import material_details, table_text
 
 LIBRARY, PAGE = read_library(), runpy.run_path(str(ROOT / "docs" / "write_materials.py"))

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from toros_fem.base.errors import LibraryError, OutputError
-from toros_fem.materials.library import read_library, write_material
-from toros_fem.materials.library.files import material_text
+from toros_fem.materials.library.files import material_text, read_library, write_material
 
 SHIPPED = read_library()
 

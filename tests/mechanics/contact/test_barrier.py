@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.scenes import square
 
-from toros_fem.mechanics.contact import Ground, rigid_box
 from toros_fem.mechanics.contact.barrier import Barrier
-from toros_fem.mechanics.contact.settings import ContactSizes
+from toros_fem.mechanics.contact.settings import ContactSizes, Ground
+from toros_fem.mechanics.contact.solids import rigid_box
 
 SIZES = ContactSizes(5e-4, 1e-4, 1e6, 1e-4)
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from kit.slopes import slope
 
-from toros_fem.mechanics.contact import Contact, rigid_box, rigid_sphere
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
+from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
 
 THICKNESS = 4e-4
 

@@ -7,9 +7,8 @@ import pytest
 from kit.slopes import slope
 
 from toros_fem.base.array_types import Floats
-from toros_fem.mechanics.contact import Pads
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.pads import OneWay
+from toros_fem.mechanics.contact.pads import OneWay, Pads
 
 LAW = Coulomb(0.6, 1e-4)
 PADS = Pads(np.ones(1, dtype=bool), (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)

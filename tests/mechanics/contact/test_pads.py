@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from toros_fem.mechanics.contact import Contact, Ground, Pads
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.pads import OneWay
-from toros_fem.mechanics.contact.settings import ContactSizes
+from toros_fem.mechanics.contact.pads import OneWay, Pads
+from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 

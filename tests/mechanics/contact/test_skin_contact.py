@@ -8,7 +8,8 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot, smallest, total
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground, rigid_sphere
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew

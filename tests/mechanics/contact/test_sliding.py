@@ -5,8 +5,8 @@ import pytest
 from kit.slopes import slope
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground
 from toros_fem.mechanics.contact.motion import placed
+from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 

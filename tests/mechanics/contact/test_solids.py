@@ -9,13 +9,8 @@ from helpers.mesh_files import write
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.mechanics.contact import (
-    RigidBody,
-    rigid_box,
-    rigid_cylinder,
-    rigid_mesh,
-    rigid_sphere,
-)
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_mesh, rigid_sphere
 from toros_fem.meshes.topology import edges_of, lengths, shapes
 
 CENTRE = (0.1, -0.2, 0.3)

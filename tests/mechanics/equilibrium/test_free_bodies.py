@@ -10,7 +10,9 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot, total
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_box, rigid_sphere
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp_where
 from toros_fem.meshes import sew

@@ -10,8 +10,10 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_box
+from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.motion import rotation
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_box
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where

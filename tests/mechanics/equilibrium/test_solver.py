@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.base.mpi import free_dropped, norm
 from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material
-from toros_fem.mechanics.contact import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.skin.model import SkinModel

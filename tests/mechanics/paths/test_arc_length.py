@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from benchmarks.accuracy.snapping import Scene, roof
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions

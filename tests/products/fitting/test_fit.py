@@ -5,8 +5,11 @@ import pytest
 from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
 from mpi4py import MPI
 
-from toros_fem import FitOptions, TensileTest, fit_material
-from toros_fem.products.fitting import ClampedStrip, uniaxial_curve
+from toros_fem import fit_material
+from toros_fem.products.fitting.strip import ClampedStrip
+from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.uniaxial import uniaxial_curve
+from toros_fem.products.options import FitOptions
 
 BY_HESSIAN = FitOptions(intervals="hessian")
 

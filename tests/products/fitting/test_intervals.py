@@ -5,8 +5,10 @@ import pytest
 from helpers.tensile_tests import synthetic
 from scipy.signal import lfilter
 
-from toros_fem import FitOptions, TensileTest, fit_material
+from toros_fem import fit_material
 from toros_fem.products.fitting.intervals import correlation
+from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.options import FitOptions
 
 
 def curve(rng: np.random.Generator, rho: float, points: int) -> np.ndarray:

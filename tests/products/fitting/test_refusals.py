@@ -14,9 +14,14 @@ from helpers.tensile_tests import JERSEY, synthetic
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
-from toros_fem import FitOptions, TensileTest, fit_material
+from toros_fem import fit_material
 from toros_fem.base.errors import MeasurementError, ParameterError
-from toros_fem.products.fitting import ClampedStrip, Given, fit_printed_sheet, uniaxial_curve
+from toros_fem.products.fitting.reading import Given
+from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
+from toros_fem.products.fitting.strip import ClampedStrip
+from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.uniaxial import uniaxial_curve
+from toros_fem.products.options import FitOptions
 
 ALONE = MPI.COMM_SELF
 FEW = FitOptions(up_to=1.05)

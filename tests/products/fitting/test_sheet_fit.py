@@ -7,7 +7,7 @@ import pytest
 from helpers.tensile_tests import pulled_sheet
 from mpi4py import MPI
 
-from toros_fem.products.fitting import fit_printed_sheet
+from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
 from toros_fem.products.tiles.pulled_sheet import cross_tile
 from toros_fem.products.tiles.sheet import remesh
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from toros_fem import TensileTest
 from toros_fem.base.errors import MeasurementError
+from toros_fem.products.fitting.tensile_test import TensileTest
 
 
 def cycles(noise: float = 0.0) -> TensileTest:

@@ -10,6 +10,8 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
+from toros_fem.products.tolerance.result import Tolerances
+from toros_fem.products.tolerance.writing import write_tolerances
 
 KEYS = ("objective", "angle_deg", "length_ratio")
 QUANTITIES = (
@@ -22,7 +24,7 @@ QUANTITIES = (
 )
 
 
-def test_all_variants_are_there(found: tf.Tolerances) -> None:
+def test_all_variants_are_there(found: Tolerances) -> None:
     changes = [(v.quantity, v.label) for v in found.variants]
     assert changes[:4] == [
         ("print width", f"{change} mm") for change in ("−0.2", "−0.1", "+0.1", "+0.2")
@@ -32,7 +34,7 @@ def test_all_variants_are_there(found: tf.Tolerances) -> None:
     assert all(v.values for v in found.variants)
 
 
-def test_first_order_is_the_derivative(found: tf.Tolerances) -> None:
+def test_first_order_is_the_derivative(found: Tolerances) -> None:
     """Central differences of what was simulated, over borders of fourth order, are the rates."""
     for quantity in QUANTITIES:
         here = [v for v in found.variants if v.quantity == quantity]
@@ -43,12 +45,12 @@ def test_first_order_is_the_derivative(found: tf.Tolerances) -> None:
             assert slope == pytest.approx(rate, rel=1e-3), (quantity, key)
 
 
-def test_the_mesh_of_the_design(printed: Printed, found: tf.Tolerances) -> None:
+def test_the_mesh_of_the_design(printed: Printed, found: Tolerances) -> None:
     problem, made = printed
     assert found.own_mesh == problem.metrics_of(made.evaluation.equilibrium)
 
 
-def test_signs_are_those_of_mechanics(found: tf.Tolerances) -> None:
+def test_signs_are_those_of_mechanics(found: Tolerances) -> None:
     """Softer fabric bends more, as does a larger pressure; print area follows the polygons."""
     for quantity, sign in (("fabric modulus", -1), ("fabric thickness", -1), ("pressure", 1)):
         (more,) = (v for v in found.variants if v.quantity == quantity and v.change > 0)
@@ -62,7 +64,7 @@ def test_signs_are_those_of_mechanics(found: tf.Tolerances) -> None:
         assert np.sign(mesh) == np.sign(variant.change)
 
 
-def test_the_worst_is_named(found: tf.Tolerances) -> None:
+def test_the_worst_is_named(found: Tolerances) -> None:
     worst = found.worst("angle_deg")
     sizes = [abs(found.change(v, "angle_deg") or 0) for v in found.variants]
     assert abs(found.change(worst, "angle_deg") or 0) == max(sizes)
@@ -72,8 +74,8 @@ def test_the_worst_is_named(found: tf.Tolerances) -> None:
     assert f"{found.nominal['angle_deg']:.4g}° becomes" in sentence
 
 
-def test_files(alone: MPI.Comm, found: tf.Tolerances, tmp_path: Path) -> None:
-    tf.write_tolerances(alone, tmp_path, found)
+def test_files(alone: MPI.Comm, found: Tolerances, tmp_path: Path) -> None:
+    write_tolerances(alone, tmp_path, found)
     content = json.loads((tmp_path / "tolerance.json").read_text(encoding="utf-8"))
     assert content["variants"][0]["change"] == "−0.2 mm"
     assert content["variants"][0]["change_m"] == pytest.approx(-2e-4)

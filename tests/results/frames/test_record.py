@@ -12,8 +12,9 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend
-from toros_fem.results.frames import read_frames, read_skin
+from toros_fem.results.frames.files import read_frames
 from toros_fem.results.frames.record import repeated
+from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.reporter import DesignReporter
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import OutputError, ParameterError
-from toros_fem.results.report import write_animation
+from toros_fem.results.report.animation import write_animation
 
 image = pytest.importorskip("PIL.Image")
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.browser import Page, opened
 from helpers.runs import change_summary, tube, write_run
 
-from toros_fem.results.report import write_report
+from toros_fem.results.report.page_file import write_report
 
 pytestmark = [
     pytest.mark.slow,

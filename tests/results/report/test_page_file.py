@@ -11,8 +11,8 @@ from helpers.runs import change_summary
 
 from toros_fem.base.errors import OutputError
 from toros_fem.measures.figures import Figure
-from toros_fem.results.frames import read_frames, write_frame
-from toros_fem.results.report import write_report
+from toros_fem.results.frames.files import read_frames, write_frame
+from toros_fem.results.report.page_file import write_report
 
 
 def scene_of(page: str) -> dict:

@@ -10,7 +10,8 @@ import shapely
 from helpers.runs import STRIPE, bent, tube
 
 from toros_fem.meshes import Pattern
-from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
+from toros_fem.results.frames.files import Frame, write_frame
+from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 from toros_fem.results.report import scene as scene_module
 from toros_fem.results.report.run_folder import read_run
 from toros_fem.results.report.scene import packed_scene, principal_stretches

@@ -115,7 +115,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
 
     def _material(self, comm: MPI.Comm) -> FitResult:
         """Return constants, and write them where a name asks for it."""
-        from toros_fem.materials.library import write_material
+        from toros_fem.materials.library.files import write_material
         from toros_fem.products.fitting.fit import fit_material
         from toros_fem.products.fitting.report import library_entry
         from toros_fem.products.fitting.strip import ClampedStrip

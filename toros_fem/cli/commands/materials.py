@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import OneOf, key
 from toros_fem.cli.command_line.command import Answer, Command
-from toros_fem.materials.library import MATERIAL_KINDS, named, read_library
+from toros_fem.materials.library.files import named, read_library
+from toros_fem.materials.library.material import MATERIAL_KINDS
 from toros_fem.materials.library.table import material_details, table_text
 
 

@@ -18,7 +18,7 @@ from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.materials import KIND_OF, roles_of
 from toros_fem.cli.scene_files.schema import scene_schema
 from toros_fem.cli.scene_files.writing import scene_text, short_scene_text
-from toros_fem.materials.library import named, read_library
+from toros_fem.materials.library.files import named, read_library
 from toros_fem.products.kinds import ABOUT, KINDS
 
 

@@ -9,7 +9,8 @@ from typing import Any
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
-from toros_fem.materials.library import LibraryMaterial, print_offset, reinforced
+from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.materials.library.reinforced import print_offset, reinforced
 from toros_fem.materials.sheet import Material
 
 # Table of the scene, key that names a file of materials, and the role of each name: the kind of

@@ -25,7 +25,8 @@ from toros_fem.cli.scene_files.materials import (
     roles_of,
     values_of,
 )
-from toros_fem.materials.library import LibraryMaterial, named, read_library
+from toros_fem.materials.library.files import named, read_library
+from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
 
 

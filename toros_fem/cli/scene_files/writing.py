@@ -10,7 +10,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table, quoted
 from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import TABLE, roles_of
-from toros_fem.materials.library import LibraryMaterial
+from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import ABOUT
 
 WIDTH = 96
