@@ -43,6 +43,7 @@ COMMANDS = {
     "speed": "benchmarks.speed.command",
     "scale": "benchmarks.scale",
     "seeds": "benchmarks.seeds",
+    "figures": "benchmarks.figures",
     "intervals": "benchmarks.intervals",
 }
 # Variables by which a child process would take itself for a rank of this one.

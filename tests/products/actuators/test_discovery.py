@@ -11,7 +11,7 @@ import pytest
 from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.lines.widths import width_changes
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.print.regions import regions_on
@@ -19,10 +19,11 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.products.actuators import space_mapping
 from toros_fem.products.actuators.discovery import (
     Discovery,
-    densities_last,
+    densities_from,
     discover,
-    metrics_on_coarser_mesh,
 )
+from toros_fem.products.actuators.estimates import ORDER_OF_LINES, errors_of_lines
+from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_widths import LARGEST, mended_widths
 from toros_fem.products.tubes import twist
 
@@ -47,7 +48,7 @@ TINY = twist.TwistScene().updated(
 
 @pytest.fixture(scope="module")
 def found(alone: MPI.Comm) -> Discovery:
-    return discover(alone, TINY)
+    return discover(Job(alone, TINY))
 
 
 @pytest.mark.slow
@@ -66,24 +67,24 @@ def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
 
 @pytest.mark.slow
 def test_the_print_on_a_coarser_mesh(alone: MPI.Comm, found: Discovery) -> None:
-    with pytest.raises(ParameterError, match="no coarser mesh to compare with"):
-        metrics_on_coarser_mesh(alone, TINY, found)
-    ratio, other = metrics_on_coarser_mesh(alone, TINY.updated(print_edge_length=2e-3), found)
-    assert ratio == pytest.approx(1.25)  # edges as long as lines are wide
-    assert other["twist_deg"] != pytest.approx(found.best.metrics["twist_deg"], rel=1e-4)
+    assert "no coarser mesh to compare with" in errors_of_lines(Job(alone, TINY), found).failure
+    other = errors_of_lines(Job(alone, TINY.updated(print_edge_length=2e-3)), found)
+    ratio = 1.25  # edges as long as lines are wide
+    change = abs(other.metrics["twist_deg"] - found.best.metrics["twist_deg"])
+    assert change > 1e-4 * found.best.metrics["twist_deg"]
+    width = other.intervals["twist_deg"]
+    assert width == pytest.approx(change / (ratio**ORDER_OF_LINES - 1))
 
 
 @pytest.mark.slow
-def test_widths_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> None:
+def test_widths_mend_what_a_print_misses(found: Discovery) -> None:
     best, ratio = found.best, 1.01
     aim = space_mapping.Aim(ratio * best.metrics["twist_deg"], 60.0)
-    wider = mended_widths(
-        alone, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": aim}
-    )
+    wider = mended_widths(found.made, best.laid, {"twist_deg": aim})
     assert [f.length for f in wider.families] == [f.length for f in best.laid.families]
     assert wider.area != pytest.approx(best.laid.area, rel=1e-3)
     # The print's tangent tells what these widths do, on its own mesh.
-    pattern, cells = found.problem.skin.pattern, found.problem.skin.owned_cells
+    pattern, cells = found.made.problem.skin.pattern, found.made.problem.skin.owned_cells
     under = [regions_on(best.laid.pattern, r, pattern) for r in best.laid.under]
     changes = width_changes(best.laid.drawing, pattern, under, 1)
     families = zip(wider.drawing.families, best.laid.drawing.families, strict=True)
@@ -92,21 +93,16 @@ def test_widths_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> N
     density = changes.density(cells, change)
     evaluation = best.printed.evaluation
     assert evaluation is not None
-    rate = found.problem.metric_derivatives(evaluation, [density])["twist_deg"][0]
+    rate = found.made.problem.metric_derivatives(evaluation, [density])["twist_deg"][0]
     assert rate == pytest.approx((ratio - 1) * best.metrics["twist_deg"], rel=1e-6)
     far = space_mapping.Aim(3 * best.metrics["twist_deg"], 60.0)
-    assert (
-        mended_widths(
-            alone, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": far}
-        )
-        is None
-    ), "widths cannot do that"
+    assert mended_widths(found.made, best.laid, {"twist_deg": far}) is None, "widths cannot do that"
 
 
 @pytest.mark.slow
 def test_densities_go_on_from_the_lines(alone: MPI.Comm, found: Discovery) -> None:
-    designed = densities_last(alone, TINY, found)
-    rows = [row for row in designed[0].history if row.level == 1]
+    designed = densities_from(Job(alone, TINY), found)
+    rows = [row for row in designed.history if row.level == 1]
     assert len(rows) == 1 + TINY.lines.density_iterations
     assert rows[0].g_r > 0, "the widths are constrained"
 
@@ -121,7 +117,7 @@ class Untold(twist.TwistScene):
 @pytest.mark.slow
 def test_targets_that_cannot_be_asked_for_end_after_a_round(alone: MPI.Comm) -> None:
     config = Untold.of(**TINY.updated(relaxed_iterations=1, corrections=3).as_dict())
-    assert len(discover(alone, config).rounds) == 1
+    assert len(discover(Job(alone, config)).rounds) == 1
 
 
 def test_without_any_print_in_equilibrium_the_reason_is_told(
@@ -132,7 +128,7 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
 
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     with pytest.raises(NoEquilibriumError, match=r"made to fail\. Ask for less"):
-        discover(alone, TINY.updated(relaxed_iterations=1))
+        discover(Job(alone, TINY.updated(relaxed_iterations=1)))
 
 
 def test_what_is_asked_next_solves_a_linear_response() -> None:

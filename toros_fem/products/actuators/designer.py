@@ -15,7 +15,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import write_together
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
-from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
@@ -31,12 +30,13 @@ from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import (
     MetricErrors,
     errors_by_refinement,
     errors_of_lines,
 )
+from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Search
 from toros_fem.products.actuators.space_mapping import (
@@ -86,25 +86,17 @@ class Attempt:
         return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
 
 
-@dataclass(frozen=True, eq=False)
-class Designer:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Designer(Job):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        scene: What to design.
         reporter: Reports the progress.
-        journal: Keeps the state of the run; None keeps nothing.
-        verbose: Whether to print every Newton step.
+        output: Folder for summary, history, pattern, fields and pictures.
     """
 
-    comm: MPI.Comm
-    output: Path | str
-    scene: ActuatorScene
     reporter: DesignReporter
-    journal: Journal | None
-    verbose: bool
+    output: Path | str
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
@@ -124,7 +116,7 @@ class Designer:
 
         def problems() -> Iterator[ShapeDesign]:
             for level in levels:
-                yield scene.problem(comm, scene.case(comm, level), level, verbose=self.verbose)
+                yield self.problem(scene.case(comm, level), level)
 
         with self.reporter:
             made = self._over_levels(problems(), options, best)
@@ -146,9 +138,7 @@ class Designer:
         more = scene.relaxed_options.more_iterations
         self.reporter.expect(2 * lines.relaxed_iterations + scene.design.corrections * more)
         with self.reporter:
-            found = discover(
-                self.comm, scene, self.reporter, verbose=self.verbose, journal=self.journal
-            )
+            found = discover(self)
             relaxed, better = found.best.relaxed, None
             if lines.density_iterations:
                 self.reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
@@ -241,18 +231,16 @@ class Designer:
     def _densities(self, found: Discovery) -> Attempt | None:
         """Design and correct densities from lines; None if the print is not better."""
         comm, scene = self.comm, self.scene
-        designed = densities_last(
-            comm, scene, found, self.reporter, verbose=self.verbose, journal=self.journal
-        )
+        designed = densities_from(self, found)
         if designed is None:
             return None
 
         def goal(other: ActuatorScene) -> Case:
-            return other.case(comm, scene.density_level).following(comm, found.regions)
+            return other.case(comm, scene.density_level).following(comm, found.made.regions)
 
-        chosen = self._best(self._corrected(goal, *designed))
-        better = largest_error(chosen.metrics, aims_of(found.problem.metrics)) < found.best.error
-        return chosen if better else None
+        chosen = self._best(self._corrected(goal, designed, self._print(designed)))
+        aims = aims_of(found.made.problem.metrics)
+        return chosen if largest_error(chosen.metrics, aims) < found.best.error else None
 
     def _corrected(
         self,
@@ -386,7 +374,7 @@ class Designer:
         """Return the errors of the metrics of a print; None without an equilibrium."""
         problem, made, lines = found.made.problem, found.made.printed.evaluation, found.search.lines
         if found.search.laid and lines is not None:
-            return errors_of_lines(self.comm, self.scene, lines)
+            return errors_of_lines(self, lines)
         if made is None:
             return None
         return errors_by_refinement(
@@ -427,8 +415,15 @@ def design_actuator(
         TorosError: A number is out of its bounds, the start has no equilibrium, or the folder
             cannot be written to.
     """
-    reporter = reporter or DesignReporter(comm, output)
-    return Designer(comm, output, scene, reporter, journal_of(output), verbose).design()
+    designer = Designer(
+        comm=comm,
+        scene=scene,
+        output=output,
+        reporter=reporter or DesignReporter(comm, output),
+        journal=journal_of(output),
+        verbose=verbose,
+    )
+    return designer.design()
 
 
 def _problem(result: DesignResult) -> ShapeDesign:

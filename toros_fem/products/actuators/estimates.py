@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any
-
-from mpi4py import MPI
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import ParameterError
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.solver import (
     EquilibriumError,
@@ -18,10 +16,9 @@ from toros_fem.mechanics.equilibrium.solver import (
     EquilibriumSolver,
 )
 from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.products.actuators.discovery import Discovery, metrics_on_coarser_mesh
-
-if TYPE_CHECKING:  # errors of a scene's print
-    from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.actuators.discovery import Discovery
+from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.line_print import print_lines
 
 # Order of convergence that the errors of laid lines are estimated with. On the nets and twisting
 # lines of docs/manufacture.md, edges twice as long changed a figure by 3 to 18 times its error.
@@ -87,17 +84,24 @@ def errors_by_refinement(
     )
 
 
-def errors_of_lines(comm: MPI.Comm, scene: ActuatorScene, found: Discovery) -> MetricErrors:
+def errors_of_lines(job: Job, found: Discovery) -> MetricErrors:
     """Return the errors of the metrics of laid lines, from a coarser mesh (collective).
 
     The mesh of a print of lines is so fine already that a refined one would take longer than the
     design.
     """
-    begin, fine = time.perf_counter(), found.best.metrics
+    begin, fine, made = time.perf_counter(), found.best.metrics, found.made.printed.evaluation
+    assert made is not None
+    once = replace(job, journal=None, verbose=False)
     try:
-        ratio, coarse = metrics_on_coarser_mesh(comm, scene, found)
-    except (NoEquilibriumError, ParameterError) as caught:  # raised by all ranks or by none
+        ratio, level = job.scene.coarser_print_level()
+        plain, pressures = job.scene.case(job.comm, level), made.equilibrium.pressures
+        other = print_lines(once, level, plain, found.best.laid, found.made.shape, pressures)
+    except ParameterError as caught:  # there is no coarser mesh
         return MetricErrors("coarser", failure=str(caught))
+    coarse = other.metrics
+    if not coarse:
+        return MetricErrors("coarser", failure=other.printed.failure)
     caution = 1 / (ratio**ORDER_OF_LINES - 1)
     errors = {key: caution * abs(value - coarse[key]) for key, value in fine.items()}
     return MetricErrors("coarser", coarse, errors, seconds=time.perf_counter() - begin)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.widths import WidthChanges, width_changes, within_bounds
-from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.regions import regions_on
+from toros_fem.products.actuators.line_print import LinePrint
 from toros_fem.products.actuators.space_mapping import Aim
 
 # Number of smooth functions by which the widths of each family change.
@@ -28,33 +26,22 @@ ENOUGH = 0.1
 WORTH = 0.4
 
 
-def mended_widths(
-    comm: MPI.Comm,
-    problem: ShapeDesign,
-    printed: PrintedDesign,
-    lines: LaidLines,
-    metrics: Mapping[str, float],
-    aims: Mapping[str, Aim],
-) -> LaidLines | None:
-    """Return the lines with the least change of widths that takes the print to its targets.
+def mended_widths(made: LinePrint, lines: LaidLines, aims: Mapping[str, Aim]) -> LaidLines | None:
+    """Return the lines with the least change of widths that takes their print to its targets.
 
     A Gauss-Newton step: metrics are linear in the widths, by one solve with the print's tangent
-    for each of the smooth functions of `width_changes`. It is collective.
+    for each of the smooth functions of `width_changes`. None where the widths cannot take away a
+    fair part of the error. It is collective.
 
     Args:
-        comm: Communicator.
-        problem: The problem of the print; its last simulation is this print.
-        printed: The print of the lines.
+        made: The print of the lines; nothing else was simulated with its problem since.
         lines: The lines.
-        metrics: Metrics of the print, by key.
-        aims: Their targets.
-
-    Returns:
-        None where the widths cannot take away a fair part of the error.
+        aims: Targets of its metrics, by key.
     """
-    drawing, evaluation = lines.drawing, printed.evaluation
+    problem, evaluation, drawing = made.problem, made.printed.evaluation, lines.drawing
     if drawing is None or evaluation is None or not aims:
         return None
+    comm, metrics = problem.comm, made.metrics
     pattern, cells = problem.skin.pattern, problem.skin.owned_cells
 
     def changes_there() -> WidthChanges:

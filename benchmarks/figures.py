@@ -1,0 +1,158 @@
+"""Figures of all demos: each scene once more, as its command makes it.
+
+    python -m benchmarks figures --rows output/figures.csv
+    python -m benchmarks figures --rows output/figures.csv --page
+
+Every figure of the README and of demos/README.md comes from these rows: value and interval of each
+figure that the summary of a run tells, its target, and whether the target is reached. A run takes
+up to ten minutes on one core; `--only coarse` takes the coarse scenes alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial, reduce
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
+from toros_fem.cli.commands.main import run
+from toros_fem.measures.figures import NONE, Figure, formatted, split_key
+from toros_fem.results.result import read_summary
+
+REACHED = {True: "yes", False: "no", None: "not sure"}
+SIZES = ("coarse", "full")
+# Entries of summaries beside their figures; dots go down into them.
+DESIGN, ISLANDS = "design.", "manufacture.islands"
+INITIAL, WORST = "load.initial.held_mass_kg", "worst_percent"
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A scene of a demo in the tables.
+
+    Attributes:
+        scene: Name of its file.
+        paper: What the paper asks for or shows, with its pressure.
+        keys: Figures in the tables, by their keys.
+        changes: Keys of the scene that differ, as after `--set`.
+    """
+
+    scene: str
+    paper: str
+    keys: Sequence[str]
+    changes: Sequence[str] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the scene and its changes."""
+        return " ".join((self.scene, *self.changes))
+
+
+LEGS, GRIP = ("angle_deg", "stride_mm"), ("gap_mm", "angle_deg", "held_mass_kg", INITIAL)
+ALONG = ("stiffness_along_x_n_per_m", "stiffness_along_x_predicted_n_per_m")
+STIFF = ("stiffness_at_0_deg_n_per_m", "stiffness_at_90_deg_n_per_m")
+DEMOS = (
+    Demo("inflate", "Fig. 8a: swells, lengthens, saturates above about 10 kPa", (
+        "radius_when_saturated_percent", "length_when_saturated_percent",
+        "radius_percent", "length_percent",
+    )),
+    Demo("bend", "Fig. 8b: 180° (5 kPa)", ("angle_deg",)),
+    Demo("contract", "Fig. 8c: 8 % (10 kPa)", ("shortening_percent",)),
+    Demo("twist", "Fig. 8d: 300° (15 kPa)", ("twist_deg", "length_ratio")),
+    Demo("twist", "", ("twist_deg", "length_ratio"), ("keep_length=true",)),
+    Demo("bend_twist", "our own combination", ("angle_deg", "twist_deg")),
+    Demo("walker", "Fig. 9: legs by 90° (20 kPa)", LEGS),
+    Demo("walker", "Fig. 10: crawls", LEGS, ("motion=crawl",)),
+    Demo("gripper", "Fig. 1: grips", GRIP),
+    Demo("gripper", "", GRIP, ("shape=box",)),
+    Demo("tile", "Fig. 7: 10 % of strain", (WORST,)),
+    Demo("tile", "Fig. 7", (WORST,), ("target=orthotropic",)),
+    Demo("tile", "Fig. 7", (WORST,), ("target=isotropic",)),
+    Demo("tile", "Fig. 7", STIFF, ("target=anisotropic",)),
+    Demo("tile", "Fig. 7", ("contraction_at_0_deg_fraction",), ("target=auxetic",)),
+    Demo("tile_sheet", "section 4.3: as its tile predicts", ALONG),
+    Demo("own_design", "", ("distance_mm",)),
+)  # fmt: skip
+
+
+def rows_of(demo: Demo, size: str) -> Iterator[Row]:
+    """Run a scene by its command, and read the figures of its summary."""
+    file = ROOT / "demos" / "scenes" / f"{demo.scene}.toml"
+    what = "simulate" if demo.scene in ("inflate", "tile_sheet") else "design"
+    with tempfile.TemporaryDirectory() as folder:
+        words = [what, str(file), "--output", folder, *(["--coarse"] if size == "coarse" else [])]
+        code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
+        if code:
+            raise RuntimeError(f"toros {what} {file.name} ended with {code}")
+        found = read_summary(Path(folder))
+    entries: Any = found.entries
+    place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
+    for key, figure in found.figures.items():
+        width = "" if figure.interval is None else f"± {figure.interval!r}"
+        told = "" if figure.target is None else f", reached: {REACHED[figure.reached]}"
+        note = (width + told).removeprefix(", ")
+        yield Row(*place, key, figure.value, figure.unit, figure.target, seconds, note=note)
+    for key, value in (entries.get("design") or {}).items():
+        if key in found.figures:
+            yield Row(*place, DESIGN + key, value, found.figures[key].unit, None, seconds)
+    for key in (ISLANDS, INITIAL, WORST):
+        value = reduce(lambda of, name: (of or {}).get(name), key.split("."), entries)
+        if value is not None:
+            unit = (split_key(key) or ("", ""))[1]
+            yield Row(*place, key, float(value), unit, None, seconds)
+
+
+def cases(quick: bool) -> list[Case]:
+    """Return all scenes, coarse and full; a quick selection is one that is coarse."""
+    return [
+        Case(demo.name, partial(rows_of, demo, size), size, alone=True)
+        for size in (SIZES[:1] if quick else SIZES)
+        for demo in (DEMOS[:1] if quick else DEMOS)
+    ]
+
+
+def figure_of(row: Row) -> Figure:
+    """Return a figure from its row."""
+    name, unit = split_key(row.figure) or (row.figure, row.unit)
+    width = row.note.partition("±")[2].partition(",")[0]
+    return Figure(name, unit, row.value, float(width) if width else None, row.reference)
+
+
+def table(rows: Rows, size: str) -> str:
+    """Return the table of all scenes of a size that have rows."""
+    head = ("scene", "the paper", "as printed", "reached", "as designed", "pressure", "islands",
+            "time")  # fmt: skip
+    lines = []
+    for demo in DEMOS:
+        own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
+        if not own:
+            continue
+        shown = [figure_of(own[key]) for key in demo.keys if key in own]
+        designed = [own[DESIGN + key] for key in demo.keys if DESIGN + key in own]
+        told = [row.note.partition("reached: ")[2] for key, row in own.items() if key in demo.keys]
+        pressure, islands = own.get("pressure_pa"), own.get(ISLANDS)
+        seconds = next(iter(own.values())).seconds or 0.0
+        lines.append((
+            f"`{demo.name}`", demo.paper, "; ".join(figure.words for figure in shown),
+            ", ".join(filter(None, told)) or NONE,
+            ", ".join(formatted(row.value, row.unit) for row in designed) or NONE,
+            formatted(pressure.value, "pa") if pressure else NONE,
+            f"{islands.value:.0f}" if islands else NONE, f"{seconds:.0f} s",
+        ))  # fmt: skip
+    return markdown(head, lines)
+
+
+COMMAND = Command(
+    about=__doc__,
+    cases=cases,
+    serial=True,
+    tables=(
+        Table("../demos/README.md", "figures of the demos", lambda rows: table(rows, "full")),
+        Table("../demos/README.md", "figures of coarse demos", lambda rows: table(rows, "coarse")),
+    ),
+)

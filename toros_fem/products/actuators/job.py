@@ -1,0 +1,39 @@
+"""A scene that is designed, and who follows its steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mpi4py import MPI
+
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback
+from toros_fem.design.loop.shape_design import ShapeDesign
+
+if TYPE_CHECKING:  # a scene is designed by what imports this
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene that is designed, and who follows its steps.
+
+    Attributes:
+        comm: Communicator.
+        scene: What to design.
+        reporter: Called after each step of the design, on every rank; None reports nothing.
+        journal: Keeps the state of the run; None keeps nothing.
+        verbose: Whether to print every Newton step.
+    """
+
+    comm: MPI.Comm
+    scene: ActuatorScene
+    reporter: Callback | None = None
+    journal: Journal | None = None
+    verbose: bool = False
+
+    def problem(self, case: Case, level: Level) -> ShapeDesign:
+        """Return the design problem of a case on the mesh of a level (collective)."""
+        return self.scene.problem(self.comm, case, level, verbose=self.verbose)

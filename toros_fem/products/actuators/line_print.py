@@ -1,0 +1,97 @@
+"""Printed lines on a mesh whose edges follow them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.as_printed.printed_lines import clean_print, printed_lines
+from toros_fem.making.print.cleaning import CleanedRegions
+from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.job import Job
+
+if TYPE_CHECKING:
+    from toros_fem.products.actuators.scene import Level
+
+# A pattern and the positions of its points, from which another print starts.
+Shape = tuple[Pattern, Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class LinePrint:
+    """Lines on a mesh whose edges follow them, printed and simulated.
+
+    Attributes:
+        case: What is designed, on this mesh.
+        regions: The lines on its panels, polygons in m.
+        problem: Its density problem.
+        printed: The print.
+    """
+
+    case: Case
+    regions: list[BaseGeometry]
+    problem: ShapeDesign
+    printed: PrintedDesign
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Metrics of the print, by key; empty without an equilibrium."""
+        made = self.printed.evaluation
+        return {} if made is None else self.problem.metrics_of(made.equilibrium)
+
+    @property
+    def shape(self) -> Shape:
+        """The mesh, and its shape under pressure."""
+        assert self.printed.evaluation is not None
+        return self.case.pattern, self.problem.shape_of(self.printed.evaluation.equilibrium)
+
+
+def print_lines(
+    job: Job,
+    level: Level,
+    case: Case,
+    laid: LaidLines,
+    near: Shape,
+    pressures: Sequence[float] | None,
+) -> LinePrint:
+    """Print lines on a mesh that is moved onto them, and simulate this print (collective).
+
+    Args:
+        job: What is designed.
+        level: The mesh.
+        case: The case on it, before it is moved.
+        laid: The lines.
+        near: The shape that the simulation starts from.
+        pressures: Pressure of each chamber in Pa; None takes those of the case.
+    """
+    part, printer = case.pattern, job.scene.print
+
+    def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
+        found = regions_on(laid.pattern, laid.regions, part)
+        cleaned = clean_print(part, case.whole, found, printer.limits, printer.island_area)
+        return cleaned, part_regions(part, cleaned.regions)
+
+    cleaned, regions = on_first_rank(job.comm, cleaning)
+    fine = case.following(job.comm, regions)
+    problem = job.problem(fine, level)
+    printed = printed_lines(
+        problem,
+        part,
+        regions,
+        printer.limits,
+        cleaned=cleaned,
+        near=near,
+        pressure=pressures,
+        journal=job.journal,
+    )
+    return LinePrint(fine, regions, problem, printed)
