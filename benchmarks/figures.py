@@ -97,7 +97,9 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
         told = "" if figure.target is None else f", reached: {REACHED[figure.reached]}"
         note = (width + told).removeprefix(", ")
         yield Row(*place, key, figure.value, figure.unit, figure.target, seconds, note=note)
-    for key, value in (entries.get("design") or {}).items():
+    # Beside laid lines there is no design by densities.
+    designed = {} if entries.get("densities_kept") is False else entries.get("design", {})
+    for key, value in designed.items():
         if key in found.figures:
             yield Row(*place, DESIGN + key, value, found.figures[key].unit, None, seconds)
     for key in (ISLANDS, INITIAL, WORST):
@@ -125,8 +127,7 @@ def figure_of(row: Row) -> Figure:
 
 def table(rows: Rows, size: str) -> str:
     """Return the table of all scenes of a size that have rows."""
-    head = ("scene", "the paper", "as printed", "reached", "as designed", "pressure", "islands",
-            "time")  # fmt: skip
+    head = ("scene", "the paper", "as printed", "reached", "as designed", "pressure", "islands")
     lines = []
     for demo in DEMOS:
         own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
@@ -136,15 +137,28 @@ def table(rows: Rows, size: str) -> str:
         designed = [own[DESIGN + key] for key in demo.keys if DESIGN + key in own]
         told = [row.note.partition("reached: ")[2] for key, row in own.items() if key in demo.keys]
         pressure, islands = own.get("pressure_pa"), own.get(ISLANDS)
-        seconds = next(iter(own.values())).seconds or 0.0
         lines.append((
             f"`{demo.name}`", demo.paper, "; ".join(figure.words for figure in shown),
             ", ".join(filter(None, told)) or NONE,
             ", ".join(formatted(row.value, row.unit) for row in designed) or NONE,
             formatted(pressure.value, "pa") if pressure else NONE,
-            f"{islands.value:.0f}" if islands else NONE, f"{seconds:.0f} s",
+            f"{islands.value:.0f}" if islands else NONE,
         ))  # fmt: skip
     return markdown(head, lines)
+
+
+def headline(rows: Rows) -> str:
+    """Return a short table, a line for each scene as it is, coarse and full."""
+    lines = []
+    for demo in DEMOS:
+        cells = []
+        for size in SIZES:
+            own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
+            shown = [figure_of(own[key]).words for key in demo.keys[:2] if key in own]
+            cells.append("; ".join(shown) or NONE)
+        if demo.paper and not demo.changes and cells != [NONE, NONE]:
+            lines.append((f"`{demo.name}`", *cells))
+    return markdown(("scene", "`--coarse`", "as it is"), lines)
 
 
 COMMAND = Command(
@@ -152,6 +166,7 @@ COMMAND = Command(
     cases=cases,
     serial=True,
     tables=(
+        Table("../README.md", "figures", headline),
         Table("../demos/README.md", "figures of the demos", lambda rows: table(rows, "full")),
         Table("../demos/README.md", "figures of coarse demos", lambda rows: table(rows, "coarse")),
     ),

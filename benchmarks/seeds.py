@@ -1,4 +1,4 @@
-"""Whole designs again: from several random starts, on several machines, and those of the README.
+"""Whole designs again, from several random starts and on several machines.
 
 `tubes` designs the tubes from several seeds and lists the figures of all stages: those of the
 relaxed design, those of its lines before any step on densities, and those of the final print.
@@ -6,10 +6,6 @@ Nothing hints at a direction. Seconds are wall time of the run, files and pictur
 
 `kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
 rounds, figure and time spread. Seconds are CPU seconds.
-
-`published` designs the demos under pressure once more. A row says what is published and how far
-another machine may be off: another mesh, or a Newton iteration that fails on one machine alone,
-leads to a neighbouring design and not to the same one. A run takes 4 to 25 minutes.
 """
 
 from __future__ import annotations
@@ -25,7 +21,7 @@ import gmsh
 import numpy as np
 from mpi4py import MPI
 
-from benchmarks.bench import ROWS, Case, Command, Row, Rows, Table, markdown, read, values_of
+from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, values_of
 from toros_fem.products.kinds import KINDS
 
 # Kind, title, least and largest value of each figure that counts as reached, what differs from the
@@ -54,18 +50,6 @@ UNITS = {"deg": "°", "percent": " %", "ratio": "×"}
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
 TYPES = ("Haswell", "SkylakeX")
-# Kind, and what differs from its defaults; the figures are those of the committed rows.
-PUBLISHED: dict[str, tuple[str, dict[str, Any]]] = {
-    "inflate": ("inflate", {}),
-    "bend": ("bend", {}),
-    "contract": ("contract", {}),
-    "twist": ("twist", {}),
-    "bend_twist": ("bend-twist", {}),
-    "walker": ("walker", {}),
-    "walker_crawl": ("walker", {"motion": "crawl"}),
-    "gripper": ("gripper", {}),
-    "gripper_box": ("gripper", {"shape": "box", "estimate_error": False}),
-}
 # A run of a few steps.
 QUICK = {
     "edge_length": 5.5e-3,
@@ -135,29 +119,6 @@ def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) 
     yield Row(*place, FIGURES[scene], figure, seconds=round(spent, 1), note=note)
 
 
-def published_rows(name: str, size: str) -> Iterator[Row]:
-    """Design a demo again and return its figures beside the committed ones."""
-    known = [
-        row
-        for row in read(ROWS / "seeds.csv")
-        if (row.case, row.variant, row.size) == ("published", name, size)
-    ]
-    kind, changes = PUBLISHED[name]
-    found = summary_of(kind, changes, coarse=size == "coarse")
-    for row in known:
-        computed = value_of(found, row.figure)
-        yield Row(*("published", name, size), row.figure, computed, row.unit, row.value,
-                  found["seconds"]["total"], note=row.note)  # fmt: skip
-
-
-def deviates(row: Row) -> bool:
-    """Return whether a figure is farther from the published one than its note allows."""
-    if row.case != "published" or row.reference is None:
-        return False
-    allowed = float(row.note.removeprefix("± "))
-    return row.value is None or not abs(row.value - row.reference) <= allowed
-
-
 def cases(quick: bool) -> list[Case]:
     """Return all designs; a quick selection takes few steps, and few of them."""
     found = [
@@ -174,9 +135,6 @@ def cases(quick: bool) -> list[Case]:
         for scene in (["contract"] if quick else FIGURES)
         for kernel in TYPES
     ]  # fmt: skip
-    size = "coarse" if quick else "long"
-    names = ["inflate"] if quick else list(PUBLISHED)
-    found += [Case("published", partial(published_rows, n, size), n, alone=True) for n in names]
     return found
 
 
@@ -260,7 +218,6 @@ def kernels_table(rows: Rows) -> str:
 COMMAND = Command(
     about=__doc__,
     cases=cases,
-    bad=deviates,
     serial=True,
     tables=(
         Table("discovery.md", "tubes from random starts", tubes_table),
