@@ -136,7 +136,8 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
         assert target.stiffness is not None
         stress = 0.1 * (1 + off) * target.stiffness
         profile = Profile(case.angles, 0.1, stress, ones, ones, ones, nothing, nothing, 0, 0)
-        return TileResult(problem, result, printed, profile, "", with_flaws(islands))  # type: ignore[arg-type]
+        made = None if np.isinf(off) else profile
+        return TileResult(problem, result, printed, made, "", with_flaws(islands))  # type: ignore[arg-type]
 
     monkeypatch.setattr(search, "optimize", once)
     monkeypatch.setattr(PrintSimulation, "simulate", simulate)
@@ -153,7 +154,10 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
         found = design_tile(alone, case, config)
         assert found.deviation == pytest.approx(chosen)
         assert not prints
-    prints[:] = [(None, 0), (None, 0)]
+    contrast = replace(case, objective=Contrast(case.angles > 0, case.angles == 0))
+    kept[:], prints[:] = [], [(np.inf, 0), (0.0, 0)]
+    assert design_tile(alone, contrast, config).profile is not None
+    kept[:], prints[:] = [], [(None, 0), (None, 0)]
     with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
         design_tile(alone, case, config)
     assert not prints

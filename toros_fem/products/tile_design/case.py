@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
@@ -133,8 +134,6 @@ class TileResult:
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
         trials: The random starts after their trial.
-        deviation: Largest relative deviation of this print from the target; infinite without an
-            equilibrium, 0 without a target.
         deviations: That of each print, before and after each correction; empty without a target.
     """
 
@@ -145,8 +144,18 @@ class TileResult:
     failure: str
     printability: TilePrintability
     trials: tuple[Trial, ...] = ()
-    deviation: float = 0.0
     deviations: tuple[float, ...] = ()
+
+    @property
+    def deviation(self) -> float:
+        """Largest relative deviation of this print from the target, 0 without one.
+
+        Without an equilibrium it is infinite.
+        """
+        target = self.problem.target
+        if self.profile is None:
+            return np.inf
+        return 0.0 if target is None else target.largest_deviation(self.profile)
 
 
 def tile_problem(

@@ -165,19 +165,14 @@ def _finished(
         target_objective=rules.target_objective / len(problem.solver.angles),
     )
 
-    def simulated(result: DesignResult) -> TileResult:
-        made = simulation.simulate(problem, result)
-        return replace(made, deviation=_deviation(target, made.profile))
-
     def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
         last = prints[-1]
         if last.profile is None:
             return None
         objective = _corrected(target, last.result.final.equilibrium, last.profile)
         asking = replace(problem, objective=objective)
-        return simulated(
-            optimize(asking, again, callback=callback, after=last.result, journal=journal)
-        )
+        found = optimize(asking, again, callback=callback, after=last.result, journal=journal)
+        return simulation.simulate(problem, found)
 
     def badness(print_: TileResult) -> float:
         return _badness(print_, c)
@@ -185,7 +180,9 @@ def _finished(
     def enough(prints: Sequence[TileResult]) -> bool:
         return min(map(badness, prints)) <= c.design.tolerance
 
-    prints = correct(simulated(result), asked_again, enough, c.design.corrections)
+    prints = correct(
+        simulation.simulate(problem, result), asked_again, enough, c.design.corrections
+    )
     return replace(min(prints, key=badness), deviations=tuple(one.deviation for one in prints))
 
 
@@ -280,10 +277,6 @@ def _badness(print_: TileResult, config: TileDesignScene) -> float:
     """Return the deviation of a print, more by `ACCEPTABLE` tolerances if it has flaws."""
     flaws = 0.0 if print_.printability.clean else ACCEPTABLE * config.design.tolerance
     return print_.deviation + flaws
-
-
-def _deviation(target: ProfileTarget, profile: Profile | None) -> float:
-    return np.inf if profile is None else target.largest_deviation(profile)
 
 
 def _corrected(target: ProfileTarget, designed: Profile, printed: Profile) -> ProfileTarget:
