@@ -50,6 +50,11 @@ def test_measured_shortening_and_swelling(alone: MPI.Comm) -> None:
     turn = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
     assert shortening(pattern, short @ turn.T + 1.0) == pytest.approx(0.08)
     assert swelling(pattern, short @ turn.T + 1.0) == pytest.approx(1.4)
+    for edge in (4e-3, 1e-2):  # the middle third of few rows, too
+        pattern = cylinder(alone, 0.05, 0.02, edge, mesh="structured")
+        cone = pattern.points * np.outer(1 + pattern.points[:, 2] / 0.05, [1, 1, 0])
+        cone[:, 2] = pattern.points[:, 2]
+        assert swelling(pattern, cone) == pytest.approx(1.5, rel=0.03)  # slabs are half open
 
 
 def test_distance_from_a_target(alone: MPI.Comm) -> None:

@@ -344,11 +344,12 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
         panel: Name of the wall's panel.
     """
     positions = _checked(pattern, positions)
-    rings = _rings(pattern, panel, 12)[4:8]
-    if not rings:
+    slab = label_cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), 12)
+    rings = section_vertices(np.where((slab >= 4) & (slab < 8), slab, -1), least=6)
+    if len(rings) < 2:
         raise MetricError(
-            f"the middle third of panel {panel!r} has no ring of six vertices or more, so that its "
-            "radius is not known. Refine the mesh."
+            f"the middle third of panel {panel!r} has {len(rings)} rings of six vertices or more, "
+            "and its radius is known from two. Refine the mesh."
         )
     ring = np.unique(np.concatenate(rings))
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
     Pairs,
+    Product,
     check_radius,
-    multiply,
-    multiply_transpose,
     neighbour_matrices,
 )
 from toros_fem.meshes.mirror import Mirrored
@@ -59,8 +57,8 @@ class ConeFilter:
         self._near = Neighbourhood(skin.pattern, radius, lattice, whole)
         self.radius = radius
         self._skin, self._areas = skin, skin.pattern.areas
-        (self._matrix,) = neighbour_matrices(skin, self._near, self._weights)
-        self._slopes: list[PETSc.Mat] = []
+        (self._mean,) = neighbour_matrices(skin, self._near, self._weights)
+        self._slopes: list[Product] = []
 
     def _weights(self, pairs: Pairs) -> list[Floats]:
         weight = (self.radius - pairs.distance) * self._areas[pairs.cell]
@@ -81,24 +79,22 @@ class ConeFilter:
 
     def forward(self, density: Floats) -> Floats:
         """Return ρ̃ at owned triangles from ρ there (collective)."""
-        return multiply(self._matrix, density)
+        return self._mean.forward(density)
 
     def backward(self, gradient: Floats) -> Floats:
         """Return ∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
-        return multiply_transpose(self._matrix, gradient)
+        return self._mean.backward(gradient)
 
     def slope(self, density: Floats) -> Floats:
         """Return ∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
         if not self._slopes:
             self._slopes = neighbour_matrices(self._skin, self._near, self._weight_slopes, 2)
-        return np.array([multiply(matrix, density) for matrix in self._slopes])
+        return np.array([one.forward(density) for one in self._slopes])
 
     def slope_backward(self, gradient: Floats) -> Floats:
         """Return ∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective); after `slope`."""
-        parts = [
-            multiply_transpose(m, part) for m, part in zip(self._slopes, gradient, strict=True)
-        ]
-        return np.asarray(sum(parts))
+        parts = zip(self._slopes, gradient, strict=True)
+        return np.asarray(sum(one.backward(part) for one, part in parts))
 
     def at_points(self, density: Floats) -> Floats:
         """Return ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""

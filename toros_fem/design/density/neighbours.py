@@ -150,12 +150,36 @@ def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, I
     return np.concatenate(copies), np.concatenate(owners)
 
 
+class Product:
+    """Products with a matrix and its transpose, on owned entries; both are collective.
+
+    Its vectors are made once: those that are dropped on several ranks stay in memory until all
+    ranks clean up together.
+    """
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self._matrix = matrix
+        self._right, self._left = matrix.createVecs()
+
+    def forward(self, values: Floats) -> Floats:
+        """Return A v."""
+        self._right.array[:] = values
+        self._matrix.mult(self._right, self._left)
+        return self._left.array.copy()
+
+    def backward(self, values: Floats) -> Floats:
+        """Return Aᵀ v."""
+        self._left.array[:] = values
+        self._matrix.multTranspose(self._left, self._right)
+        return self._right.array.copy()
+
+
 def neighbour_matrices(
     skin: Skin,
     near: Neighbourhood,
     weigh: Callable[[Pairs], Sequence[Floats]],
     number: int = 1,
-) -> list[PETSc.Mat]:
+) -> list[Product]:
     """Assemble matrices over the triangles of a skin, one for each weight (collective).
 
     Rows and columns are numbered like the densities; neighbours may belong to other ranks.
@@ -191,23 +215,7 @@ def neighbour_matrices(
         begin += pairs.rows
     for matrix in matrices:
         matrix.assemble()
-    return matrices
-
-
-def multiply(matrix: PETSc.Mat, values: Floats) -> Floats:
-    """Return the owned entries of A v (collective)."""
-    right, left = matrix.createVecs()
-    right.array[:] = values
-    matrix.mult(right, left)
-    return left.array.copy()
-
-
-def multiply_transpose(matrix: PETSc.Mat, values: Floats) -> Floats:
-    """Return the owned entries of Aᵀ v (collective)."""
-    right, left = matrix.createVecs()
-    left.array[:] = values
-    matrix.multTranspose(left, right)
-    return right.array.copy()
+    return [Product(matrix) for matrix in matrices]
 
 
 def mean_edge(skin: Skin) -> float:

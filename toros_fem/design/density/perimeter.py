@@ -12,8 +12,6 @@ from toros_fem.base.validation import require_finite, require_flag, require_kind
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
     Pairs,
-    multiply,
-    multiply_transpose,
     neighbour_matrices,
 )
 from toros_fem.meshes.mirror import Mirrored
@@ -82,25 +80,25 @@ class Perimeter:
             return [weight / pairs.sums(weight)[pairs.row]]
 
         near = Neighbourhood(skin.pattern, window, lattice, whole)
-        (self._matrix,) = neighbour_matrices(skin, near, mean_weights)
+        (self._mean,) = neighbour_matrices(skin, near, mean_weights)
         self._weight: Floats = np.ones(len(skin.owned_cells))
         self._linear: Floats = self._weight  # factor on ρ̄, before F is taken off
         if area_weighted:
             length = edge_factor(sharpness) * window
             self._weight = np.asarray(areas[skin.owned_cells] / length)
-            self._linear = multiply_transpose(self._matrix, self._weight)
+            self._linear = self._mean.backward(self._weight)
 
     def forward(self, projected: Floats) -> float:
         """Return the perimeter in m from ρ̄ at owned triangles (collective)."""
-        mean = multiply(self._matrix, self._exponentials(projected))
+        mean = self._mean.forward(self._exponentials(projected))
         eroded = self._top - np.log(mean) / self.sharpness
         return dot(self._comm, self._linear, projected) - dot(self._comm, self._weight, eroded)
 
     def backward(self, projected: Floats) -> Floats:
         """Return ∂(perimeter)/∂ρ̄ at owned triangles (collective)."""
         small = self._exponentials(projected)
-        mean = multiply(self._matrix, small)
-        back = multiply_transpose(self._matrix, self._weight / mean)
+        mean = self._mean.forward(small)
+        back = self._mean.backward(self._weight / mean)
         return np.asarray(self._linear - small * back)
 
     @property
