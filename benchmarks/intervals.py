@@ -57,7 +57,7 @@ def rows_of(seed: int, edge: float) -> Iterator[Row]:
     density = design[solver.skin.owned_cells]
     result = solver.solve(density, pressure)
     functions = [function for function, *_ in METRICS.values()]
-    told = estimate_error(solver, density, result, functions)
+    told = estimate_error(solver, result, functions)
     positions = solver.skin.gather_vertices(result.positions)
     finest, seconds = timed(lambda: _refined(pattern, design, positions, pressure))
     place = ("refined", f"seed {seed}", f"{len(pattern.triangles)}")

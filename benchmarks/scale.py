@@ -31,7 +31,7 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.cleaning import clean
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import printability, printed_cells
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
 from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
 from toros_fem.results.files import write_fields
@@ -139,7 +139,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     density = problem.with_passive(problem.start_density(0))
     filtered, projected = problem.fields(density)
     model.set_density(projected)
-    model.set_load(LoadCase(np.array([config.pressure.pressure])))
+    model.set_load(Load(np.array([config.pressure.pressure])))
     rng = np.random.default_rng(0)
     state = model.assembled
     positions = model.positions(state)

@@ -35,11 +35,11 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
-from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.simulated import tolerances
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import read_summary
@@ -64,6 +64,7 @@ __all__ = [  # noqa: RUF022
     "Contact",
     "Ground",
     "Weight",
+    "Load",
     # Equilibria
     "EquilibriumSolver",
     "NewtonOptions",
@@ -105,7 +106,6 @@ __all__ = [  # noqa: RUF022
     "as_printed",
     "PrintLimits",
     "tolerances",
-    "ToleranceConfig",
     # Runs
     "DesignReporter",
     "open_run",

@@ -29,6 +29,7 @@ from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.limit_points import limit_points
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.skin.load import Load
 
 
 def follow(scene: Scene, options: ArcLengthOptions) -> tuple[list[TracePoint], list[float], float]:
@@ -36,8 +37,8 @@ def follow(scene: Scene, options: ArcLengthOptions) -> tuple[list[TracePoint], l
     points, seconds = timed(
         lambda: list(
             trace(
-                scene.solver, scene.density, scene.pressure,
-                by="arc-length", force=scene.force, options=options,
+                scene.solver, scene.density, Load(scene.pressure, force=scene.force),
+                by="arc-length", options=options,
             )
         )
     )  # fmt: skip

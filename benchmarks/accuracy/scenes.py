@@ -13,8 +13,9 @@ from mpi4py import MPI
 
 from benchmarks.accuracy.known import Known, Measured, timed
 from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, sew
 
@@ -106,7 +107,7 @@ class Solved:
     pattern: Pattern
     points: Floats
     reactions: Floats
-    result: EquilibriumResult
+    result: Equilibrium
     seconds: float
 
     def measured(self, value: float) -> Measured:

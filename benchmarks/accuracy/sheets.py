@@ -9,8 +9,10 @@ import numpy.typing as npt
 
 from benchmarks.accuracy.scenes import COMM
 from toros_fem.materials.sheet import Bending, Composite, Material
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, Skin, rectangle, sew
 from toros_fem.meshes.sheet import one_panel
@@ -82,13 +84,13 @@ class Sheet:
             self.skin, composite, supports, NewtonOptions(max_steps=200)
         )
         self._fabric = np.zeros(len(self.skin.owned_cells))
-        self._last: EquilibriumResult | None = None
+        self._last: Equilibrium | None = None
 
-    def bend(self, force: Floats | None, start: Floats | None = None) -> EquilibriumResult:
+    def bend(self, force: Floats | None, start: Floats | None = None) -> Equilibrium:
         """The equilibrium under dead forces, from the last one or a given start."""
         if start is None and self._last is not None:
             start = self._last.state
-        self._last = self.solver.solve(self._fabric, 0.0, force=force, start=start)
+        self._last = self.solver.solve(self._fabric, Load(0.0, force=force), start=start)
         return self._last
 
     def positions(self) -> Floats:

@@ -21,7 +21,9 @@ from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_sphere
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, rectangle, sew
 
@@ -83,7 +85,7 @@ class Touching:
         force: Floats | None = None,
         displacement: Floats | None = None,
         poses: Floats | None = None,
-        start: EquilibriumResult | None = None,
+        start: Equilibrium | None = None,
         trial: bool = False,
     ) -> Touched:
         """Return the equilibrium; only the solve is timed.
@@ -95,11 +97,8 @@ class Touching:
         result, seconds = timed(
             lambda: self.solver.solve(
                 self._fabric,
-                pressure,
-                force=force,
-                displacement=displacement,
-                poses=poses,
-                start=start,
+                Load(pressure, force=force, displacement=displacement, poses=poses),
+                after=start,
                 trial=trial,
                 raise_on_failure=not trial,
             )
@@ -108,7 +107,7 @@ class Touching:
         assert model.contact is not None
         push, _ = model.contact.gradient(result.positions, model.motions(result.state), 0.0)
         load = model.load
-        model.set_load(replace(load, pressures=0 * load.pressures))
+        model.set_load(replace(load, pressure=0 * load.pressures))
         pulls = gather(model.positions(model.reaction(result.state)))
         model.set_load(load)
         points = gather(result.positions)

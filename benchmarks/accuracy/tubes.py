@@ -21,7 +21,7 @@ from benchmarks.accuracy.scenes import (
     without,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -99,7 +99,7 @@ class HomogeneousTube:
         self.skin = sew(COMM, self.pattern)
         self.model = SkinModel(self.skin, composite, supports)
         self.model.set_density(np.zeros(len(self.skin.owned_cells)))
-        self.model.set_load(LoadCase(np.array([0.0])))
+        self.model.set_load(Load(np.array([0.0])))
         self.tip = self.pattern.vertices_of("tip")
         wall = np.setdiff1d(self.pattern.vertices_of("wall"), self.tip)
         self.inner = wall[self.pattern.points[wall, 2] > 1e-9]

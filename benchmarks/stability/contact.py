@@ -28,7 +28,9 @@ from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.motion import placed
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_sphere
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, finger, sew
 from toros_fem.meshes.outline import two_panels
@@ -160,7 +162,7 @@ def scene_rows(name: str, edge_length: float) -> Iterator[Row]:
         solver = EquilibriumSolver(skin, scene.composite, scene.supports, contact=contact)
         result, seconds = timed(
             lambda solver=solver: solver.solve(  # type: ignore[misc]
-                density, scene.pressure, force=scene.force, raise_on_failure=False
+                density, Load(scene.pressure, force=scene.force), raise_on_failure=False
             )
         )
         points = skin.gather_vertices(result.positions)
@@ -237,7 +239,7 @@ def _solve(found: Outcome, seed: int) -> None:
     solver = EquilibriumSolver(skin, scene.composite, scene.supports, contact=contact)
     density = scene.density[skin.owned_cells]
     try:
-        result = solver.solve(density, load.pressures.tolist(), force=force)
+        result = solver.solve(density, Load(load.pressures.tolist(), force=force))
     except EquilibriumError as error:
         result = error.result
     touching = solver.model.contact

@@ -23,10 +23,11 @@ from benchmarks.stability.oracle import search_equilibrium
 from benchmarks.stability.scenes import Floats, triangle_panels
 from toros_fem.base.errors import TorosError
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, pin
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.outline import two_panels
@@ -81,7 +82,7 @@ class RandomScene:
     supports: Supports
     chambers: Chambers | None
     density: Floats
-    load: LoadCase
+    load: Load
 
     def solver(self, options: NewtonOptions | None = None) -> EquilibriumSolver:
         """Return a solver of the scene."""
@@ -229,7 +230,7 @@ def random_density(rng: Random, pattern: Pattern) -> Floats:
 
 def random_load(
     rng: Random, pattern: Pattern, composite: Composite, chambers: int, supports: Supports
-) -> LoadCase:
+) -> Load:
     """Return pressures, which only a closed skin has, and dead forces at a few vertices or all."""
     stiffness = composite.fabric.young * composite.fabric.thickness
     pressures = np.zeros(chambers)
@@ -242,7 +243,7 @@ def random_load(
         chosen = rng.random(len(pattern.points)) < rng.choice([0.03, 1.0])
         chosen[rng.integers(len(chosen))] = True
         force = chosen[:, None] * rng.standard_normal(3) * total / chosen.sum()
-    return LoadCase(pressures, force, supports.displacement)
+    return Load(pressures, force, supports.displacement)
 
 
 def draw_shape(seed: int) -> tuple[Random, str]:
@@ -303,7 +304,7 @@ def _solve(found: Outcome, scene: RandomScene, *, ask_oracle: bool) -> None:
     judge = Judge(scene.skin, scene.composite)
     owned = scene.density[scene.skin.owned_cells]
     try:
-        result = solver.solve(owned, load.pressures, force=load.force)
+        result = solver.solve(owned, Load(load.pressures, force=load.force))
     except EquilibriumError as error:
         result = error.result
     found.steps, found.reason = result.steps, result.reason

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, triu
 
 from benchmarks.stability.scenes import Floats
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Skin
@@ -72,13 +72,13 @@ class Judge:
         self._inverse = np.linalg.inv(chart)
 
     def check(
-        self, model: SkinModel, density: Floats, load: LoadCase | float, state: Floats
+        self, model: SkinModel, density: Floats, load: Load | float, state: Floats
     ) -> Finding:
         """Check whether a state is a stable equilibrium at a density and a load or pressure."""
         if not np.isfinite(state).all():
             return Finding(None, -1, [f"{np.sum(~np.isfinite(state))} positions are not finite"])
         model.set_density(density)
-        model.set_load(load if isinstance(load, LoadCase) else LoadCase(np.array([load])))
+        model.set_load(load if isinstance(load, Load) else Load(np.array([load])))
         force = np.linalg.norm(model.residual(state))
         load_force = self._load(model, state)
         residual = float(force / load_force)

@@ -27,13 +27,10 @@ from benchmarks.stability.scenes import (
 )
 from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")
@@ -159,7 +156,7 @@ class Run:
 
     def solve(
         self, factor: float = 1.0, start: Floats | None = None, *, neighbour: bool = False
-    ) -> EquilibriumResult:
+    ) -> Equilibrium:
         """Solve at a fraction of the load; without load, of the design's variation."""
         cell, model = self.cell, self.solver.model
         variation = factor if cell.load == 0 else 1.0
@@ -183,7 +180,7 @@ def ladder(scene: Scene, load: float) -> list[float]:
     return factors
 
 
-def play(run: Run, scene: Scene) -> tuple[EquilibriumResult, float]:
+def play(run: Run, scene: Scene) -> tuple[Equilibrium, float]:
     """Run one cell; return the last result and, after up and down, the distance that it moved."""
     start = run.cell.start
     if start == "cold":
@@ -208,7 +205,7 @@ def rows_of(cell: Cell, *, contact: bool = False) -> list[Row]:
     """Run one cell and check its result; the figure of its row is the verdict."""
     begin, case = time.perf_counter(), "matrix with contact" if contact else "matrix"
     run: Run | None = None
-    result: EquilibriumResult | None = None
+    result: Equilibrium | None = None
     verdict, why, moved = "converged", "", 0.0
     try:
         stage = stage_of(cell.scene, contact)
@@ -257,7 +254,7 @@ def ask_oracle(stage: Stage, request: Request) -> tuple[bool, str]:
                 stage.judge(request.contrast),
                 stage.solver(request.contrast, many_steps=True),
                 stage.density(request),
-                LoadCase(np.array([request.load])),
+                Load(np.array([request.load])),
             )
     except TimeoutError as error:
         return False, f"the oracle {error}"

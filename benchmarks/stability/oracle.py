@@ -17,7 +17,7 @@ from benchmarks.stability.judge import Judge, scaled_tangent
 from benchmarks.stability.scenes import Floats
 from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 
 # Time in s after which neither one path of the solver nor the minimiser begins anything new.
@@ -26,7 +26,7 @@ LEVELS = 40
 
 
 def search_equilibrium(
-    judge: Judge, solver: EquilibriumSolver, density: Floats, load: LoadCase
+    judge: Judge, solver: EquilibriumSolver, density: Floats, load: Load
 ) -> tuple[bool, str]:
     """Return whether small steps on a path, or another minimiser, find one, and how."""
     model = solver.model
@@ -35,7 +35,7 @@ def search_equilibrium(
     ):
         return False, "the assembled shape is a mechanism: motions of it cost no energy"
     mean = density.mean()
-    ways: dict[str, Callable[[float], tuple[Floats, LoadCase]]] = {
+    ways: dict[str, Callable[[float], tuple[Floats, Load]]] = {
         "from the fabric": lambda fraction: (fraction * density, load),
         "up": lambda fraction: (
             density if load else mean + fraction * (density - mean),
@@ -67,7 +67,7 @@ def search_equilibrium(
 
 
 def walk(
-    solver: EquilibriumSolver, way: Callable[[float], tuple[Floats, LoadCase]]
+    solver: EquilibriumSolver, way: Callable[[float], tuple[Floats, Load]]
 ) -> tuple[Floats | None, float, int]:
     """Follow equilibria along a way from 0 to 1, in steps that shrink where the solver fails.
 
@@ -83,9 +83,7 @@ def walk(
         try:
             state = solver.solve(
                 density,
-                load.pressures,
-                force=load.force,
-                displacement=load.displacement,
+                Load(load.pressures, force=load.force, displacement=load.displacement),
                 start=state,
             ).state
         except TorosError:

@@ -73,13 +73,13 @@ from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
+from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel, crossing_of_widths
@@ -374,8 +374,8 @@ SUPPORTS: Table = {
     ).solve(np.zeros(len(half().panel)), 1e3),
     "a border leaves its plane": lambda s: tf.EquilibriumSolver(
         m.sew(ALONE, tube()), tf.Composite(bending=None), _between((0, 0.03))
-    ).solve(np.zeros(len(tube().panel)), 1e3, displacement=np.where(
-        symmetry_plane(tube(), 2).fixed, 1e-3, 0.0)),
+    ).solve(np.zeros(len(tube().panel)), Load(1e3, displacement=np.where(
+        symmetry_plane(tube(), 2).fixed, 1e-3, 0.0))),
     "chambers along a tube between planes": lambda s: SkinModel(
         m.sew(ALONE, tube()), tf.Composite(), _between((0, 0.03)), _parted(tube(), 0)
     ),
@@ -397,11 +397,11 @@ SUPPORTS: Table = {
     "a pressure of two is negative": lambda s: _solver(
         s, chambers=_parted(s.pattern, 2, 0.02)
     ).solve(s.plain, (1.0, -2.0)),
-    "loads of other chambers": lambda s: s.solver.model.set_load(LoadCase(np.zeros(2))),
+    "loads of other chambers": lambda s: s.solver.model.set_load(Load(np.zeros(2))),
     "the displacement of a load is flat": lambda s: s.solver.solve(
-        s.plain, 1.0, displacement=np.zeros((3, 3))
+        s.plain, Load(1.0, displacement=np.zeros((3, 3)))
     ),
-    "poses without bodies": lambda s: s.solver.solve(s.plain, 1.0, poses=np.zeros((1, 6))),
+    "poses without bodies": lambda s: s.solver.solve(s.plain, Load(1.0, poses=np.zeros((1, 6)))),
     "a fabric of negative weight": lambda s: tf.Weight(-1.0, 1.0),
     "a force is infinite": lambda s: spread_force(s.pattern, "tip", [1.0, INF, 0.0]),
     "a force on an unknown panel": lambda s: spread_force(s.pattern, "top", [1.0, 0.0, 0.0]),
@@ -461,19 +461,20 @@ SOLVES: Table = {
     ),
     "states of size 0": lambda s: find_states(s.solver, s.plain, 1e3, size=0.0),
     "a path of no load": lambda s: LoadPath(s.solver, []),
-    "pressures of two steps for one": lambda s: LoadPath(s.solver, [LoadStep(2e3)]).solve(
+    "pressures of two steps for one": lambda s: LoadPath(s.solver, [Load(2e3)]).solve(
         s.plain, np.ones((2, 1))
     ),
-    "slopes of no step for one": lambda s: LoadPath(s.solver, [LoadStep(2e3)]).gradient(
-        s.plain, LoadPath(s.solver, [LoadStep(2e3)]).solve(s.plain), []
+    "slopes of no step for one": lambda s: LoadPath(s.solver, [Load(2e3)]).gradient(
+        s.plain, LoadPath(s.solver, [Load(2e3)]).solve(s.plain), []
     ),
     "an error with forces": lambda s: tf.estimate_error(
-        s.solver, s.plain,
-        s.solver.solve(s.plain, 100.0, force=np.full(s.pattern.points.shape, 1e-6)), [tf.swelling],
+        s.solver,
+        s.solver.solve(s.plain, Load(100.0, force=np.full(s.pattern.points.shape, 1e-6))),
+        [tf.swelling],
     ),
     "an error of a moulded tube": lambda s: _moulded_error(s),
     "an error of no equilibrium": lambda s: tf.estimate_error(
-        s.solver, s.plain, replace(s.result, converged=False, reason="None."), [tf.swelling]
+        s.solver, replace(s.result, converged=False, reason="None."), [tf.swelling]
     ),
     "wrinkles of a plain sheet": lambda s: wrinkles(
         SHEET, tf.Composite(), np.zeros(32), SHEET.points
@@ -486,7 +487,7 @@ SOLVES: Table = {
 
 def _moulded_error(s: Scene) -> object:
     solver = _solver(s, composite=tf.Composite(bending=tf.Bending(rest="assembled")))
-    return tf.estimate_error(solver, s.plain, solver.solve(s.plain, 100.0), [tf.swelling])
+    return tf.estimate_error(solver, solver.solve(s.plain, 100.0), [tf.swelling])
 
 
 # ------------------------------------------------------------------------------- measures

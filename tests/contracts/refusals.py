@@ -32,13 +32,14 @@ from toros_fem.materials.library.files import named, read_library, write_materia
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import ShapeObjective
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, displace
 from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile
@@ -87,7 +88,7 @@ class Scene:
         return np.zeros(len(self.skin.owned_cells))
 
     @cached_property
-    def result(self) -> EquilibriumResult:
+    def result(self) -> Equilibrium:
         return self.solver.solve(self.plain, 500.0)
 
     @cached_property
@@ -386,8 +387,8 @@ SOLVES: Table = {
     "density is long": lambda s: s.solver.solve(LONG, 10.0),
     "density leaves its bounds": lambda s: s.solver.solve(s.plain + 1.5, 10.0),
     "density is NaN": lambda s: s.solver.solve(s.plain * NAN, 10.0),
-    "force is flat": lambda s: s.solver.solve(s.plain, 10.0, force=np.zeros(3)),
-    "displacement is text": lambda s: s.solver.solve(s.plain, 10.0, displacement="up"),
+    "force is flat": lambda s: s.solver.solve(s.plain, Load(10.0, force=np.zeros(3))),
+    "displacement is text": lambda s: s.solver.solve(s.plain, Load(10.0, displacement="up")),
     "start is text": lambda s: s.solver.solve(s.plain, 10.0, start="flat"),
     "start is short": lambda s: s.solver.solve(s.plain, 10.0, start=np.zeros(2)),
     "start is collapsed": lambda s: s.solver.solve(s.plain, 10.0, start=0 * s.result.state),
@@ -402,9 +403,9 @@ SOLVES: Table = {
     "limit points of a path": lambda s: tf.limit_points(iter([])),
     "states in 0 tries": lambda s: find_states(s.solver, s.plain, 10.0, tries=0),
     "states by a word": lambda s: find_states(s.solver, s.plain, 10.0, seed="x"),
-    "error of nothing": lambda s: tf.estimate_error(s.solver, s.plain, None, [tf.swelling]),
-    "error of a function": lambda s: tf.estimate_error(s.solver, s.plain, s.result, tf.swelling),
-    "error of a name": lambda s: tf.estimate_error(s.solver, s.plain, s.result, ["swelling"]),
+    "error of nothing": lambda s: tf.estimate_error(s.solver, None, [tf.swelling]),
+    "error of a function": lambda s: tf.estimate_error(s.solver, s.result, tf.swelling),
+    "error of a name": lambda s: tf.estimate_error(s.solver, s.result, ["swelling"]),
     "wrinkles of a membrane": lambda s: wrinkle_field(s.solver, s.plain, s.result),
     "wrinkles of nothing": lambda s: wrinkle_field(s.solver, s.plain, None),
 }

@@ -29,6 +29,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight, spread_force
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import build_in, clamp, displace
 from toros_fem.meshes import Pattern, Skin, bend, cylinder, rectangle, sew
 from toros_fem.products.tiles.pull_test import pull_sheet
@@ -65,7 +66,7 @@ def cantilever(comm: MPI.Comm) -> Found:
     sheet = Composite(fabric=TABLE_A, bending=Bending())
     solver = EquilibriumSolver(skin, sheet, supports)
     weight = np.asarray(pattern.vertex_areas[:, None] * [0.0, 0.0, -10.0])
-    result = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=weight)
+    result = solver.solve(np.zeros(len(skin.owned_cells)), Load(0.0, force=weight))
     return {"positions": skin.gather_vertices(result.positions)}
 
 
@@ -92,8 +93,8 @@ def everything(comm: MPI.Comm) -> Found:
         weight=Weight(0.2, 2.0),
     )  # fmt: skip
     force = spread_force(pattern, "wall", [0.0, 0.1, 0.0])
-    cold = solver.solve(drawn(skin), (4e3, 1e3), force=force)
-    warm = solver.solve(drawn(skin), (2e3, 3e3), force=force, start=cold.state)
+    cold = solver.solve(drawn(skin), Load((4e3, 1e3), force=force))
+    warm = solver.solve(drawn(skin), Load((2e3, 3e3), force=force), start=cold)
     found: Found = {"reactions": solver.reactions(warm)}
     for name, result in (("cold", cold), ("warm", warm)):
         found[name] = skin.gather_vertices(result.positions)

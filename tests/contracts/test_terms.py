@@ -16,7 +16,7 @@ from kit.slopes import slope
 from kit.terms import TERMS, Term, design_of, model_of, periodic
 from scipy.spatial.transform import Rotation
 
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import PeriodicModel
 
@@ -106,7 +106,7 @@ def test_load(term: Term) -> None:
     """What a load adds to the forces is what `applied_load` says, and none is no force."""
     state, model = model_of(term)
     load, pull = model.applied_load(state), model.residual(state)
-    model.set_load(LoadCase(0 * term.load.pressures))
+    model.set_load(Load(0 * term.load.pressures))
     change = model.residual(state) - pull
     assert change == pytest.approx(load, abs=1e-9 * np.abs(pull).max())
     assert not model.applied_load(state).any()

@@ -18,7 +18,8 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from benchmarks.stability.drawn import draw
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import plane_centroids, walker
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.products.gripper import gripper
@@ -98,7 +99,7 @@ def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
     load = scene.load
     try:
         found = scene.solver().solve(
-            scene.density[scene.skin.owned_cells], list(load.pressures), force=load.force
+            scene.density[scene.skin.owned_cells], Load(list(load.pressures), force=load.force)
         )
     except EquilibriumError as error:
         found = error.result

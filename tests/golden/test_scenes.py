@@ -21,7 +21,8 @@ from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import sew
 from toros_fem.meshes.skin import Skin
@@ -80,7 +81,7 @@ def problem_of(comm: MPI.Comm, name: str) -> ShapeProblem:
     return scene_problem(comm, ACTUATORS[name])
 
 
-def state_figures(skin: Skin, found: EquilibriumResult) -> dict[str, Any]:
+def state_figures(skin: Skin, found: Equilibrium) -> dict[str, Any]:
     vertices = skin.gather_vertices(found.positions)
     return {
         "energy in J": found.energy,
@@ -110,7 +111,7 @@ def figures_of(problem: DesignProblem, at: Evaluation) -> dict[str, Any]:
         "spread": at.spread,
         **problem.metrics_of(found),
     }
-    if isinstance(found, EquilibriumResult):
+    if isinstance(found, Equilibrium):
         return figures | state_figures(problem.skin, found)
     return figures | {
         "stress in N/m": list(found.stress),

@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.skin.tangent import UpperTangent
@@ -28,7 +28,7 @@ def sheet_model(comm: MPI.Comm, composite: Composite) -> SkinModel:
 
 def pressurize(model: SkinModel, *pressures: float) -> None:
     """Let pressures act alone, one for each chamber, in Pa."""
-    model.set_load(LoadCase(np.array(pressures, dtype=float)))
+    model.set_load(Load(np.array(pressures, dtype=float)))
 
 
 def affine(model: SkinModel, F: np.ndarray) -> np.ndarray:

@@ -44,10 +44,12 @@ from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
@@ -417,7 +419,7 @@ def designed(
 def loads(comm: MPI.Comm) -> Stage:
     """Positions after two steps of a path, by densities and, on the first rank, by pressures."""
     skin = sew(comm, tube())
-    path, count = LoadPath(solver_on(skin), [LoadStep(2e3), LoadStep(5e3)]), len(skin.owned_cells)
+    path, count = LoadPath(solver_on(skin), [Load(2e3), Load(5e3)]), len(skin.owned_cells)
     weights = [vertices(skin, 10 + k, 1.0) for k in range(2)]
     start, pressures = cells(skin, 1, 0.2, 0.8), np.array([2.0, 5.0])
     base = path.solve(start)
@@ -449,7 +451,7 @@ def positions(
     solver, rows, pressure = make(comm)
     skin, rows = solver.skin, rows.reshape(len(rows), -1)
 
-    def solved(x: Floats, start: Floats | None) -> EquilibriumResult:
+    def solved(x: Floats, start: Floats | None) -> Equilibrium:
         moved = rows.copy()
         moved[:, columns] = x
         design = moved if moved.shape[1] > 1 else moved[:, 0]

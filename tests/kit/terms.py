@@ -15,7 +15,7 @@ from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic, PeriodicModel
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
@@ -37,9 +37,9 @@ GRID = np.random.default_rng(1).uniform(0.05, 0.6, len(CELLS))
 TOP = SKIN.pattern.points[CELLS].mean(axis=1)[:, 2] > 0.03
 PRESSURE, FABRIC, PRINT = 2e3, 0.2, 2.0
 FORCE = np.random.default_rng(4).uniform(-1e-2, 1e-2, SKIN.pattern.points.shape)
-NONE = LoadCase(np.zeros(1))
-PRESSED = LoadCase(np.array([PRESSURE]))
-HEAVY = LoadCase(np.zeros(1), weight_fraction=1.0, bodies_fraction=1.0)
+NONE = Load(np.zeros(1))
+PRESSED = Load(np.array([PRESSURE]))
+HEAVY = Load(np.zeros(1), weight_fraction=1.0, bodies_fraction=1.0)
 DISTANCE, STIFFNESS = 2.5e-4, 1e5
 WALL = Ground((-0.0104, 0.0, 0.0), (1.0, 0.0, 0.0))
 BALL = rigid_sphere("ball", 0.008, (0.0, 0.0, 0.0688), mass=0.05, edge_length=4e-3)
@@ -63,7 +63,7 @@ class Term:
     """
 
     adds: dict[str, Any] | None = None
-    load: LoadCase = NONE
+    load: Load = NONE
     composite: Composite = SHEET
     kinds: int = 1
     by_hand: Callable[[np.ndarray], float] | None = None
@@ -163,7 +163,7 @@ TERMS = {
     "average curvature, printed outside": bent("average", side="outside"),
     "free end, printed inside": bent("midedge", side="inside", skin=BASED),
     "mirror, printed outside": bent("midedge", side="outside", skin=OPEN),
-    "four triangles": Term(None, LoadCase(np.array([100.0])), kinds=2, skin=FOUR, supports=HELD,
+    "four triangles": Term(None, Load(np.array([100.0])), kinds=2, skin=FOUR, supports=HELD,
                            free=False),
     "bladder": Term({}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4)), by_hand=rubber),
     "knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), kinds=2),
@@ -180,10 +180,10 @@ TERMS = {
     ),
     "chambers": Term(
         {"chambers": Chambers(("lower", "upper"), TOP.astype(int))},
-        LoadCase(np.array([8e4, 1e4])),
+        Load(np.array([8e4, 1e4])),
     ),
     "weight": Term({"weight": Weight(FABRIC, PRINT)}, HEAVY, by_hand=height_times_mass, free=False),
-    "force": Term({}, LoadCase(np.zeros(1), FORCE), by_hand=work_of_force, free=False),
+    "force": Term({}, Load(np.zeros(1), FORCE), by_hand=work_of_force, free=False),
     "wall": Term(
         {"contact": Contact(WALL, distance=DISTANCE, stiffness=STIFFNESS)},
         by_hand=barrier, free=False,

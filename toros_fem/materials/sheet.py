@@ -365,6 +365,11 @@ class Composite:
         return self.fabric_bounds == self.reinforcement_bounds
 
     @property
+    def mixes_linearly(self) -> bool:
+        """Whether the energy is linear in ρ̄: bounds are shared, and no tension field is relaxed."""
+        return self.shares_bounds and not self.membrane.relaxed
+
+    @property
     def stated_bounds(self) -> str:
         """The stretch bounds as text, for messages."""
         fabric, printed = (

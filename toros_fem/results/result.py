@@ -14,7 +14,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_json, write_json, write_together
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.runs.folder import SUMMARY
 
 
@@ -47,9 +47,7 @@ class RunResult(ABC):
         return {"figures": [figure.as_dict() for figure in self.figures], **self.entries()}
 
 
-def state_figures(
-    pressure: float, state: EquilibriumResult | None, parts: int
-) -> tuple[Figure, ...]:
+def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tuple[Figure, ...]:
     """Return the figures of an equilibrium that every skin has.
 
     Args:

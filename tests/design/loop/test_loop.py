@@ -11,11 +11,8 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
@@ -132,7 +129,7 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
     solve, count = short_solver.solve, 0
 
     def failing(broken: range) -> Any:
-        def patched(*args: Any, **kwargs: Any) -> EquilibriumResult:
+        def patched(*args: Any, **kwargs: Any) -> Equilibrium:
             nonlocal count
             count += 1
             result = solve(*args, **kwargs)

@@ -7,6 +7,7 @@ import pytest
 from helpers.mma_problems import vec
 from scipy.optimize import lsq_linear
 
+from toros_fem.base.errors import ParameterError
 from toros_fem.design.mma.optimizer import MMA, MMAOptions
 
 Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -161,3 +162,11 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
     same = run([1.0, 1.0, 1.0])
     assert np.array(run([1.0, factor, factor**0.5])) == pytest.approx(np.array(same), abs=1e-9)
     assert np.abs(np.diff(same, axis=0)).max() > 0.01
+
+
+def test_a_gradient_of_a_residual_must_be_finite() -> None:
+    mma = MMA(vec(np.zeros(4)), vec(np.ones(4)), residuals=1)
+    x, bad = vec(np.full(4, 0.5)), vec(np.array([1.0, np.nan, 1.0, 1.0]))
+    with pytest.raises(ParameterError, match="not finite on some rank"):
+        mma.step(x, 1.0, vec(np.ones(4)), residuals=[0.1], residual_jacobian=[bad])
+    assert (x.array == 0.5).all()

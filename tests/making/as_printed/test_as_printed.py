@@ -15,7 +15,8 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, remove_islands
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin
 
 

@@ -10,13 +10,13 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import Condition, failure, success
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
 OUTCOMES = PETSc.SNES.ConvergedReason
-LOAD = LoadCase(np.array([2e3]))
+LOAD = Load(np.array([2e3]))
 USUAL = Condition()
 
 

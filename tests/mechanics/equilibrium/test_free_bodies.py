@@ -13,7 +13,10 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
+from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.skin.supports import clamp_where
 from toros_fem.meshes import sew
 
@@ -45,11 +48,11 @@ def solver(comm: MPI.Comm) -> EquilibriumSolver:
 
 
 @pytest.fixture(scope="module")
-def lying(solver: EquilibriumSolver) -> EquilibriumResult:
+def lying(solver: EquilibriumSolver) -> Equilibrium:
     return solver.solve(plain(solver), 0.0)
 
 
-def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: EquilibriumResult) -> None:
+def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: Equilibrium) -> None:
     """To the solver's tolerance: what little stiffness a free ball has takes no force."""
     assert lying.smallest_distance is not None
     assert lying.poses is not None
@@ -66,7 +69,7 @@ def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: Equilibriu
     assert not contact.crossed(lying.positions, model.motions(lying.state))
 
 
-def test_the_same_ball_on_one_rank(lying: EquilibriumResult, comm: MPI.Comm) -> None:
+def test_the_same_ball_on_one_rank(lying: Equilibrium, comm: MPI.Comm) -> None:
     if comm.size == 1:
         pytest.skip("needs two ranks to compare with one")
     alone = sheet_with_ball(MPI.COMM_SELF)
@@ -75,11 +78,11 @@ def test_the_same_ball_on_one_rank(lying: EquilibriumResult, comm: MPI.Comm) -> 
     assert found.smallest_distance == pytest.approx(lying.smallest_distance, rel=1e-3)
 
 
-def test_gradient(solver: EquilibriumSolver, lying: EquilibriumResult, comm: MPI.Comm) -> None:
+def test_gradient(solver: EquilibriumSolver, lying: Equilibrium, comm: MPI.Comm) -> None:
     """How deep the ball lies, by the density."""
     model = solver.model
     density = 0.02 + 0.01 * np.cos(3.0 * solver.skin.owned_cells)
-    base = solver.solve(density, 0.0, start=lying.state)
+    base = solver.solve(density, 0.0, start=lying)
     depth = np.zeros_like(base.state)
     if comm.rank == 0:
         depth[-4] = 1.0
@@ -87,23 +90,40 @@ def test_gradient(solver: EquilibriumSolver, lying: EquilibriumResult, comm: MPI
     change = 1e-4 * (1 + 0.5 * np.cos(1.0 * solver.skin.owned_cells))
 
     def value(step: float) -> float:
-        there = solver.solve(density + step * change, 0.0, start=base.state)
+        there = solver.solve(density + step * change, 0.0, start=base)
         return total(comm, float(depth @ there.state))
 
     rise = slope(lambda h: value(0.1 * h)) / 0.1
     assert dot(comm, gradient, change) == pytest.approx(rise, rel=1e-6)
 
 
-def test_saved_and_restored(solver: EquilibriumSolver, lying: EquilibriumResult) -> None:
+def test_saved_and_restored(solver: EquilibriumSolver, lying: Equilibrium) -> None:
     density = plain(solver)
-    found = solver.solve(density, 0.0, start=lying.state)
+    found = solver.solve(density, 0.0, start=lying)
     unknowns, numbers = solver.save(found)
     assert unknowns.shape == (solver.model.space.dofmap.index_map.size_global,)
-    solver.forget_last()
+    solver.forget()
     again = solver.restore(density, unknowns, json.loads(json.dumps(numbers)))
     assert np.array_equal(again.state, found.state)
     assert again.poses == found.poses
-    assert solver.solve(density, 0.0, start=again.state).steps == 0
+    assert solver.solve(density, 0.0, start=again).steps == 0
+
+
+def test_a_path_by_arc_length_has_the_weight_of_the_ball(
+    solver: EquilibriumSolver, lying: Equilibrium
+) -> None:
+    """The load factor scales it; the frame carries it, and the ball's pose is told."""
+    options = ArcLengthOptions(first=0.9, first_increment=0.05, max_points=2)
+    points = list(trace(solver, plain(solver), 0.0, start=lying, by="arc-length", options=options))
+    for point in points:
+        found = point.result
+        assert found.poses[0][:2] == pytest.approx(lying.poses[0][:2], abs=1e-3)
+        solver.model.set_load(found.load)
+        up = -solver.skin.gather_vertices(
+            solver.model.positions(solver.model.reaction(found.state))
+        )
+        assert up[:, 2].sum() == pytest.approx(-point.load_factor * WEIGHT, rel=1e-6)
+    assert [point.load_factor for point in points][1] > 0.9
 
 
 def test_on_the_ground_as_well(comm: MPI.Comm) -> None:
@@ -121,7 +141,7 @@ def test_on_the_ground_as_well(comm: MPI.Comm) -> None:
 
 
 def test_a_ball_that_has_turned_far_starts_from_less(
-    solver: EquilibriumSolver, lying: EquilibriumResult
+    solver: EquilibriumSolver, lying: Equilibrium
 ) -> None:
     """A whole turn more is the same place; the solver takes it out."""
     model, comm = solver.model, solver.skin.comm
@@ -139,7 +159,7 @@ def test_a_ball_that_has_turned_far_starts_from_less(
 
 def on_the_floor(
     comm: MPI.Comm, body: RigidBody, height: float | None
-) -> tuple[EquilibriumSolver, EquilibriumResult]:
+) -> tuple[EquilibriumSolver, Equilibrium]:
     """A body below a sheet, with the floor at a height in m."""
     pattern = square(n=2, size=SIZE)
     floor = None if height is None else Ground((0.0, 0.0, height))

@@ -14,8 +14,10 @@ from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.motion import rotation
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_box
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp_where
 from toros_fem.meshes import sew
 
@@ -49,18 +51,18 @@ class Dragged:
         self.force = np.tile([0.0, 0.0, -0.005], (len(points), 1))
 
     def __call__(
-        self, ahead: float, start: EquilibriumResult | Floats | None = None, *, trial: bool = False
-    ) -> EquilibriumResult:
+        self, ahead: float, start: Equilibrium | Floats | None = None, *, trial: bool = False
+    ) -> Equilibrium:
         way = np.tile([-ahead, 0.0, 0.0], (len(self.force), 1))
-        return self.solver.solve(
-            self.density, 0.0, force=self.force, displacement=way, start=start, trial=trial
-        )
+        load, before = Load(0.0, self.force, way), isinstance(start, Equilibrium)
+        given = {"after" if before else "start": start}
+        return self.solver.solve(self.density, load, trial=trial, **given)  # type: ignore[arg-type]
 
-    def pull(self, at: EquilibriumResult) -> float:
+    def pull(self, at: Equilibrium) -> float:
         """Force in N by which the edge pulls."""
         return float(-self.solver.reactions(at)[:, 0].sum())
 
-    def weight(self, at: EquilibriumResult) -> float:
+    def weight(self, at: Equilibrium) -> float:
         """Force in N that presses on the ground."""
         return float(-self.solver.reactions(at)[:, 2].sum() - self.force[:, 2].sum())
 
@@ -138,7 +140,7 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
     solver = EquilibriumSolver(skin, Composite(), free, few, contact=contact(normal))
     force = np.tile([0.0, 0.0, -0.02], (len(points), 1))
     found = solver.solve(
-        np.zeros(len(skin.owned_cells)), 0.0, force=force, raise_on_failure=False, trial=True
+        np.zeros(len(skin.owned_cells)), Load(0.0, force=force), raise_on_failure=False, trial=True
     )
     assert found.converged == (steepness < 1)
     assert found.converged or "without converging" in found.reason
@@ -180,7 +182,7 @@ def test_a_free_box_slides_off_a_slope(alone: MPI.Comm, steepness: float) -> Non
     assert 0.5 * SLIP < down < SLIP
     carried = -solver.reactions(found).sum(axis=0)
     assert carried == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
-    again = solver.solve(density, 0.0, start=found)
+    again = solver.solve(density, 0.0, after=found)
     assert np.array(again.poses) == pytest.approx(np.array(found.poses), abs=1e-6 * SLIP)
     with pytest.raises(ParameterError, match="no adjoint through friction on free bodies"):
         solver.solve_tangent(again.state, again, adjoint=True)
@@ -203,12 +205,14 @@ def test_saved_and_restored(alone: MPI.Comm) -> None:
     density = np.ones(len(solver.skin.owned_cells))
     force = np.tile([0.0, 2e-3, 1e-2], (len(pattern.points), 1))
     poses = np.array([[0.0, 0.0, 2e-4, 0.0, -0.02, 0.1]])
-    before = solver.solve(density, 0.0, force=force, poses=poses)
-    found = solver.solve(density, 0.0, force=2 * force, poses=poses, start=before)
+    before = solver.solve(density, Load(0.0, force=force, poses=poses))
+    found = solver.solve(density, Load(0.0, force=2 * force, poses=poses), after=before)
     unknowns, numbers = solver.save(found)
-    restored = solver.restore(density, unknowns, json.loads(json.dumps(numbers)), 2 * force)
+    restored = solver.restore(
+        density, unknowns, json.loads(json.dumps(numbers)), Load(force=2 * force)
+    )
     assert restored.poses == found.poses
     assert np.array_equal(restored.sliding.anchors, found.sliding.anchors)
-    again = solver.solve(density, 0.0, force=2 * force, poses=poses, start=restored)
+    again = solver.solve(density, Load(0.0, force=2 * force, poses=poses), after=restored)
     assert again.steps == 0
     assert np.abs(again.state - found.state).max(initial=0.0) < 1e-6 * SLIP

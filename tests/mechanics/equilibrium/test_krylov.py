@@ -8,7 +8,7 @@ from toros_fem.base.mpi import norm
 from toros_fem.mechanics.equilibrium.krylov import CGResult, conjugate_gradients, gmres
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Skin
 
 PRESSURE = 2e3
@@ -18,7 +18,7 @@ PRESSURE = 2e3
 def factor(tube: Skin, tube_solver: EquilibriumSolver) -> TangentFactor:
     """The tangent of a design, with the factors of another."""
     model = tube_solver.model
-    model.set_load(LoadCase(np.array([PRESSURE])))
+    model.set_load(Load(np.array([PRESSURE])))
     state = tube_solver.solve(np.full(len(tube.owned_cells), 0.3), PRESSURE).state
     model.set_density(np.full(len(tube.owned_cells), 0.3))
     found = TangentFactor(model)

@@ -26,7 +26,7 @@ def test_neighbouring_design_takes_few_steps(
     base = 0.5 + 0.3 * rng.random(len(short_tube.pattern.panel))
     near = base + 0.01 * rng.random(len(base))
     first = short_solver.solve(base[short_tube.owned_cells], 2e3)
-    warm = short_solver.solve(near[short_tube.owned_cells], 2e3, start=first.state)
+    warm = short_solver.solve(near[short_tube.owned_cells], 2e3, start=first)
     assert warm.history[0].modified, "the factors at hand predict the change"
     assert warm.steps <= 2
     assert warm.factorisations == warm.steps + 1, "the last one serves stability and adjoint"
@@ -44,7 +44,7 @@ def test_older_factors_take_the_place_of_factorisations(
     base = (0.5 + 0.3 * rng.random(len(short_tube.pattern.panel)))[short_tube.owned_cells]
     near = base + 0.1 * rng.random(len(short_tube.pattern.panel))[short_tube.owned_cells]
     first = solver.solve(base, 2e3)
-    warm = solver.solve(near, 2e3, start=first.state)
+    warm = solver.solve(near, 2e3, start=first)
     inexact = [row for row in warm.history if row.inexact]
     assert inexact
     assert all(0 < row.iterations < 20 and row.shift == 0 for row in inexact)
@@ -135,7 +135,7 @@ def test_stretched_sheet_wrinkles(alone: MPI.Comm) -> None:
     pull = norm(alone, model.reaction(kept_flat.state))
     assert norm(alone, model.residual(kept_flat.state)) < 1e-9 * pull, "stationary"
     assert np.linalg.eigvalsh(dense_tangent(model, kept_flat.state))[0] < 0, "but no minimum"
-    result = solver.solve(island, 0.0, start=kept_flat.state)
+    result = solver.solve(island, 0.0, start=kept_flat)
     assert result.converged
     assert np.linalg.eigvalsh(dense_tangent(model, result.state))[0] > 0
     height = skin.gather_vertices(result.positions)[:, 2]

@@ -10,10 +10,11 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.continuation import Attempt
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.path import PathPoint, find_jump
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import cylinder, sew
 from toros_fem.meshes.sheet import rectangle
@@ -46,14 +47,13 @@ class Arch:
         if isinstance(row, str):
             self.said.append(row)
 
-    def pushed(self, force: float, start: EquilibriumResult | None = None) -> EquilibriumResult:
+    def pushed(self, force: float, start: Equilibrium | None = None) -> Equilibrium:
         """Push the middle down by a force in N."""
         forces = np.zeros((len(self.middle), 3))
         forces[self.middle, 2] = -force / self.middle.sum()
-        begin = None if start is None else start.state
-        return self.solver.solve(self.density, 0.0, force=forces, start=begin)
+        return self.solver.solve(self.density, Load(0.0, force=forces), start)
 
-    def height(self, result: EquilibriumResult) -> float:
+    def height(self, result: Equilibrium) -> float:
         return float(self.skin.gather_vertices(result.positions)[self.middle, 2].mean())
 
 
@@ -102,7 +102,7 @@ def test_the_error_of_a_snapped_shape_is_not_the_way_back(arch: Arch) -> None:
     down = arch.pushed(0.0, arch.pushed(8e-3, arch.pushed(0.0)))
 
     (found,) = estimate_error(
-        arch.solver, arch.density, down, [lambda _, x: float(x[:, 2].min())],
+        arch.solver, down, [lambda _, x: float(x[:, 2].min())],
         lambda of: np.zeros(of.points.shape),
     )  # fmt: skip
     assert found.value < -6e-3
@@ -115,7 +115,7 @@ def test_a_completed_trial_knows_its_path(arch: Arch) -> None:
     for force, snapped in ((6e-3, False), (25e-3, True)):
         forces = np.zeros((len(arch.middle), 3))
         forces[arch.middle, 2] = -force / arch.middle.sum()
-        trial = arch.solver.solve(arch.density, 0.0, force=forces, start=free.state, trial=True)
+        trial = arch.solver.solve(arch.density, Load(0.0, force=forces), start=free, trial=True)
         assert trial.condition.snapped is None
         free = arch.solver.finish(trial)
         assert free.condition.snapped is snapped
@@ -139,7 +139,7 @@ def test_a_skin_blown_up_to_its_bounds_says_so(alone: MPI.Comm) -> None:
 def jump_of(path: Callable[[float], float], end: float) -> tuple[bool | None, float]:
     """The answer for a path of one number that is known."""
     one = np.zeros(1)
-    load = LoadCase(one)
+    load = Load(one)
     begin, last = (PathPoint(one, load, np.array([x])) for x in (path(0.0), end))
     found, reached = find_jump(
         lambda a, b: float(abs(a - b)[0]),

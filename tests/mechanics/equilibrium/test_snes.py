@@ -9,7 +9,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
@@ -20,7 +20,7 @@ def snes(tube: Skin) -> SnesSolver:
     """The short tube at 1 kPa with a uniform design."""
     model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
     model.set_density(np.full(len(tube.owned_cells), 0.5))
-    model.set_load(LoadCase(np.array([1e3])))
+    model.set_load(Load(np.array([1e3])))
     return SnesSolver(model, NewtonOptions())
 
 
@@ -38,12 +38,12 @@ def test_a_solve_returns_its_history(snes: SnesSolver) -> None:
 def test_factors_are_reused_on_request(snes: SnesSolver) -> None:
     model = snes.newton.model
     base = snes(model.assembled)
-    model.set_load(LoadCase(np.array([1.01e3])))
+    model.set_load(Load(np.array([1.01e3])))
     by_old_factors = snes(base.state, near=True)
     snes(base.state)
     snes.newton.stable(base.state)
     by_new_factors = snes(base.state)
-    model.set_load(LoadCase(np.array([1e3])))
+    model.set_load(Load(np.array([1e3])))
     assert by_old_factors.history[0].modified
     assert not by_new_factors.history[0].modified
     gap = norm(model.skin.comm, by_old_factors.state - by_new_factors.state)
@@ -66,9 +66,9 @@ def test_attempts_add_up(snes: SnesSolver) -> None:
     assert not failed.converged
     found = attempts(model.assembled)
     assert not found.history[0].modified
-    model.set_load(LoadCase(np.array([1.01e3])))
+    model.set_load(Load(np.array([1.01e3])))
     near = attempts(found.state)
-    model.set_load(LoadCase(np.array([1e3])))
+    model.set_load(Load(np.array([1e3])))
     assert near.history[0].modified
     assert attempts.history == [*failed.history, *found.history, *near.history]
     assert attempts.steps + attempts.modified_steps == sum(row.step > 0 for row in attempts.history)

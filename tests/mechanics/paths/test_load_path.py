@@ -14,8 +14,9 @@ from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_cylinder
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
+from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where
 from toros_fem.meshes import Skin, sew
 
@@ -23,7 +24,7 @@ from toros_fem.meshes import Skin, sew
 def test_gradient_of_two_steps(
     short_tube: Skin, short_solver: EquilibriumSolver, alone: MPI.Comm
 ) -> None:
-    path = LoadPath(short_solver, [LoadStep(2e3), LoadStep(5e3)])
+    path = LoadPath(short_solver, [Load(2e3), Load(5e3)])
     density = random_density(short_tube, 2, spread=0.3)
     shape = short_solver.model.positions(short_solver.model.assembled).shape
     weights = [np.cos(np.arange(3.0) + k) * np.ones(shape) * 1e-3 for k in range(2)]
@@ -47,7 +48,7 @@ def test_gradient_of_two_steps(
 def test_a_step_that_does_not_matter_has_no_gradient(
     short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
-    path = LoadPath(short_solver, [LoadStep(2e3), LoadStep(4e3)])
+    path = LoadPath(short_solver, [Load(2e3), Load(4e3)])
     density = np.full(len(short_tube.owned_cells), 0.2)
     base = path.solve(density)
     along = np.ones_like(base[0].positions)
@@ -82,7 +83,7 @@ def dragged(comm: MPI.Comm) -> LoadPath:
     for ahead, turn in ((0.0, 0.0), (2e-5, 5e-3), (3e-4, 5e-3), (2.5e-4, 2e-2)):
         moved = np.tile([-ahead, 0.3 * ahead, 0.0], (len(points), 1))
         pose = np.array([[0.0, 0.0, 0.0, 0.0, turn, 0.0]])
-        steps.append(LoadStep(0.0, force=down * (1 + 1e3 * ahead), displacement=moved, poses=pose))
+        steps.append(Load(0.0, force=down * (1 + 1e3 * ahead), displacement=moved, poses=pose))
     return LoadPath(solver, steps)
 
 
@@ -143,7 +144,7 @@ def test_gradient_by_pressures_and_densities_on_pads(short_tube: Skin, alone: MP
         contact=touched,
     )
     pressures, raised = np.array([[4e3], [2e3]]), np.array([[-150.0], [50.0]])
-    path = LoadPath(solver, [LoadStep(float(p)) for p in pressures[:, 0]])
+    path = LoadPath(solver, [Load(float(p)) for p in pressures[:, 0]])
     density = 0.02 + 0.01 * np.cos(3.0 * short_tube.owned_cells)
     change = 0.01 * np.cos(2.0 * short_tube.owned_cells)
     weights = [

@@ -8,11 +8,8 @@ from helpers.scenes import TABLE_A
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
@@ -35,7 +32,7 @@ def test_increments_shrink_where_no_stable_state_is_near(
     finish = solver.finish
     tried: list[float] = []
 
-    def unstable_at_first(trial: EquilibriumResult) -> EquilibriumResult:
+    def unstable_at_first(trial: Equilibrium) -> Equilibrium:
         tried.append(trial.pressure)
         if len(tried) == 1:
             raise EquilibriumError("no stable equilibrium", replace(trial, converged=False))
@@ -57,5 +54,5 @@ def test_a_path_names_the_point_where_it_ends(alone: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     path = trace(solver, np.zeros(len(skin.owned_cells)), [1e3, 3e3])
     assert next(path).result.pressure == 1e3
-    with pytest.raises(EquilibriumError, match="the path ends between 1000 and 3000 Pa, after"):
+    with pytest.raises(EquilibriumError, match="the path ends between 1000 Pa and 3000 Pa, after"):
         next(path)

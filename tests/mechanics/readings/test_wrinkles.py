@@ -14,8 +14,9 @@ from scipy.optimize import brentq
 from toros_fem.forms.kinematics import deformation_gradient, right_cauchy_green
 from toros_fem.forms.tension_field import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, sew
@@ -52,7 +53,7 @@ def exact(shear: float) -> tuple[float, float]:
 
 def sheared(
     comm: MPI.Comm, pattern: Pattern, held: np.ndarray, composite: Composite = SHEET
-) -> tuple[EquilibriumSolver, EquilibriumResult, np.ndarray]:
+) -> tuple[EquilibriumSolver, Equilibrium, np.ndarray]:
     """Shear a sheet by its held vertices; return its reactions too.
 
     Without bending it stays in its plane.

@@ -10,6 +10,7 @@ from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
@@ -33,7 +34,7 @@ def test_supports_bear_the_weight_and_what_is_held(
     assert fixed.sum(axis=0) == pytest.approx([0.02, -0.01, 0.0], abs=1e-15)
     others = np.setdiff1d(np.arange(len(fixed)), short_tube.pattern.vertices_of("tip"))
     assert not fixed[others].any()
-    result = heavy.solve(density, 3e3, force=fixed)
+    result = heavy.solve(density, Load(3e3, force=fixed))
     assert "its own weight" in result.reason
     pull = heavy.reactions(result).sum(axis=0)
     expected = -mass * np.array(HEAVY.gravity) - [0.02, -0.01, 0.0]

@@ -8,9 +8,11 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.hinges import find_hinges
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
@@ -132,6 +134,6 @@ def test_forces_that_nothing_can_bear(alone: MPI.Comm) -> None:
     force = np.zeros(pattern.points.shape)
     force[np.argmax(pattern.points.sum(axis=1))] = [0, 0, 1e9]
     with pytest.raises(EquilibriumError, match="was found at forces of 1e") as caught:
-        solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
+        solver.solve(np.zeros(len(skin.owned_cells)), Load(0.0, force=force))
     assert 0 <= caught.value.result.load_factor < 1
     assert "Pa" not in caught.value.result.reason

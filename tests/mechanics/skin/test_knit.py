@@ -13,6 +13,7 @@ from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
@@ -97,7 +98,7 @@ def test_off_axis_tension_of_a_sheet_by_forces(alone: MPI.Comm, degrees: float) 
     skin = sew(alone, pattern)
     composite = replace(MEMBRANE, knit=Knit(RATIO, {pattern.panel_names[0]: angle}))
     solver = EquilibriumSolver(skin, composite, Supports(fixed))
-    found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
+    found = solver.solve(np.zeros(len(skin.owned_cells)), Load(0.0, force=force))
     expected = np.column_stack([points[:, :2] @ F.T, np.zeros(len(points))])
     assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-6)
 
@@ -196,7 +197,7 @@ def test_refinement_keeps_the_grain(alone: MPI.Comm) -> None:
     def width(_: Pattern, positions: np.ndarray) -> float:
         return float(np.ptp(positions[:, 1]) / SIZE)
 
-    (estimate,) = estimate_error(solver, density, result, [width])
+    (estimate,) = estimate_error(solver, result, [width])
     expected = free_across(1.2, 0.0)[0][1, 1]
     assert estimate.value == pytest.approx(expected, abs=1e-7)
     assert estimate.refined == pytest.approx(expected, abs=1e-7)

@@ -7,7 +7,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
@@ -16,7 +16,7 @@ from toros_fem.meshes import Skin, sew
 def test_fixed_components_have_reactions_and_the_others_forces(short_tube: Skin) -> None:
     model = SkinModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     model.set_density(np.full(len(short_tube.owned_cells), 0.3))
-    model.set_load(LoadCase(np.array([1e3])))
+    model.set_load(Load(np.array([1e3])))
     state = bent_tube(model)
     fixed = model.skin.gather_vertices(model.positions((~model.free).astype(float)))
     assert np.array_equal(fixed.astype(bool), model.supports.fixed)

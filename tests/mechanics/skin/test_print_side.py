@@ -9,8 +9,10 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
@@ -55,11 +57,11 @@ def printed(
     supports: Supports,
     pressure: float = 0.0,
     force: np.ndarray | None = None,
-) -> tuple[Skin, EquilibriumResult]:
+) -> tuple[Skin, Equilibrium]:
     """Equilibrium of a skin that is printed everywhere."""
     skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, composite, supports, NewtonOptions(tolerance=1e-12))
-    return skin, solver.solve(np.ones(len(skin.owned_cells)), pressure, force=force)
+    return skin, solver.solve(np.ones(len(skin.owned_cells)), Load(pressure, force=force))
 
 
 @pytest.mark.parametrize("side", ["outside", "inside"])

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bladder, Composite, Material
 from toros_fem.mechanics.skin.dead_loads import Weight
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.relaxed_model import (
     CROSSING,
@@ -28,7 +28,7 @@ def model(short_tube: Skin) -> RelaxedModel:
         short_tube, composite, clamp(short_tube.pattern, ["base"]), 2, weight=Weight(0.2, 2.0)
     )
     made.set_density(line_design(short_tube, 2, 1))
-    made.set_load(LoadCase(np.array([1e3]), weight_fraction=1.0))
+    made.set_load(Load(np.array([1e3]), weight_fraction=1.0))
     return made
 
 
@@ -89,7 +89,7 @@ def test_lines_are_heavy(short_tube: Skin) -> None:
     supports, weight = clamp(short_tube.pattern, ["base"]), Weight(0.2, 2.0)
     model = RelaxedModel(short_tube, Composite(bending=None), supports, 2, weight=weight)
     model.set_density(np.tile([0.1, 0.2, 0.3, 1, 0, 0, 1], (len(short_tube.owned_cells), 1)))
-    model.set_load(LoadCase(np.array([0.0]), weight_fraction=1.0))
+    model.set_load(Load(np.array([0.0]), weight_fraction=1.0))
     force = model.positions(model.applied_load(model.assembled) + 0.0)
     model.set_state(model.assembled)
     free = model.positions(model.free.astype(float))[:, 2] > 0

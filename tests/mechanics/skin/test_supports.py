@@ -8,6 +8,7 @@ from mpi4py import MPI
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import (
     Supports,
     clamp,
@@ -76,12 +77,12 @@ def test_pulled_tube(tube: Skin, comm: MPI.Comm) -> None:
     assert np.abs(force.sum(axis=0)).max() < 1e-8 * scale
     # A warm start that moves the end, and one that takes it back to its assembled place.
     way = np.where(pattern.points[:, 2:] > 0.0599, [-0.004, 0.0, 0.008], 0.0)
-    warm = solver.solve(density, 2e3, displacement=way, start=result.state)
-    cold = solver.solve(density, 2e3, displacement=way)
+    warm = solver.solve(density, Load(2e3, displacement=way), start=result)
+    cold = solver.solve(density, Load(2e3, displacement=way))
     assert norm(comm, warm.state - cold.state) < 1e-6 * norm(comm, cold.state)
-    rest = solver.solve(density, 2e3, displacement=0 * way, start=cold.state)
+    rest = solver.solve(density, Load(2e3, displacement=0 * way), start=cold)
     plain = EquilibriumSolver(tube, Composite(), base | clamp(pattern, ["tip"]))
-    other = plain.solve(density, 2e3, start=result.state)
+    other = plain.solve(density, 2e3, start=result)
     assert norm(comm, rest.state - other.state) < 1e-6 * norm(comm, rest.state)
 
 
@@ -95,7 +96,7 @@ def test_a_pull_too_far_tells_how_far_it_came(comm: MPI.Comm) -> None:
     assert not found.converged
     assert 0.5 < found.load_factor < 0.7
     assert "supports moved by up to 0.03 m" in found.reason
-    whole = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, displacement=0 * way + 0.01)
+    whole = solver.solve(np.zeros(len(skin.owned_cells)), Load(0.0, displacement=0 * way + 0.01))
     assert whole.residual <= 1e-10, "moved as a whole nothing pulls"
 
 

@@ -15,7 +15,7 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.design.lines.widths import width_changes
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.print.regions import regions_on
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators import space_mapping
 from toros_fem.products.actuators.discovery import (
     Discovery,

@@ -18,7 +18,8 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
@@ -31,7 +32,7 @@ from toros_fem.products.actuators.pressure_curve import (
 from toros_fem.products.tables.loads import Results
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
-Print = Evaluation[EquilibriumResult]
+Print = Evaluation[Equilibrium]
 
 
 def inner_side(skin: Skin) -> Bools:

@@ -17,7 +17,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import designer, estimates
 from toros_fem.products.actuators.designer import design_actuator

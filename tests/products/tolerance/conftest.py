@@ -5,6 +5,7 @@ from helpers.worn import Printed, printed_tube
 from mpi4py import MPI
 
 import toros_fem as tf
+from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.result import Tolerances
 
 
@@ -15,5 +16,5 @@ def printed(alone: MPI.Comm) -> Printed:
 
 @pytest.fixture(scope="session")
 def found(printed: Printed) -> Tolerances:
-    small = tf.ToleranceConfig(modulus=0.01, thickness=0.01, pressure_change=0.005)
+    small = ToleranceConfig(modulus=0.01, thickness=0.01, pressure_change=0.005)
     return tf.tolerances(*printed, small)

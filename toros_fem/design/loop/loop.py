@@ -298,7 +298,7 @@ class _Loop:
             projection = Projection(stage.beta, projection.eta)
         problem = given.with_projection(projection)
         self.problem = problem = problem if stage.robust else problem.without_variants()
-        start = self.state if self.evaluation is None else self.evaluation.equilibrium.state
+        start = self.state if self.evaluation is None else self.evaluation.equilibrium
         try:
             evaluation = (
                 self.simulate(start) if saved is None else restored_evaluation(problem, saved)
@@ -504,7 +504,7 @@ class _Loop:
     def attempt(self, near: Evaluation, *, trial: bool) -> Evaluation | None:
         """Simulate a design near another; None if it has no near equilibrium."""
         try:
-            return self.simulate(near.equilibrium.state, trial=trial)
+            return self.simulate(near.equilibrium, trial=trial)
         except NoEquilibriumError:  # raised by all ranks or by none
             return None
 

@@ -438,7 +438,7 @@ class DesignProblem(ABC, Generic[R]):
         density = filtered = projected
         if like is not None:
             density, filtered, near = like.density, like.filtered, like.equilibrium
-            start = near.state if start is None else start
+            start = near if start is None else start
             pressure = near.pressures or None if pressure is None else pressure
         return self._evaluate(
             density,

@@ -20,7 +20,8 @@ from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.measures.shape import Objective
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 
 # Factor on the spread where none is given.
 SPREAD_WEIGHT = 100.0
@@ -95,7 +96,7 @@ class Variants:
         """Solvers of both patterns (collective where they are made)."""
         return tuple(self._solver() for _ in self.thresholds)
 
-    def corrected(self, printed: Floats, both: Sequence[EquilibriumResult]) -> Self:
+    def corrected(self, printed: Floats, both: Sequence[Equilibrium]) -> Self:
         """Return the same patterns with the difference of shapes of a print; solvers are shared.
 
         Args:
@@ -113,7 +114,7 @@ class Variants:
         return tuple(Projection(nominal.beta, eta) for eta in self.thresholds)
 
     def spread(
-        self, objective: Objective, nominal: EquilibriumResult, both: Sequence[EquilibriumResult]
+        self, objective: Objective, nominal: Equilibrium, both: Sequence[Equilibrium]
     ) -> float:
         """Return S (collective).
 
@@ -127,7 +128,7 @@ class Variants:
         return ends / 2 - objective.forward(x)
 
     def spread_slopes(
-        self, objective: Objective, nominal: EquilibriumResult, both: Sequence[EquilibriumResult]
+        self, objective: Objective, nominal: Equilibrium, both: Sequence[Equilibrium]
     ) -> tuple[Floats, Floats, Floats]:
         """Return ∂S/∂x by the positions of the nominal, eroded, dilated pattern (collective)."""
         x, h = nominal.positions, self._way(both)
@@ -135,12 +136,12 @@ class Variants:
         across = (ahead - behind) / 4
         return (ahead + behind) / 2 - objective.backward(x), across, -across
 
-    def _way(self, both: Sequence[EquilibriumResult]) -> Floats:
+    def _way(self, both: Sequence[Equilibrium]) -> Floats:
         """Return h at owned nodes, (n, 3), in m."""
         return np.asarray(_half_difference(both) + self._missing)
 
 
-def _half_difference(both: Sequence[EquilibriumResult]) -> Floats:
+def _half_difference(both: Sequence[Equilibrium]) -> Floats:
     """Return half the way from the second shape to the first at owned nodes, (n, 3), in m."""
     one, two = both
     return np.asarray((one.positions - two.positions) / 2)

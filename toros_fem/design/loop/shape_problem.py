@@ -25,8 +25,10 @@ from toros_fem.design.loop.robust import Variants
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.coefficients import check_density
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
@@ -35,7 +37,7 @@ METRIC_STEP = 1e-5
 
 
 @dataclass(eq=False)
-class ShapeProblem(DesignProblem[EquilibriumResult]):
+class ShapeProblem(DesignProblem[Equilibrium]):
     """A skin, its loads and the target of its shape, put together from their parts.
 
     `ShapeDesign` builds these parts from a pattern and numbers. For the attributes that are not
@@ -161,13 +163,11 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             )
         return values
 
-    def metrics_of(self, response: EquilibriumResult) -> dict[str, float]:
+    def metrics_of(self, response: Equilibrium) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
         return self._metrics_at(response.positions)
 
-    def with_printed_spread(
-        self, printed: Floats, evaluation: Evaluation[EquilibriumResult]
-    ) -> Self:
+    def with_printed_spread(self, printed: Floats, evaluation: Evaluation[Equilibrium]) -> Self:
         """Return the same problem, which knows how far prints of a design are apart.
 
         Args:
@@ -179,7 +179,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         other.robust = self.robust.corrected(printed, evaluation.variants)
         return other
 
-    def robust_figures(self, evaluation: Evaluation[EquilibriumResult]) -> dict[str, Any]:
+    def robust_figures(self, evaluation: Evaluation[Equilibrium]) -> dict[str, Any]:
         """Return spread, thresholds and metrics of the eroded and dilated pattern (collective).
 
         Args:
@@ -206,7 +206,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         return {m.key: m.value(pattern, positions) for m in self.metrics}
 
     def metric_derivatives(
-        self, evaluation: Evaluation[EquilibriumResult], changes: Sequence[Floats]
+        self, evaluation: Evaluation[Equilibrium], changes: Sequence[Floats]
     ) -> dict[str, Floats]:
         """Return the derivatives of all metrics along changes of ρ̄, by key (collective).
 
@@ -214,18 +214,16 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         are functions of the positions alone, are differenced along it.
 
         Args:
-            evaluation: The last simulation.
+            evaluation: A simulation of this problem.
             changes: δρ̄ at owned triangles, one array for each derivative.
-
-        Raises:
-            ParameterError: The solver has been used for another design since.
         """
         equilibrium, model = evaluation.equilibrium, self.solver.model
         state, comm = equilibrium.state, self.skin.comm
+        self.solver.tangent_at(equilibrium)
         force = model.residual(state)
         found: dict[str, list[float]] = {metric.key: [] for metric in self.metrics}
         for change in changes:
-            if model.composite.shares_bounds:
+            if model.composite.mixes_linearly:
                 # The energy is linear in ρ̄, so that this difference is exact.
                 model.set_density(evaluation.projected + change)
                 push = force - model.residual(state)
@@ -243,7 +241,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         model.set_density(evaluation.projected)
         return {key: np.array(values) for key, values in found.items()}
 
-    def shape_of(self, response: EquilibriumResult) -> Floats:
+    def shape_of(self, response: Equilibrium) -> Floats:
         """Return the positions of all assembled vertices, (n, 3), in m (collective)."""
         return self.skin.gather_vertices(response.positions)
 
@@ -269,6 +267,10 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         check_density(self.skin, drawn)
         return drawn
 
+    def load(self, pressure: Pressure) -> Load:
+        """Return what acts at a pressure."""
+        return Load(pressure, self.force)
+
     def respond(
         self,
         projected: Floats,
@@ -276,13 +278,12 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         pressure: Pressure | None,
         *,
         trial: bool,
-    ) -> tuple[EquilibriumResult, float]:
+    ) -> tuple[Equilibrium, float]:
         """Solve for the equilibrium; return it and its distance from the target (collective)."""
         equilibrium = self.solver.solve(
             projected,
-            self.pressure if pressure is None else pressure,
-            force=self.force,
-            start=start,
+            self.load(self.pressure if pressure is None else pressure),
+            start,
             trial=trial,
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
@@ -294,7 +295,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         pressure: Pressure | None = None,
         *,
         trial: bool = False,
-    ) -> Evaluation[EquilibriumResult]:
+    ) -> Evaluation[Equilibrium]:
         """Evaluate T as `DesignProblem.simulate` does, with the spread of a robust design."""
         found = super().simulate(density, start, pressure, trial=trial)
         if self.robust is None:
@@ -303,9 +304,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         densities = self._variant_densities(found.filtered)
         # They differ little from the nominal pattern, far less than that from the last one.
         variants = tuple(
-            solver.solve(
-                projected, nominal.pressures, force=self.force, start=nominal.state, trial=trial
-            )
+            solver.solve(projected, self.load(nominal.pressures), nominal.state, trial=trial)
             for solver, projected in zip(self.robust.solvers, densities, strict=True)
         )
         return self._with_variants(found, variants, begin)
@@ -318,10 +317,10 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
 
     def _with_variants(
         self,
-        evaluation: Evaluation[EquilibriumResult],
-        variants: tuple[EquilibriumResult, ...],
+        evaluation: Evaluation[Equilibrium],
+        variants: tuple[Equilibrium, ...],
         begin: float,
-    ) -> Evaluation[EquilibriumResult]:
+    ) -> Evaluation[Equilibrium]:
         """Return an evaluation with other variants, which took the time since `begin`."""
         assert self.robust is not None
         e, weight = evaluation, self.robust.tolerance.weight
@@ -335,36 +334,34 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             seconds={**e.seconds, "equilibrium": more},
         )
 
-    def save_response(self, response: EquilibriumResult) -> tuple[Floats, dict[str, Any]]:
+    def save_response(self, response: Equilibrium) -> tuple[Floats, dict[str, Any]]:
         """Return the unknowns by original index, and the numbers of the equilibrium."""
         return self.solver.save(response)
 
     def restore_response(
         self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]
-    ) -> EquilibriumResult:
+    ) -> Equilibrium:
         """Return the equilibrium, with its tangent factorised (collective)."""
-        return self.solver.restore(projected, unknowns, numbers, self.force)
+        return self.solver.restore(projected, unknowns, numbers, self.load(0.0))
 
-    def save_variants(
-        self, variants: Sequence[EquilibriumResult]
-    ) -> list[tuple[Floats, dict[str, Any]]]:
+    def save_variants(self, variants: Sequence[Equilibrium]) -> list[tuple[Floats, dict[str, Any]]]:
         """Return unknowns by original index and numbers of both variants, if there are any."""
         solvers = () if self.robust is None or not variants else self.robust.solvers
         return [s.save(variant) for s, variant in zip(solvers, variants, strict=True)]
 
     def restore_variants(
         self, filtered: Floats, saved: Sequence[tuple[Floats, Mapping[str, Any]]]
-    ) -> tuple[EquilibriumResult, ...]:
+    ) -> tuple[Equilibrium, ...]:
         """Return the equilibria of both variants, with their tangents factorised (collective)."""
         if self.robust is None or not saved:
             return ()
         densities = self._variant_densities(filtered)
         return tuple(
-            solver.restore(projected, *parts, self.force)
+            solver.restore(projected, *parts, self.load(0.0))
             for solver, projected, parts in zip(self.robust.solvers, densities, saved, strict=True)
         )
 
-    def finish(self, evaluation: Evaluation[EquilibriumResult]) -> Evaluation[EquilibriumResult]:
+    def finish(self, evaluation: Evaluation[Equilibrium]) -> Evaluation[Equilibrium]:
         """Complete a trial: solve to the solver's tolerance and prove stability (collective)."""
         begin = time.perf_counter()
         equilibrium = self.solver.finish(evaluation.equilibrium)
@@ -383,9 +380,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         begin, both = time.perf_counter(), zip(self.robust.solvers, found.variants, strict=True)
         return self._with_variants(found, tuple(s.finish(v) for s, v in both), begin)
 
-    def differentiate(
-        self, evaluation: Evaluation[EquilibriumResult]
-    ) -> Evaluation[EquilibriumResult]:
+    def differentiate(self, evaluation: Evaluation[Equilibrium]) -> Evaluation[Equilibrium]:
         """Add the gradients as `DesignProblem.differentiate` does, with those of the variants."""
         found, robust = super().differentiate(evaluation), self.robust
         if robust is None or not evaluation.variants:  # a print has none
@@ -410,9 +405,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             seconds={**e.seconds, "adjoint": seconds},
         )
 
-    def respond_backward(
-        self, evaluation: Evaluation[EquilibriumResult]
-    ) -> tuple[Floats, Floats | None]:
+    def respond_backward(self, evaluation: Evaluation[Equilibrium]) -> tuple[Floats, Floats | None]:
         """Return the gradients by one adjoint solve with the last tangent, eq. (19) (collective).
 
         K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives ∂f/∂ρ̄; the tangent
@@ -426,7 +419,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         return self._adjoint(self.solver, e.equilibrium, by_position)
 
     def _adjoint(
-        self, solver: EquilibriumSolver, equilibrium: EquilibriumResult, by_position: Floats
+        self, solver: EquilibriumSolver, equilibrium: Equilibrium, by_position: Floats
     ) -> tuple[Floats, Floats | None]:
         """Return the gradients by ρ̄ and by the pressures from that by positions (collective)."""
         model = solver.model
@@ -444,8 +437,8 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         return by_projected, by_pressure
 
     def residuals_around(
-        self, evaluation: Evaluation[EquilibriumResult]
-    ) -> tuple[Callable[[EquilibriumResult], Floats], Floats, Floats]:
+        self, evaluation: Evaluation[Equilibrium]
+    ) -> tuple[Callable[[Equilibrium], Floats], Floats, Floats]:
         """Return the motion along the pressures' responses as residuals (collective)."""
         designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
         near, model = evaluation.equilibrium, self.solver.model

@@ -199,8 +199,8 @@ class MMA:
         require_finite(value=value)
         for name, numbers in (("values", values), ("residuals", residuals)):
             checked_floats(name, numbers, "finite numbers, the same on all ranks", lambda _: True)
-        wrong = sum(not np.isfinite(row.array).all() for row in (gradient, *jacobian))
-        if largest(self._comm, wrong):
+        rows = (gradient, *jacobian, *residual_jacobian)
+        if largest(self._comm, sum(not np.isfinite(row.array).all() for row in rows)):
             raise ParameterError(
                 "a gradient is not finite on some rank. Do not step from such a point: `retry`."
             )

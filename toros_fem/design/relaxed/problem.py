@@ -17,7 +17,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.smoothing import Smoothing
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.relaxed_model import CROSSING
 
 Families = FixedDirections | FreeDirections
@@ -134,17 +134,17 @@ class RelaxedProblem(ShapeProblem):
         """
         return self._line_field(self.fields(self.with_passive(variables))[1])
 
-    def reinforcement(self, evaluation: Evaluation[EquilibriumResult]) -> tuple[float, float]:
+    def reinforcement(self, evaluation: Evaluation[Equilibrium]) -> tuple[float, float]:
         """Return the mean sum of shares, and 0: lines are not grey (collective)."""
         shares = evaluation.projected[:, 1 : 1 + self.families.count].sum(axis=1)
         return dot(self.comm, self._area_fractions(), shares), 0.0
 
-    def shown_density(self, evaluation: Evaluation[EquilibriumResult]) -> Floats:
+    def shown_density(self, evaluation: Evaluation[Equilibrium]) -> Floats:
         """Return the part of each owned triangle that is covered: ρ̄ and all shares, at most 1."""
         covered = evaluation.projected[:, : 1 + self.families.count].sum(axis=1)
         return np.minimum(covered, 1.0)
 
-    def line_field(self, evaluation: Evaluation[EquilibriumResult]) -> LineField:
+    def line_field(self, evaluation: Evaluation[Equilibrium]) -> LineField:
         """Return the line families of a design, on every rank (collective)."""
         return self._line_field(evaluation.projected)
 
@@ -177,20 +177,9 @@ def relaxed_problem(
     Raises:
         ParameterError: The radius is not positive.
     """
-    skin, model = design.skin, design.solver.model
+    skin = design.skin
     designed = skin.gather_cells(design.designed.astype(np.float64)) > 0.5
-    solver = EquilibriumSolver(
-        skin,
-        model.composite,
-        model.supports,
-        design.solver.options,
-        design.solver.log,
-        chambers=model.chambers,
-        weight=model.weight,
-        contact=design.solver.contact,
-        families=families.count,
-        crossing=crossing,
-    )
+    solver = design.solver.like(families=families.count, crossing=crossing)
     smoothing = Smoothing(
         skin, radius, families.fields, families.transport, families.centre, designed
     )

@@ -197,9 +197,8 @@ class SkinContact:
         x, _ = self._at(nodes, motions)
         return on_first_rank(self._comm, lambda: self._barrier.gap(x))
 
-    @property
-    def count(self) -> int:
-        """Number of pairs in contact at the last state."""
+    def count_pairs(self) -> int:
+        """Return the number of pairs in contact at the last state (collective)."""
         return on_first_rank(self._comm, lambda: self._barrier.count)
 
     def gradient(
@@ -288,7 +287,7 @@ class SkinContact:
             definite = self._entries(x, poses, definite=True)
             return np.asarray(definite - self._entries(x, poses, definite=False))
 
-        if not self.count:
+        if not self.count_pairs():
             return None
         found = self._only_first(entries)
         return np.zeros(0) if found is None else found

@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.newton import STAGNATED
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import FALLEN, SkinModel
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
 
@@ -98,7 +98,7 @@ def _folds(model: SkinModel, state: Floats) -> int:
 
 def success(
     model: SkinModel,
-    load: LoadCase,
+    load: Load,
     residual: float,
     volumes: Sequence[float],
     condition: Condition,
@@ -122,7 +122,7 @@ def success(
 def failure(
     model: SkinModel,
     end: ContinuationResult,
-    load: LoadCase,
+    load: Load,
     tried: Floats,
     *,
     max_steps: int,
@@ -149,6 +149,9 @@ def failure(
             f"Newton's method took {max_steps} steps without converging"
         ),
         int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
+        int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN): (
+            "surfaces overlap at the start, or triangles leave the stretch bounds there"
+        ),
     }.get(end.outcome, "no step lowered the energy any more")
     bounds = model.composite.stated_bounds
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "

@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 
 # A singular tangent within this fraction of the load is near.
@@ -41,10 +41,10 @@ class PathPoint:
     """
 
     density: Floats
-    load: LoadCase
+    load: Load
     state: Floats
 
-    def towards(self, other: PathPoint, fraction: float) -> tuple[Floats, LoadCase]:
+    def towards(self, other: PathPoint, fraction: float) -> tuple[Floats, Load]:
         """Return the density and the load a fraction of the way to another point."""
         density = self.density + fraction * (other.density - self.density)
         return density, self.load.towards(other.load, fraction)
@@ -63,9 +63,10 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
         at: The equilibrium.
 
     Returns:
-        A factor within NEAR of 1; None if it is not near, or if supports move.
+        A factor within NEAR of 1; None if it is not near, or if supports or
+        bodies move.
     """
-    if not at.load or at.load.displacement is not None:
+    if not at.load or at.load.displacement is not None or at.load.moves_bodies:
         return None
     comm, size = model.skin.comm, model.skin.pattern.size
     along = factor.solve(model.applied_load(at.state))  # dx/d(load factor)

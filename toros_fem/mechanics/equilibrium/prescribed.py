@@ -9,7 +9,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.equilibrium.newton import RegularisedNewton
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.mirror import FLAT
@@ -67,7 +67,7 @@ class PrescribedDisplacement:
         self,
         newton: RegularisedNewton,
         state: Floats,
-        end: LoadCase,
+        end: Load,
         longest: float,
     ) -> tuple[Floats, float]:
         """Return a state in which bodies and supports have moved as far as nothing meets.

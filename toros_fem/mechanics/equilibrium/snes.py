@@ -25,6 +25,7 @@ class SnesSolver:
     Attributes:
         factor: The factorised tangent; after success it is that at the equilibrium.
         newton: The method inside.
+        tolerance: Residual over the applied load at which a state is an equilibrium.
         max_steps: Largest number of Newton steps.
 
     Args:
@@ -55,7 +56,7 @@ class SnesSolver:
         snes.setPythonContext(self._context)
         snes.setFromOptions()
         self._snes = snes
-        self._tolerance: float = snes.getTolerances()[0]
+        self.tolerance: float = snes.getTolerances()[0]
         self.max_steps: int = snes.getTolerances()[3]
 
     def __call__(
@@ -74,7 +75,7 @@ class SnesSolver:
             max_steps: Largest number of Newton steps; None takes that of the options.
             trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable.
         """
-        tolerance = max(self._tolerance, TRIAL_TOLERANCE) if trial else self._tolerance
+        tolerance = max(self.tolerance, TRIAL_TOLERANCE) if trial else self.tolerance
         self._snes.setTolerances(rtol=tolerance, max_it=max_steps or self.max_steps)
         self._x.array[:] = start
         self._context.near, self._context.finish = near, not trial

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, NoEquilibriumError, ParameterError, UnitWarning
@@ -24,161 +22,45 @@ from toros_fem.base.validation import (
     real_numbers,
     require_between,
     require_callable,
-    require_finite,
     require_flag,
     require_kind,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact, poses_of
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.sliding import Sliding
-from toros_fem.mechanics.equilibrium.continuation import (
-    Attempt,
-    ContinuationResult,
-    run_continuation,
+from toros_fem.mechanics.equilibrium.continuation import Attempt, ContinuationResult
+from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
+from toros_fem.mechanics.equilibrium.equilibrium import (
+    Equilibrium,
+    EquilibriumError,
+    numbers_read,
 )
-from toros_fem.mechanics.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.mechanics.equilibrium.krylov import gmres
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
+from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
-from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
+from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.skin import Skin, sew
 
-# First increment of a continuation from one design to another, as a fraction of the whole.
-FIRST_INCREMENT = 1 / 16
-# Largest number of steps of a trial.
-FEW_STEPS = 40
-# The same in contact, where layers that close limit one step after the other.
-FEW_IN_CONTACT = 120
-# Factor on `max_steps` for the last attempt, which starts where the first cold one stopped.
-MORE_STEPS = 6
-# A skin is flat where it encloses less than this fraction of a sphere of its area. It is opened by
-# a pressure that, times its size over its stiffness, is OPENING, and lowered by LOWERED each time.
-FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
-# Multiple of the pressure from which a skin that folds at the requested one is lowered.
-LARGER = 10.0
-# Largest number of steps by which bodies and supports are carried, and the shortest of them, over
-# what is left of the way.
-CARRIES, SHORTEST_CARRY = 200, 1e-4
 # Fraction of the skin's size by which two states may differ and be the same.
 SAME = 1e-6
+# Factor on the residual of a saved equilibrium up to which it is the same one.
+SAME_RESIDUAL = 10.0
 # GMRES with friction: residual over the right-hand side at which it ends, that is enough, and
 # largest number of iterations.
 LINEAR_TOLERANCE, LINEAR_ALLOWED, LINEAR_ITERATIONS = 1e-11, 1e-8, 200
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class EquilibriumResult:
-    """Result of a solve.
-
-    Attributes:
-        converged: Whether `state` is a stable equilibrium under the requested load; of a trial,
-            whether it is near to one.
-        load_factor: Fraction of the requested load that acts on `state`.
-        reason: Why the solve ended, as a sentence.
-        pressure: Pressure of `state` in Pa, the largest of all chambers.
-        pressures: Pressure of each chamber in Pa.
-        state: Owned unknowns in m, a flat array, as `SkinModel` has them.
-        positions: Positions of the owned nodes in m, (n, 3), a view of `state`.
-        energy: Energy of eq. (8) in J, less the work of dead forces from the assembled positions.
-        volume: Enclosed volume in m³.
-        volumes: Volume of each chamber in m³.
-        stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
-        residual: Norm of the first variation over the applied load.
-        condition: Whether it snapped, is near a limit point, blown up or folded.
-        smallest_distance: Smallest distance in m between faces of skin, bodies and ground,
-            positive; at most the distance from which on contact acts. None without contact.
-        poses: Poses of all bodies, a row of six for each: translation in m, rotation vector in
-            rad. None without bodies.
-        steps: Number of Newton steps, each with the tangent at its state.
-        modified_steps: Number of modified Newton steps, with an older tangent.
-        factorisations: Number of factorisations of the tangent, retries with a shift included.
-        history: One row for each step of either kind, and one that ends each solve.
-        sliding: Where the skin sticks to ground and bodies, for the next step of a path; None
-            without friction.
-    """
-
-    converged: bool
-    load_factor: float
-    reason: str
-    pressure: float
-    pressures: tuple[float, ...]
-    state: Floats
-    positions: Floats
-    energy: float
-    volume: float
-    volumes: tuple[float, ...]
-    stretch_use: float
-    residual: float
-    condition: Condition
-    smallest_distance: float | None
-    poses: tuple[tuple[float, ...], ...] | None
-    steps: int
-    modified_steps: int
-    factorisations: int
-    history: tuple[NewtonStep, ...]
-    sliding: Sliding | None = None
-
-
-# What is saved of a result beside its state.
-SAVED = tuple(
-    f.name for f in fields(EquilibriumResult) if f.name not in ("state", "positions", "sliding")
-)
-
-
-class EquilibriumError(NoEquilibriumError):
-    """No equilibrium was found; `result` holds the last good state and the history."""
-
-    def __init__(self, message: str, result: EquilibriumResult) -> None:
-        super().__init__(message)
-        self.result = result
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Exceptions are pickled by their message alone, and ranks exchange them so.
-        return type(self), (str(self), self.result)
-
-    @property
-    def steps(self) -> int:
-        """Number of Newton steps."""
-        return self.result.steps
-
-    @property
-    def factorisations(self) -> int:
-        """Number of factorisations."""
-        return self.result.factorisations
-
-
-@dataclass(frozen=True, eq=False)
-class _Request:
-    """Density and load of a solve, and anchors of friction at its begin."""
-
-    density: Floats
-    load: LoadCase
-    begin: Sliding | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """An equilibrium that later solves may start from.
-
-    Its origin is the point of its path to judge a later one by: the state itself, or where a trial
-    came from, with whether no negative curvature was met on the way.
-    """
-
-    request: _Request
-    result: EquilibriumResult
-    origin: PathPoint | None
-    definite: bool = True
 
 
 class EquilibriumSolver:
@@ -214,10 +96,19 @@ class EquilibriumSolver:
         contact: Contact | None = None,
     ) -> None:
         require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-        given = {"composite": composite, "supports": supports, "options": options}
-        more = {"chambers": chambers, "weight": weight, "families": families, "crossing": crossing}
         require_kind("contact", contact, (Contact, type(None)), "a Contact, or None for none")
-        require_alike(skin.comm, **given, **more, contact=contact)
+        given = {
+            "composite": composite,
+            "supports": supports,
+            "options": options,
+            "chambers": chambers,
+            "weight": weight,
+            "families": families,
+            "crossing": crossing,
+            "contact": contact,
+        }
+        require_alike(skin.comm, **given)
+        self._given = {**given, "skin": skin, "log": log}
         require_between(0.0, np.inf, crossing=crossing)
         _require_kinds(composite, supports, options, log, chambers, weight)
         _warn_of_odd_sheets(skin, composite)
@@ -237,48 +128,38 @@ class EquilibriumSolver:
         self._snes = SnesSolver(self.model, self.options, log)
         self._factor = self._snes.factor
         self._prescribed = PrescribedDisplacement(self.model)
-        self._factorised_at: EquilibriumResult | None = None
-        self._known: list[_Known] = []  # the last solves
+        self._at: Equilibrium | None = None  # where the tangent is factorised
 
     def solve(
         self,
         density: Floats,
-        pressure: float | Sequence[float],
+        load: Load | Pressure,
+        start: Floats | Equilibrium | None = None,
         *,
-        force: Floats | None = None,
-        displacement: Floats | None = None,
-        weight_fraction: float = 1.0,
-        poses: npt.ArrayLike | None = None,
-        start: Floats | EquilibriumResult | None = None,
+        after: Equilibrium | None = None,
         sliding: Sliding | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
-    ) -> EquilibriumResult:
+    ) -> Equilibrium:
         """Solve for the stable equilibrium at a density and a load (collective).
 
-        Where the full load at once fails, it is raised in increments that shrink where they fail.
-        Where that fails too, the plain fabric is solved for and then stiffened.
+        Where the full load at once fails, the ways of `ways` are tried one after the other.
 
         Args:
             density: Projected density of the owned triangles, in [0, 1]; with line families the
                 rows of a relaxed design.
-            pressure: Pressure in Pa, ≥ 0, one for all chambers or one for each.
-            force: Dead forces in N on all assembled vertices, (n, 3).
-            displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
-                supports.
-            weight_fraction: Fraction of the skin's own weight that acts, if it has one.
-            poses: Poses of the contact's bodies, (k, 6): translation in m and rotation vector in
-                rad from where they were made, not read for free bodies. None leaves them there.
-            start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
-                or positions of the owned nodes, (n, 3), for example of a solver with another
-                bending term. Where triangles leave the stretch bounds it is relaxed until they are
-                inside. Fixed components are moved to their prescribed positions. None starts from
-                the assembled positions; with contact, layers that touch there are moved apart
-                first, and displacements count from where they then are. An earlier result of this
-                solver is the step before this one on a path: friction goes on from it.
-            sliding: Where the skin sticks at the begin of the step, of an earlier result; None
-                takes that of a result given as `start`, else the skin begins at rest at the
-                assembled positions, wherever the iteration starts.
+            load: What acts; a number is a pressure in Pa, several are those of the chambers.
+            start: Where the iteration starts: an equilibrium of a neighbouring design or load;
+                owned unknowns; or positions of the owned nodes, (n, 3), for example of a solver
+                with another bending term. Where triangles leave the stretch bounds it is relaxed
+                until they are inside. Fixed components are moved to their prescribed positions.
+                None starts from the assembled positions; with contact, layers that touch there are
+                moved apart first, and displacements count from where they then are.
+            after: The step before this one on a path: friction goes on from it, and so does the
+                iteration if there is no start.
+            sliding: Where the skin sticks at the begin of the step; None takes that of `after`,
+                else the skin begins at rest at the assembled positions, wherever the iteration
+                starts.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
@@ -286,43 +167,30 @@ class EquilibriumSolver:
                 completes it.
 
         Raises:
-            ParameterError: The pressure is negative or not finite, an array does not fit, the
-                start leaves the stretch bounds (of two materials the wider ones) and cannot be
-                relaxed into them, or surfaces overlap or cross there that may touch.
+            ParameterError: The load does not fit, the start leaves the stretch bounds (of two
+                materials the wider ones) and cannot be relaxed into them, or surfaces overlap or
+                cross there that may touch.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
-        model = self.model
-        require_alike(self.skin.comm, pressure=pressure, weight_fraction=weight_fraction)
-        require_finite(weight_fraction=weight_fraction)
+        comm, model = self.skin.comm, self.model
+        given = load_of(load)
+        require_alike(comm, **vars(given))
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
-        load = make_load_case(
-            self.skin.pattern,
-            model.supports,
-            len(model.load.pressures),
-            pressure,
-            force=force,
-            displacement=displacement,
-            weight_fraction=0.0 if model.weight is None else weight_fraction,
-            poses=poses_of(self.contact, poses),
-            bodies_fraction=float(model.free_bodies > 0),
-        )
-        density = model.check(density)
-        if isinstance(start, EquilibriumResult):
-            sliding, start = start.sliding if sliding is None else sliding, start.state
-        state = self._start(start)
-        known = next((k for k in self._known if start is k.result.state), None)
-        if known is None and not trial:  # a trial may fail
-            self._require_apart(state, load, cold=start is None)
-        result = self._solve(
-            _Request(density.copy(), load, sliding),
-            state,
-            known,
-            cold=start is None,
-            trial=trial,
-            direct=trial,
-        )
+        acting, density = given.on(model), model.check(density)
+        start = after if start is None else start
+        near = start if isinstance(start, Equilibrium) else None
+        if after is not None and sliding is None:
+            sliding = after.sliding
+        state = self._start(start.state if isinstance(start, Equilibrium) else start)
+        if near is not None and near.density.shape != density.shape:
+            near = None  # of relaxed designs, where this is none
+        if near is None and not trial:  # a trial may fail
+            self._require_apart(state, acting, cold=start is None)
+        search = self._search(density.copy(), acting, state, near)
+        search.cold, search.trial, search.direct = start is None, trial, trial
+        result = self._solve(search, sliding)
         if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
         return result
@@ -344,54 +212,35 @@ class EquilibriumSolver:
         owned = found[self.skin.owned_vertices]
         return owned if model.refusal(model.state_of(owned)) is None else None
 
-    def finish(self, trial: EquilibriumResult) -> EquilibriumResult:
+    def finish(self, trial: Equilibrium) -> Equilibrium:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
 
         Args:
-            trial: A recent result of this solver; one that is complete is returned as it is.
+            trial: A result of this solver; one that is complete is returned as it is.
 
         Returns:
             The equilibrium; steps and factorisations are those of the completion alone.
 
         Raises:
-            ParameterError: The solver has been used for other designs since.
             EquilibriumError: There is no stable equilibrium near.
         """
-        require_kind("trial", trial, EquilibriumResult, "an EquilibriumResult of this solver")
-        if trial is self._factorised_at:
+        require_kind("trial", trial, Equilibrium, "an Equilibrium of this solver")
+        if trial.complete:
             return trial
-        known = next((k for k in self._known if k.result is trial), None)
-        if known is None:
-            raise ParameterError(
-                "the trial's design is not known any more: the solver has been used since. Solve "
-                "for it again."
-            )
-        recent = self._known
-        found = self._solve(
-            known.request, trial.state.copy(), known, cold=False, trial=False, direct=True
-        )
+        search = self._search(trial.density, trial.load, trial.state.copy(), trial)
+        search.direct = True
+        found = self._solve(search, trial.begin)
         if not found.converged:
             raise EquilibriumError(found.reason, found)
-        # It may be rejected yet: the design before stays known.
-        self._known = [*recent, self._known[-1]]
         return found
 
-    def save(self, at: EquilibriumResult) -> tuple[Floats, dict[str, Any]]:
+    def save(self, at: Equilibrium) -> tuple[Floats, dict[str, Any]]:
         """Return what `restore` needs: all unknowns by original index, and numbers (collective).
 
         Args:
-            at: The last equilibrium of this solver.
-
-        Raises:
-            ParameterError: The solver has been used for another solve since.
+            at: An equilibrium of this solver; of the last one a restored run goes on to the bit.
         """
-        self._require_last(at)
-        numbers = {name: getattr(at, name) for name in SAVED}
-        numbers["condition"] = asdict(at.condition)
-        numbers["history"] = [asdict(row) for row in at.history]
-        numbers["first_shift"] = self._snes.newton.first_shift
-        begin = next(k.request.begin for k in self._known if k.result is at)
-        numbers["begin"] = None if begin is None else begin.anchors.tolist()
+        numbers = {**at.numbers(), "first_shift": self._snes.newton.first_shift}
         return self.model.gather(at.state), numbers
 
     def restore(
@@ -399,8 +248,8 @@ class EquilibriumSolver:
         density: Floats,
         unknowns: Floats,
         numbers: Mapping[str, Any],
-        force: Floats | None = None,
-    ) -> EquilibriumResult:
+        load: Load | None = None,
+    ) -> Equilibrium:
         """Return an equilibrium as if it had just been solved for (collective).
 
         On as many ranks as before, all that follows is the same to the last bit: what one solve
@@ -409,101 +258,99 @@ class EquilibriumSolver:
         Args:
             density: As of `solve`.
             unknowns, numbers: As of `save`; the numbers may have been written as JSON.
-            force: As of `solve`.
+            load: Forces and displacement of the load, which the numbers do not hold; None for none.
 
         Raises:
             ParameterError: The unknowns are those of another skin.
             EquilibriumError: It is no equilibrium any more, and there is none near.
         """
         model, newton = self.model, self._snes.newton
-        load = make_load_case(
-            self.skin.pattern,
-            model.supports,
-            len(model.load.pressures),
-            numbers["pressures"],
-            force=force,
-            weight_fraction=0.0 if model.weight is None else 1.0,
-            poses=poses_of(self.contact, numbers["poses"]),
-            bodies_fraction=float(model.free_bodies > 0),
+        given = replace(
+            load or Load(),
+            pressure=numbers["pressures"],
+            poses=numbers["poses"],
+            weight_fraction=numbers["weight_fraction"],
+            bodies_fraction=numbers["bodies_fraction"],
         )
-        model.check(density)
-        state = model.scatter(unknowns)
-        anchors = numbers["begin"]
-        begin = None if anchors is None else Sliding(np.array(anchors))
-        self._factorised_at = None
-        model.set_density(density)
-        model.set_load(load)
-        model.begin_step(begin, load)
-        model.lag_friction(state)
-        if not newton.stable(state):  # another machine may round otherwise
-            return self.solve(
-                density,
-                numbers["pressures"],
-                force=force,
-                poses=numbers["poses"],
-                start=state,
-                sliding=begin,
-            )
+        acting, density, state = given.on(model), model.check(density), model.scatter(unknowns)
+        read = numbers_read(numbers)
+        self._set(density, acting, read["begin"], state)
+        residual = self._residual_at(state)
+        # Another machine may round otherwise, and another load leaves a residual.
+        known = residual <= max(self._snes.tolerance, SAME_RESIDUAL * read["residual"])
+        if not (known and newton.stable(state)):
+            return self.solve(density, acting, start=state, sliding=read["begin"])
         newton.first_shift = numbers["first_shift"]
         state.setflags(write=False)
-        given: dict[str, Any] = {key: value for key, value in numbers.items() if key in SAVED}
-        given |= {key: tuple(numbers[key]) for key in ("pressures", "volumes")}
-        if numbers["poses"] is not None:
-            given["poses"] = tuple(tuple(pose) for pose in numbers["poses"])
-        given["condition"] = Condition(**numbers["condition"])
-        given["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
-        result = EquilibriumResult(
-            **given,
+        found = Equilibrium(
+            **read,
+            density=density.copy(),
+            load=acting,
             state=state,
             positions=model.positions(state),
             sliding=model.end_step(state),
         )
-        point = PathPoint(density.copy(), load, state)
-        known = _Known(_Request(point.density, load, begin), result, point)
-        self._known = [*self._known[-1:], known]
-        self._factorised_at = result
-        return result
+        self._at = found
+        return found
 
-    def revisit(
+    def like(self, **changes: Any) -> EquilibriumSolver:
+        """Return another solver, which differs in some arguments of the class (collective)."""
+        return EquilibriumSolver(**{**self._given, **changes})
+
+    def refined(
         self,
-        at: EquilibriumResult,
-        density: Floats,
-        load: LoadCase,
-        begin: Sliding | None = None,
-    ) -> None:
-        """Factorise the tangent at an earlier equilibrium again (collective).
+        finer: Refinement,
+        *,
+        supports: Supports | None = None,
+        options: NewtonOptions | None = None,
+    ) -> EquilibriumSolver:
+        """Return the solver of the skin with each triangle divided into four (collective).
 
         Args:
-            at: An equilibrium of this solver.
-            density, load: Those it was solved for.
-            begin: `sliding` of its solve.
+            finer: The refined pattern.
+            supports: Its supports; None fixes the middle of an edge where both its ends are.
+            options: Its tolerance and limits; None takes those of this solver.
+        """
+        chambers = self.model.chambers
+        return self.like(
+            skin=sew(self.skin.comm, finer.pattern),
+            supports=self.model.supports.refined(finer) if supports is None else supports,
+            chambers=chambers and chambers.refined(finer),
+            options=options or self.options,
+            log=None,
+        )
+
+    def tangent_at(self, at: Equilibrium) -> None:
+        """Factorise the tangent at an equilibrium, if it is not that already (collective).
 
         Raises:
-            ParameterError: Its tangent is not positive definite: it belongs to another density or
-                load.
+            ParameterError: It is not complete; or its tangent is not positive definite, as that of
+                another solver.
         """
-        self._factorised_at = None
-        self.model.set_density(self.model.check(density))
-        self.model.set_load(load)
-        self.model.begin_step(begin, load)
-        self.model.lag_friction(at.state)
-        if not self._snes.newton.stable(at.state):
+        require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
+        if at is self._at:
+            return
+        known = at.complete and at.state.shape == (self.model.size_local,)
+        if known:
+            self._set(at.density, at.load, at.begin, at.state)
+            known = self._snes.newton.stable(at.state)
+        if not known:
             raise ParameterError(
-                "the state is no stable equilibrium of this density and load; give those that it "
-                "was solved for."
+                "the state is no stable equilibrium of this solver: finish a trial first, and ask "
+                "the solver that found it."
             )
-        self._factorised_at = at
+        self._at = at
 
-    def forget_last(self) -> None:
-        """Forget the last equilibrium: its model has been used for something else since."""
-        self._factorised_at = None
+    def forget(self) -> None:
+        """Forget where the tangent is factorised: the model is used for something else now."""
+        self._at = None
 
     @property
     def linear_solver(self) -> str:
         """What factorises the tangent, on which ranks or threads."""
         return self._factor.describe()
 
-    def solve_tangent(self, rhs: Floats, at: EquilibriumResult, *, adjoint: bool = False) -> Floats:
+    def solve_tangent(self, rhs: Floats, at: Equilibrium, *, adjoint: bool = False) -> Floats:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
 
         This is the adjoint solve of eq. (19). K is written by hand and tested against
@@ -512,16 +359,17 @@ class EquilibriumSolver:
 
         Args:
             rhs: Owned unknowns.
-            at: The last equilibrium of this solver: its tangent is still factorised.
+            at: An equilibrium of this solver; its tangent is factorised again if another solve came
+                between.
             adjoint: Whether to solve with the transpose, which differs with friction: normal forces
                 change it, and it does not change them.
 
         Raises:
-            ParameterError: The solver has been used for another solve since; or an adjoint through
-                friction on free bodies is asked for.
+            ParameterError: As of `tangent_at`; or an adjoint through friction on free bodies is
+                asked for.
             NoEquilibriumError: With friction: the iteration does not converge.
         """
-        self._require_last(at)
+        self.tangent_at(at)
         rhs, model, factor = rhs * self.model.free, self.model, self._factor
         if not model.slides:
             return factor.solve(rhs)
@@ -546,70 +394,82 @@ class EquilibriumSolver:
             )
         return solution
 
-    def reactions(self, at: EquilibriumResult) -> Floats:
+    def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices (collective).
 
         Args:
-            at: The last equilibrium of this solver.
+            at: An equilibrium of this solver.
 
         Returns:
             Shape (n, 3), zero at free components, on every rank.
-
-        Raises:
-            ParameterError: The solver has been used for another solve since.
         """
-        self._require_last(at)
+        self.tangent_at(at)
         return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
 
-    def _solve(
-        self,
-        request: _Request,
-        state: Floats,
-        near: _Known | None,
-        *,
-        cold: bool,
-        trial: bool,
-        direct: bool,
-    ) -> EquilibriumResult:
-        """Solve for a request from a state, if `direct` without continuation (collective)."""
-        self._factorised_at = None
-        self.model.begin_step(request.begin, request.load)
-        attempts = Attempts(self._snes, near=near is not None)
-        end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
+    def _set(self, density: Floats, load: Load, begin: Sliding | None, state: Floats) -> None:
+        """Let the model have density, load and friction of a state."""
+        self.forget()
+        self.model.set_density(density)
+        self.model.set_load(load)
+        self.model.begin_step(begin, load)
+        self.model.lag_friction(state)
+
+    def _search(
+        self, density: Floats, load: Load, start: Floats, near: Equilibrium | None
+    ) -> Search:
+        return Search(
+            self.model,
+            self._snes,
+            Attempts(self._snes, near=near is not None),
+            self._prescribed,
+            density,
+            load,
+            start,
+            near,
+            self.options.min_increment,
+        )
+
+    def _solve(self, search: Search, begin: Sliding | None) -> Equilibrium:
+        """Solve for an equilibrium (collective)."""
+        self.forget()
+        density, load, near, attempts = search.density, search.load, search.near, search.attempts
+        self.model.begin_step(begin, load)
+        end = search_equilibrium(search)
         origin = None if near is None else near.origin
         # Between two designs there is no path that a skin takes. Where bodies or supports push it
-        # along, the path has been taken step by step.
+        # along, the path has been taken step by step. A path with friction is made of its steps.
         if origin is not None and (
-            not self._same_design(origin.density, request.density)
-            or self._moves(origin.load, request.load)
+            not self._same_design(origin.density, density)
+            or (self.contact is not None and load.moves_from(origin.load))
+            or self.model.slides
         ):
             origin = None
-        if self.model.slides:  # a path with friction is made of its steps
-            origin = None
+        definite = attempts.definite and (near is None or near.definite)
         snapped = critical = None
-        if end.load_factor == 1.0 and not trial:
-            point = PathPoint(request.density, request.load, end.state)
+        if end.load_factor == 1.0 and not search.trial:
+            point = PathPoint(density, load, end.state)
             if origin is not None:
-                assert near is not None
-                definite = attempts.definite and near.definite
                 snapped, point = self._connect(attempts, origin, point, definite=definite)
                 end = ContinuationResult(point.state, 1.0, end.outcome)
-            if origin is not None or not direct:
+            if origin is not None or not search.direct:
                 critical = critical_load(self.model, self._factor, point)
-        result = self._result(
-            attempts, end, request.load, snapped, critical, trial=trial, direct=direct
+        found = replace(
+            self._result(search, end, snapped, critical),
+            begin=begin,
+            before=origin if search.trial else None,
+            definite=attempts.definite,
         )
-        if result.converged:
-            self._factorised_at = None if trial else result
-            kept = [near] if near is not None else self._known[-1:]
-            here = PathPoint(request.density, request.load, result.state)
-            found = _Known(request, result, here)
-            if trial:
-                found = _Known(request, result, origin, attempts.definite)
-            self._known = [*kept, found]
-        return result
+        if found.converged and not search.trial:
+            self._at = found
+        return found
 
-    def _poses(self, state: Floats) -> tuple[tuple[float, ...], ...] | None:
+    def _residual_at(self, state: Floats) -> float:
+        """Return the norm of the first variation over the applied load (collective)."""
+        size = norm(self.skin.comm, self.model.residual(state))
+        return size / self._snes.newton.reference(state)
+
+    def poses_at(self, state: Floats) -> tuple[tuple[float, ...], ...] | None:
+        """Return the poses of all bodies in a state, as of `Equilibrium` (collective)."""
         contact = self.model.contact
         if contact is None or not contact.contact.bodies:
             return None
@@ -654,20 +514,6 @@ class EquilibriumSolver:
         self.model.set_load(end.load)
         self._snes.newton.stable(end.state)
         return jumps, end
-
-    def _max_steps(self, *, trial: bool) -> int:
-        """Return the largest number of steps of one attempt."""
-        most = self._snes.max_steps
-        few = FEW_STEPS if self.contact is None else FEW_IN_CONTACT
-        return min(few, most) if trial else most
-
-    def _require_last(self, at: EquilibriumResult) -> None:
-        require_kind("at", at, EquilibriumResult, "an EquilibriumResult of this solver")
-        if at is not self._factorised_at:
-            raise ParameterError(
-                "the tangent is that of another state: the solver has been used since. Solve for "
-                "this state again, then for its tangent, gradient or reactions."
-            )
 
     def _start(self, start: Floats | None) -> Floats:
         """Start as owned unknowns, checked (collective)."""
@@ -715,7 +561,7 @@ class EquilibriumSolver:
             lambda: relaxed_into_bounds(pattern, model.composite, model.supports.fixed, positions),
         )
 
-    def _require_apart(self, state: Floats, load: LoadCase, *, cold: bool) -> None:
+    def _require_apart(self, state: Floats, load: Load, *, cold: bool) -> None:
         """Check that contact can act on a start, with bodies at their poses or where made.
 
         Raises:
@@ -726,7 +572,7 @@ class EquilibriumSolver:
         refusal = model.refusal(state)
         if refusal is None:
             return
-        if load.poses is not None:  # bodies that are moved in with the load
+        if load.moves_bodies:  # they are moved in with the load
             model.set_load(load.scaled(0.0))
             if model.refusal(state) is None:
                 return
@@ -736,205 +582,36 @@ class EquilibriumSolver:
             remedy = "Make ground and bodies further away."
         raise ParameterError(f"contact cannot act on the {what}: {refusal}. {remedy}")
 
-    def _continue(
-        self,
-        attempts: Attempts,
-        state: Floats,
-        request: _Request,
-        near: _Known | None,
-        *,
-        cold: bool,
-        trial: bool,
-        direct: bool,
-    ) -> ContinuationResult:
-        """Solve at once, else by continuation from the near equilibrium, in load, in stiffness.
-
-        Returns:
-            The last equilibrium at the requested density, and its fraction of the load.
-        """
-        density, load = request.density, request.load
-
-        def attempt(
-            start: Floats, at: Floats, under: LoadCase, max_steps: int | None = None
-        ) -> Attempt:
-            self.model.set_density(at)
-            self.model.set_load(under)
-            return attempts(self._prescribed(start, under.displacement), max_steps, trial=trial)
-
-        def lower_load(factor: float) -> ContinuationResult | None:
-            """From a multiple of the load down to it; None if a solve fails."""
-            found = attempt(self.model.assembled, density, load.scaled(factor))
-            while found.converged and factor > 1:
-                factor = max(1.0, factor / LOWERED)
-                found = attempt(found.state, density, load.scaled(factor))
-            return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
-
-        most = self._snes.max_steps
-        if near is not None and self._moves(near.request.load, load):
-            return self._carry(attempts, state, density, near.request.load, load, trial=trial)
-        if cold and not direct:
-            factor = self._opening(density, load)
-            opened = None if factor is None else lower_load(factor)
-            if opened is not None:
-                return opened
-        first = attempt(state, density, load, self._max_steps(trial=trial))
-        if first.converged:
-            return ContinuationResult(first.state, 1.0, first.outcome)
-        if direct or first.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
-            return ContinuationResult(state, None, first.outcome)
-        least = self.options.min_increment
-        if near is not None:
-            there, load_there = near.request.density, near.request.load
-            walked = run_continuation(
-                lambda x, f: attempt(
-                    x, there + f * (density - there), load_there.towards(load, f)
-                ),
-                ContinuationResult(state, 0.0, first.outcome), 1.0, FIRST_INCREMENT, least,
-            )  # fmt: skip
-            if walked.load_factor == 1.0:
-                return walked
-        if not cold:
-            first = attempt(self.model.assembled, density, load)
-            if first.converged:
-                return ContinuationResult(first.state, 1.0, first.outcome)
-        if first.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT):
-            # It may only be slow: as many steps again cost less than a continuation.
-            first = attempt(first.state, density, load)
-            if first.converged:
-                return ContinuationResult(first.state, 1.0, first.outcome)
-        # A pressure that strains by a few per cent.
-        small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
-        increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_INCREMENT
-
-        def raise_load(at: Floats, outcome: int) -> ContinuationResult:
-            begin = ContinuationResult(self.model.assembled, None, outcome)
-            return run_continuation(
-                lambda x, f: attempt(x, at, load.scaled(f)), begin, 1.0, increment, least
-            )
-
-        by_load = ContinuationResult(state, None, first.outcome)
-        if load:
-            by_load = raise_load(density, first.outcome)
-            if by_load.load_factor == 1.0:
-                return by_load
-            if by_load.load_factor is None:
-                by_load = ContinuationResult(state, None, by_load.outcome)
-        plain = np.zeros_like(density)
-        found = attempt(self.model.assembled, plain, load)
-        soft = ContinuationResult(found.state, 1.0, found.outcome)
-        if not found.converged and load:
-            soft = raise_load(plain, found.outcome)
-        if soft.outcome > 0:
-            stiffened = run_continuation(
-                lambda x, f: attempt(x, f * density, load),
-                ContinuationResult(soft.state, 0.0, soft.outcome), 1.0, FIRST_INCREMENT, least,
-            )  # fmt: skip
-            if stiffened.load_factor == 1.0:
-                return stiffened
-        if _by_pressure_alone(load):
-            lowered = lower_load(LARGER)
-            if lowered is not None:
-                return lowered
-        found = attempt(first.state, density, load, MORE_STEPS * most)
-        if found.converged:
-            return ContinuationResult(found.state, 1.0, found.outcome)
-        return by_load
-
-    def _carry(
-        self,
-        attempts: Attempts,
-        state: Floats,
-        density: Floats,
-        begin: LoadCase,
-        end: LoadCase,
-        *,
-        trial: bool,
-    ) -> ContinuationResult:
-        """Move bodies and supports, step by step, and let the skin come to rest after each.
-
-        Nothing passes through anything: where the skin is in the way it is pushed.
-        """
-        model, gone, longest = self.model, 0.0, 1.0
-        outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
-        model.set_density(density)
-        for _ in range(CARRIES):
-            model.set_load(begin.towards(end, gone))
-            moved, part = self._prescribed.follow(self._snes.newton, state, end, longest)
-            there = 1.0 if part == 1 else gone + part * (1 - gone)
-            model.set_load(begin.towards(end, there) if there < 1 else end)
-            found = attempts(moved, trial=trial or there < 1)
-            outcome = found.outcome
-            if found.converged and there == 1:
-                return ContinuationResult(found.state, 1.0, outcome)
-            if found.converged:
-                state, gone, longest = found.state, there, min(1.0, 4 * longest)
-            else:
-                longest = part / 4
-            if longest < SHORTEST_CARRY:
-                break
-        model.set_load(end)
-        return ContinuationResult(state, None, outcome)
-
-    def _moves(self, one: LoadCase, other: LoadCase) -> bool:
-        """Return whether bodies or supports move between two loads of a skin with contact."""
-        if self.contact is None:
-            return False
-        pairs = ((one.poses, other.poses), (one.displacement, other.displacement))
-        return not all(
-            np.array_equal(np.zeros(1) if a is None else a, np.zeros(1) if b is None else b)
-            for a, b in pairs
-        )
-
-    def _opening(self, density: Floats, load: LoadCase) -> float | None:
-        """Return the factor on the pressure that opens a flat skin (collective).
-
-        A pressure that hardly strains a flat skin crumples it: it stops in the first of many
-        stable states. From the open skin crumples spread evenly, and the energy ends lower.
-
-        Returns:
-            None if the skin is not flat, or the requested pressure opens it.
-        """
-        model, pattern = self.model, self.skin.pattern
-        if not _by_pressure_alone(load):
-            return None
-        sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
-        model.set_density(density)
-        factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
-        if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
-            return None
-        return factor
-
     def _result(
         self,
-        attempts: Attempts,
+        search: Search,
         end: ContinuationResult,
-        load: LoadCase,
         snapped: bool | None,
         critical: float | None,
-        *,
-        trial: bool,
-        direct: bool,
-    ) -> EquilibriumResult:
+    ) -> Equilibrium:
         """Return the result at the last state, under its fraction of the load (collective)."""
-        model, state = self.model, end.state
+        model, state, load, attempts = self.model, end.state, search.load, search.attempts
         load_factor = end.load_factor or 0.0
         model.set_load(load.scaled(load_factor))
         state.setflags(write=False)
         volumes = tuple(float(v) for v in model.volumes(state))
-        residual = norm(self.skin.comm, model.residual(state)) / self._snes.newton.reference(state)
+        residual = self._residual_at(state)
         condition = condition_of(model, state, snapped, critical)
         if load_factor == 1.0 and condition.sentences and self.log is not None:
             self.log(condition.sentences)
-        if load_factor == 1.0 and trial:
+        if load_factor == 1.0 and search.trial:
             reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
         elif load_factor == 1.0:
             reason = success(model, load, residual, volumes, condition)
         else:
             assert attempts.last is not None
-            steps = self._max_steps(trial=trial)
-            reason = failure(model, end, load, attempts.last, max_steps=steps, once=direct)
-        return EquilibriumResult(
+            steps, once = search.max_steps, search.direct
+            reason = failure(model, end, load, attempts.last, max_steps=steps, once=once)
+        return Equilibrium(
+            density=search.density,
+            load=load,
             converged=load_factor == 1.0,
+            complete=load_factor == 1.0 and not search.trial,
             load_factor=load_factor,
             reason=reason,
             pressure=model.load.largest,
@@ -948,18 +625,13 @@ class EquilibriumSolver:
             residual=residual,
             condition=condition,
             smallest_distance=model.gap(state),
-            poses=self._poses(state),
+            poses=self.poses_at(state),
             steps=attempts.steps,
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
             sliding=model.end_step(state),
         )
-
-
-def _by_pressure_alone(load: LoadCase) -> bool:
-    dead = load.force is not None or load.weight_fraction > 0 or load.displacement is not None
-    return load.largest > 0 and not dead
 
 
 def _require_kinds(

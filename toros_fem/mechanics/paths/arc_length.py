@@ -14,15 +14,12 @@ from toros_fem.base.keys import In, Positive, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
 from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.tangent import UpperTangent
 
 # Newton steps after which a point is given up, and number at which the steps along the path keep
@@ -107,7 +104,7 @@ class _StepError(TorosError):
 def follow_arc(
     solver: EquilibriumSolver,
     density: Floats,
-    load: LoadCase,
+    load: Load,
     metrics: Sequence[Metric],
     start: Floats | None,
     options: ArcLengthOptions,
@@ -127,20 +124,11 @@ def follow_arc(
         EquilibriumError: There is no first point, or the path could not be followed further; the
             points before have been yielded.
     """
-    first = solver.solve(
-        density,
-        [options.first * float(p) for p in load.pressures],
-        force=None if load.force is None else options.first * load.force,
-        weight_fraction=options.first * load.weight_fraction,
-        start=start,
-    )
+    first = solver.solve(density, times(options.first, load), start)
     path = _ArcLength(solver, density.copy(), load, options, first)
     while True:
-        result = path.result()
-        several = len(result.pressures) > 1
-        pressure = list(result.pressures) if several else result.pressure
         yield replace(
-            measured_point(solver, pressure, result, metrics),
+            measured_point(solver, path.result(), metrics),
             load_factor=path.point.factor,
             negative_eigenvalues=path.point.negative,
             arc_length=path.length,
@@ -149,6 +137,11 @@ def follow_arc(
         if path.ended:
             return
         path.advance()
+
+
+def times(factor: float, load: Load) -> Load:
+    """Return a load with pressures, forces and weights multiplied; supports and bodies stay."""
+    return replace(load.scaled(factor), displacement=load.displacement, poses=load.poses)
 
 
 class _ArcLength:
@@ -172,9 +165,9 @@ class _ArcLength:
         self,
         solver: EquilibriumSolver,
         density: Floats,
-        load: LoadCase,
+        load: Load,
         options: ArcLengthOptions,
-        first: EquilibriumResult,
+        first: Equilibrium,
     ) -> None:
         self._solver, self._model, self._options = solver, solver.model, options
         self._density, self._load = density, load
@@ -185,7 +178,13 @@ class _ArcLength:
         self._peak = max(abs(options.first), abs(options.first_increment))
         self.length, self._points, self.ended = 0.0, 1, False
         self._act()
-        self.point = self._corrected(first.state, options.first, None)
+        try:
+            self.point = self._corrected(first.state, options.first, None)
+        except _StepError as error:  # raised by all ranks or by none
+            raise EquilibriumError(
+                f"the path has no first point at load factor {options.first:g}: {error}",
+                replace(first, converged=False),
+            ) from None
         self._scale = norm(self._comm, self.point.response)
         if self._scale == 0:
             raise ParameterError(
@@ -197,17 +196,21 @@ class _ArcLength:
         self.direction = self._tangent_at(self.point, sense)
         self._step = self._first_step = abs(options.first_increment / self.direction.factor)
 
-    def result(self) -> EquilibriumResult:
+    def result(self) -> Equilibrium:
         """Return the last point as the result of a solve (collective)."""
         self._act()
         model, point = self._model, self.point
-        model.set_load(self._case(point.factor))
+        load = times(point.factor, self._load)
+        model.set_load(load)
         point.state.setflags(write=False)
         volumes = tuple(float(v) for v in model.volumes(point.state))
         kind = "A stable" if not point.negative else "An unstable"
         counted = f", where the tangent has {point.negative} negative eigenvalues"
-        found = EquilibriumResult(
+        found = Equilibrium(
+            density=self._density,
+            load=load,
             converged=point.negative == 0,
+            complete=point.negative == 0,
             load_factor=point.factor,
             reason=f"{kind} equilibrium was found at load factor {point.factor:.6g}"
             f"{counted if point.negative else ''}.",
@@ -222,7 +225,7 @@ class _ArcLength:
             residual=point.residual,
             condition=condition_of(model, point.state, snapped=None, critical=None),
             smallest_distance=model.gap(point.state),
-            poses=None,
+            poses=self._solver.poses_at(point.state),
             steps=point.steps,
             modified_steps=0,
             factorisations=self._factorisations - self._counted,
@@ -263,17 +266,8 @@ class _ArcLength:
 
     def _act(self) -> None:
         """Take the model, which a caller may have used between two points."""
-        self._solver.forget_last()
+        self._solver.forget()
         self._model.set_density(self._density)
-
-    def _case(self, factor: float) -> LoadCase:
-        load = self._load
-        return LoadCase(
-            factor * load.pressures,
-            None if load.force is None else factor * load.force,
-            load.displacement,
-            factor * load.weight_fraction,
-        )
 
     def _longest(self) -> float:
         """Return the longest step along the tangent that keeps points close to each other."""
@@ -336,9 +330,9 @@ class _ArcLength:
         state, factor, before = predicted.copy(), at, np.inf
         moved = np.inf
         for steps in range(MAX_STEPS + 1):
-            model.set_load(self._case(1.0))
+            model.set_load(times(1.0, self._load))
             force = model.applied_load(state)
-            model.set_load(self._case(factor))
+            model.set_load(times(factor, self._load))
             residual = model.residual(state)
             size = norm(comm, residual)
             share = size / max(self._peak * norm(comm, force), np.finfo(float).tiny)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,29 +11,9 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, require_alike
 from toros_fem.base.validation import require_kind
-from toros_fem.mechanics.contact.settings import poses_of
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
-
-
-@dataclass(frozen=True, eq=False)
-class LoadStep:
-    """What acts at one step of a path; all as of `EquilibriumSolver.solve`.
-
-    Attributes:
-        pressure: In Pa, one for all chambers or one for each.
-        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
-        displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
-            supports.
-        weight_fraction: Fraction of the skin's own weight that acts, if it has one.
-        poses: Poses of the contact's bodies, (k, 6), in m and rad; None leaves them there.
-    """
-
-    pressure: float | Sequence[float]
-    force: Floats | None = None
-    displacement: Floats | None = None
-    weight_fraction: float = 1.0
-    poses: Floats | None = None
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +43,7 @@ class LoadPath:
 
     Args:
         solver: Equilibrium solver.
-        steps: Loads in the order in which they act.
+        steps: Loads in the order in which they act; numbers are pressures in Pa.
         start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
             first step starts; None starts at the assembled positions.
 
@@ -75,25 +55,22 @@ class LoadPath:
     def __init__(
         self,
         solver: EquilibriumSolver,
-        steps: Sequence[LoadStep],
+        steps: Sequence[Load | Pressure],
         start: Floats | None = None,
     ) -> None:
         require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
         require_alike(solver.skin.comm, steps=steps)
         if not isinstance(steps, list | tuple) or not steps:
-            raise ParameterError(f"steps = {steps!r} must be a list of LoadStep, at least one.")
-        for step in steps:
-            require_kind("steps", step, LoadStep, "a LoadStep")
-        self.solver, self.steps, self.start = solver, tuple(steps), start
-        for number in range(len(steps)):
-            self._load(number, None)
+            raise ParameterError(f"steps = {steps!r} must be a list of loads, at least one.")
+        self.solver, self.start = solver, start
+        self.steps = tuple(load_of(step).on(solver.model) for step in steps)
 
     def solve(
         self,
         density: Floats,
         pressures: Floats | None = None,
-        near: Sequence[EquilibriumResult] | None = None,
-    ) -> tuple[EquilibriumResult, ...]:
+        near: Sequence[Equilibrium] | None = None,
+    ) -> tuple[Equilibrium, ...]:
         """Return the equilibrium of each step (collective).
 
         Args:
@@ -112,28 +89,19 @@ class LoadPath:
             raise ParameterError(
                 f"near has {len(near)} equilibria; the path has {len(self.steps)} steps."
             )
-        found: list[EquilibriumResult] = []
-        for number, step in enumerate(self.steps):
-            start = found[-1].state if found else self.start
-            load = self._load(number, pressures)
-            found.append(
-                self.solver.solve(
-                    density,
-                    [float(p) for p in load.pressures],
-                    force=step.force,
-                    displacement=step.displacement,
-                    weight_fraction=step.weight_fraction,
-                    poses=step.poses,
-                    start=start if near is None else near[number].state,
-                    sliding=found[-1].sliding if found else None,
-                )
-            )
+        found: list[Equilibrium] = []
+        for number, load in enumerate(self._loads(pressures)):
+            after = found[-1] if found else None
+            start: Floats | Equilibrium | None = self.start if after is None else None
+            if near is not None:
+                start = near[number]
+            found.append(self.solver.solve(density, load, start, after=after))
         return tuple(found)
 
     def gradient(
         self,
         density: Floats,
-        equilibria: Sequence[EquilibriumResult],
+        equilibria: Sequence[Equilibrium],
         slopes: Sequence[Floats | None],
     ) -> PathGradient:
         """Return the gradient of a functional T of the path, eq. (19) at each step (collective).
@@ -155,7 +123,6 @@ class LoadPath:
         solver, model = self.solver, self.solver.model
         by_density = np.zeros(len(density))
         by_pressure = np.zeros((len(self.steps), len(model.load.pressures)))
-        pressures = np.array([e.pressures for e in equilibria])
         carried: Floats | None = None  # dT by the anchors that a step hands to the next
         for number in reversed(range(len(self.steps))):
             at, slope = equilibria[number], slopes[number]
@@ -164,8 +131,7 @@ class LoadPath:
             rhs = np.zeros_like(at.state)
             if slope is not None:
                 model.positions(rhs)[:] = slope
-            begin = equilibria[number - 1].sliding if number else None
-            solver.revisit(at, density, self._load(number, pressures), begin)
+            solver.tangent_at(at)
             through: Floats | None = None
             if carried is not None:
                 by_state, through = model.end_step_backward(at.state, carried)
@@ -180,23 +146,15 @@ class LoadPath:
                 carried += 0.0 if through is None else through
         return PathGradient(by_density, by_pressure)
 
-    def _load(self, number: int, pressures: Floats | None) -> LoadCase:
-        """Return the load case of a step, with other pressures if they are given."""
-        model, step = self.solver.model, self.steps[number]
-        chambers = len(model.load.pressures)
-        if pressures is not None and np.shape(pressures) != (len(self.steps), chambers):
+    def _loads(self, pressures: Floats | None) -> Sequence[Load]:
+        """Return the loads of all steps, with other pressures if they are given."""
+        if pressures is None:
+            return self.steps
+        chambers = self.solver.model.chamber_count
+        if np.shape(pressures) != (len(self.steps), chambers):
             raise ParameterError(
                 f"pressures have shape {np.shape(pressures)}; they must be "
                 f"({len(self.steps)}, {chambers}): one for each step and chamber, in Pa."
             )
-        return make_load_case(
-            self.solver.skin.pattern,
-            model.supports,
-            chambers,
-            step.pressure if pressures is None else pressures[number],
-            force=step.force,
-            displacement=step.displacement,
-            weight_fraction=0.0 if model.weight is None else step.weight_fraction,
-            poses=poses_of(self.solver.contact, step.poses),
-            bodies_fraction=float(model.free_bodies > 0),
-        )
+        rows = zip(self.steps, pressures, strict=True)
+        return [replace(step, pressure=row) for step, row in rows]

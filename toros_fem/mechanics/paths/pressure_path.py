@@ -1,10 +1,9 @@
-"""Stable equilibria of a skin through a sequence of pressures, each the start of the next."""
+"""Stable equilibria of a skin through a sequence of loads, each the start of the next."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-
-import numpy as np
+from dataclasses import replace
 
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.metrics import Metric
@@ -13,60 +12,55 @@ from toros_fem.mechanics.equilibrium.continuation import (
     ContinuationResult,
     run_continuation,
 )
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
-from toros_fem.mechanics.paths.trace_point import Pressure, TracePoint, measured_point
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.mechanics.skin.load import Load, Pressure
 
-# Smallest increment between two pressures, as a fraction of their difference.
+# Smallest increment between two loads, as a fraction of their difference.
 LEAST_INCREMENT = 1 / 100
 
 
 def follow_pressures(
     solver: EquilibriumSolver,
     density: Floats,
-    pressures: Sequence[Pressure],
+    loads: Sequence[Load | Pressure],
     metrics: Sequence[Metric],
-    start: Floats | EquilibriumResult | None,
-    force: Floats | None,
+    start: Floats | Equilibrium | None,
 ) -> Iterator[TracePoint]:
-    """Yield the equilibria at one pressure after the other (collective); `trace` has the arguments.
+    """Yield the equilibria under one load after the other (collective); `trace` has the arguments.
 
     Raises:
-        EquilibriumError: There is no equilibrium at one of the pressures; the points before it
+        EquilibriumError: There is no equilibrium under one of the loads; the points before it
             have been yielded.
     """
-    before: EquilibriumResult | None = None
-    if isinstance(start, EquilibriumResult):
+    before: Equilibrium | None = None
+    if isinstance(start, Equilibrium):
         before, start = start, None
-    for pressure in pressures:
+    for load in loads:
         if before is None:
-            before = solver.solve(density, pressure, force=force, start=start)
+            before = solver.solve(density, load, start)
         else:
-            before = _continue(solver, density, before, pressure, force)
-        yield measured_point(solver, pressure, before, metrics)
+            # Of a pressure alone the rest of the load stays.
+            given = load if isinstance(load, Load) else replace(before.load, pressure=load)
+            before = _continue(solver, density, before, given.on(solver.model))
+        yield measured_point(solver, before, metrics)
 
 
 def _continue(
     solver: EquilibriumSolver,
     density: Floats,
-    before: EquilibriumResult,
-    pressure: Pressure,
-    force: Floats | None,
-) -> EquilibriumResult:
-    """Find the equilibrium at a pressure by continuation from another one."""
-    begin = np.asarray(before.pressures)
-    change = np.broadcast_to(pressure, begin.shape) - begin
+    before: Equilibrium,
+    load: Load,
+) -> Equilibrium:
+    """Find the equilibrium under a load by continuation from another one."""
+    begin = before.load
     last = reached = before
 
     def attempt(_: Floats, fraction: float) -> Attempt:
         nonlocal last, reached
-        level = (begin + fraction * change).tolist()
-        last = solver.solve(
-            density, level, force=force, start=reached, raise_on_failure=False, trial=True
-        )
+        level = begin.towards(load, fraction) if fraction < 1 else load
+        last = solver.solve(density, level, after=reached, raise_on_failure=False, trial=True)
         steps = last.steps
         if last.converged:
             try:
@@ -83,13 +77,9 @@ def _continue(
     )
     if done.load_factor != 1.0:
         raise EquilibriumError(
-            f"the path ends between {_written(begin)} and {_written(begin + change)} Pa, after "
+            f"the path ends between {begin} and {load}, after "
             f"{100 * (done.load_factor or 0.0):.0f} % of the change: {last.reason} Beyond a limit "
             'point a path goes on by="arc-length".',
             last,
         )
     return last
-
-
-def _written(pressures: Floats) -> str:
-    return " and ".join(f"{p:g}" for p in pressures)

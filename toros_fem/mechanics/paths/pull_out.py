@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,11 +11,9 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import checked_floats, real_numbers, require_kind, shown
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 
 # Smallest step of a pull over the size of the skin.
@@ -38,13 +36,13 @@ class PullPoint:
     force: float
     positions: Floats
     normals: Floats
-    result: EquilibriumResult
+    result: Equilibrium
 
 
 def pull_out(
     solver: EquilibriumSolver,
     density: Floats,
-    pressure: float | Sequence[float],
+    load: Load | Pressure,
     depths: Sequence[float] | Floats,
     direction: Sequence[float],
     closed: Floats,
@@ -60,7 +58,7 @@ def pull_out(
     Args:
         solver: Equilibrium solver with contact; the body is held or moved, without a mass.
         density: Projected density of the owned triangles, in [0, 1].
-        pressure: In Pa, one for all chambers or one for each.
+        load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.
         closed: Positions of the owned nodes in m, (k, 3), that the skin has taken around the body
@@ -79,7 +77,7 @@ def pull_out(
     steps = real_numbers("depths", depths, "distances in m, ascending from 0")
     if steps.ndim != 1 or not len(steps) or steps[0] != 0 or not (np.diff(steps) > 0).all():
         raise ParameterError(f"depths = {shown(depths)} must be distances in m, ascending from 0.")
-    pull = _Pull(solver, density, pressure, np.asarray(along / length), body)
+    pull = _Pull(solver, density, load_of(load), np.asarray(along / length), body)
     return pull.follow(steps, closed)
 
 
@@ -90,7 +88,7 @@ class _Pull:
         self,
         solver: EquilibriumSolver,
         density: Floats,
-        pressure: float | Sequence[float],
+        load: Load,
         along: Floats,
         body: int,
     ) -> None:
@@ -98,7 +96,7 @@ class _Pull:
         if contact is None or not 0 <= body < len(contact.contact.bodies):
             raise ParameterError(f"the solver's contact has no body number {body}.")
         self._solver, self._contact = solver, contact
-        self._density, self._pressure = density, pressure
+        self._density, self._load = density, load
         self._along, self._body = along, body
         self._laplacian = flat_laplacian(solver.skin.pattern)
 
@@ -109,10 +107,7 @@ class _Pull:
         if friction is not None:
             rest = friction.at_rest(skin.gather_vertices(closed), self._poses(0.0))
         last = self._point(
-            self._solver.solve(
-                self._density, self._pressure, poses=self._poses(0.0), start=closed, sliding=rest
-            ),
-            0.0,
+            self._solver.solve(self._density, self._at(0.0), closed, sliding=rest), 0.0
         )
         yield last
         for goal in depths[1:]:
@@ -129,15 +124,13 @@ class _Pull:
     def _next(self, last: PullPoint, depth: float) -> PullPoint:
         """Return the equilibrium at the next depth."""
         solver = self._solver
-        found = solver.solve(
-            self._density,
-            self._pressure,
-            poses=self._poses(depth),
-            start=self._carried(last, depth)[solver.skin.owned_vertices],
-            sliding=last.result.sliding,
-            trial=True,
-        )
+        start = self._carried(last, depth)[solver.skin.owned_vertices]
+        load, after = self._at(depth), last.result
+        found = solver.solve(self._density, load, start, after=after, trial=True)
         return self._point(solver.finish(found), depth)
+
+    def _at(self, depth: float) -> Load:
+        return replace(self._load, poses=self._poses(depth))
 
     def _poses(self, depth: float) -> Floats:
         poses: Floats = np.zeros((len(self._contact.contact.bodies), 6))
@@ -156,7 +149,7 @@ class _Pull:
             moved[:, k] += harmonic_extension(self._laplacian, touching | fixed)(jump)
         return moved
 
-    def _point(self, found: EquilibriumResult, depth: float) -> PullPoint:
+    def _point(self, found: Equilibrium, depth: float) -> PullPoint:
         """Return a point of the pull from its equilibrium (collective)."""
         solver, contact, body = self._solver, self._contact, self._body
         nodes, motions = solver.model.positions(found.state), solver.model.motions(found.state)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import norm, require_alike
-from toros_fem.base.validation import require_between, require_count, require_kind, require_positive
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.base.validation import require_count, require_kind, require_positive
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
 # Energies that differ by less than this fraction are those of one state or of its mirror image.
 SAME_ENERGY = 1e-7
@@ -35,7 +37,7 @@ class FoundStates:
         failures: Number of tries that found no equilibrium.
     """
 
-    best: EquilibriumResult
+    best: Equilibrium
     energies: tuple[float, ...]
     counts: tuple[int, ...]
     failures: int
@@ -53,10 +55,9 @@ class FoundStates:
 def find_states(
     solver: EquilibriumSolver,
     density: Floats,
-    pressure: float,
+    load: Load | Pressure,
     *,
-    force: Floats | None = None,
-    start: EquilibriumResult | None = None,
+    start: Equilibrium | None = None,
     tries: int = 12,
     size: float = 0.02,
     seed: int = 0,
@@ -71,8 +72,7 @@ def find_states(
     Args:
         solver: Equilibrium solver.
         density: Projected density of its owned triangles.
-        pressure: Pressure in Pa.
-        force: Dead forces in N on all assembled vertices, (n, 3).
+        load: What acts; a number is a pressure in Pa.
         start: An equilibrium of this solver at this density and load; None solves for it.
         tries: Number of tries.
         size: Largest motion along soft modes over the skin's size; the last tries have it, the
@@ -87,32 +87,30 @@ def find_states(
     require_alike(solver.skin.comm, tries=tries, size=size, seed=seed)
     require_count(1, tries=tries)
     require_count(0, seed=seed)
-    require_between(0.0, np.inf, pressure=pressure)
-    what = "an EquilibriumResult, or None"
-    require_kind("start", start, (EquilibriumResult, type(None)), what)
+    what = "an Equilibrium, or None"
+    require_kind("start", start, (Equilibrium, type(None)), what)
     require_positive(size=size, at_most=0.5)
     if start is not None and not start.converged:
         raise ParameterError(f"the start is no equilibrium: {start.reason}")
-    begin = None if start is None else start.state
-    best = solver.solve(density, pressure, force=force, start=begin)
+    acting = load_of(load).on(solver.model)
+    best = solver.solve(density, acting, start)
     seen, failures = [best.energy], 0
     rng = np.random.default_rng(seed)
     for number in range(tries):
         try:
-            if pressure > 0 and number % EVERY == EVERY - 1:
-                begin = _inflated(solver, density, pressure, force, best, rng)
+            if acting.largest > 0 and number % EVERY == EVERY - 1:
+                begin = _inflated(solver, best, rng)
             else:
                 grown = size * 10 ** (number / max(1, tries - 1) - 1)
                 begin = _kicked(solver, best, rng, grown)
-            found = solver.solve(density, pressure, force=force, start=begin)
+            found = solver.solve(density, acting, begin)
             seen.append(found.energy)
         except NoEquilibriumError:  # raised by all ranks or by none
-            found = None
             failures += 1
-        if found is not None and found.energy < best.energy - SAME_ENERGY * abs(best.energy):
+            continue
+        if found.energy < best.energy - SAME_ENERGY * abs(best.energy):
             best = found
-        else:  # the solver's factors are those of the best again
-            best = solver.solve(density, pressure, force=force, start=best.state.copy())
+    solver.tangent_at(best)
     energies: list[float] = []
     counts: list[int] = []
     for energy in sorted(seen):
@@ -124,28 +122,20 @@ def find_states(
     return FoundStates(best, tuple(energies), tuple(counts), failures)
 
 
-def _inflated(
-    solver: EquilibriumSolver,
-    density: Floats,
-    pressure: float,
-    force: Floats | None,
-    at: EquilibriumResult,
-    rng: np.random.Generator,
-) -> Floats:
+def _inflated(solver: EquilibriumSolver, at: Equilibrium, rng: np.random.Generator) -> Floats:
     """Return a state on the way down from a larger pressure, near the requested one."""
     factor, ratio = MOST ** rng.uniform(0.25, 1.0), rng.uniform(*LOWERED)
     state = at.state
     while factor > 1:
-        # A copy is no state that the solver knows: jumps on the way are wanted here.
-        found = solver.solve(
-            density, factor * pressure, force=force, start=state.copy(), trial=True
-        )
-        state, factor = found.state, factor / ratio
-    return state.copy()
+        # Starts are states, not equilibria: jumps on the way are wanted here.
+        larger = replace(at.load, pressure=factor * at.load.pressures)
+        state = solver.solve(at.density, larger, state, trial=True).state
+        factor /= ratio
+    return state
 
 
 def _kicked(
-    solver: EquilibriumSolver, at: EquilibriumResult, rng: np.random.Generator, size: float
+    solver: EquilibriumSolver, at: Equilibrium, rng: np.random.Generator, size: float
 ) -> Floats:
     """Return a state moved along soft modes, as far as bounds and contact allow (collective)."""
     model, skin = solver.model, solver.skin

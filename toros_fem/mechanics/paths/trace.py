@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, cast, overload
+from dataclasses import replace
+from typing import Literal, cast
 
 import numpy as np
 
@@ -17,64 +18,35 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
 from toros_fem.mechanics.paths.pressure_path import follow_pressures
-from toros_fem.mechanics.paths.trace_point import Pressure, TracePoint
-from toros_fem.mechanics.skin.load_case import make_load_case
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
 PATHS = ("pressure", "arc-length")
-Start = Floats | EquilibriumResult | None
+Start = Floats | Equilibrium | None
 Stop = Callable[[TracePoint], bool] | None
 
 
-@overload
 def trace(
     solver: EquilibriumSolver,
     density: Floats,
-    pressure: Sequence[Pressure],
-    metrics: Sequence[Metric] = (),
-    start: Start = None,
-    *,
-    by: Literal["pressure"] = "pressure",
-    force: Floats | None = None,
-    stop: Stop = None,
-) -> Iterator[TracePoint]: ...
-
-
-@overload
-def trace(
-    solver: EquilibriumSolver,
-    density: Floats,
-    pressure: Pressure,
-    metrics: Sequence[Metric] = (),
-    start: Start = None,
-    *,
-    by: Literal["arc-length"],
-    force: Floats | None = None,
-    stop: Stop = None,
-    options: ArcLengthOptions | None = None,
-) -> Iterator[TracePoint]: ...
-
-
-def trace(
-    solver: EquilibriumSolver,
-    density: Floats,
-    pressure: Pressure | Sequence[Pressure],
+    loads: Load | Pressure | Sequence[Load | Pressure],
     metrics: Sequence[Metric] = (),
     start: Start = None,
     *,
     by: Literal["pressure", "arc-length"] = "pressure",
-    force: Floats | None = None,
     stop: Stop = None,
     options: ArcLengthOptions | None = None,
 ) -> Iterator[TracePoint]:
     """Return an iterator over the equilibria along a path, found one by one (collective).
 
-    By pressure, the stable equilibria at one pressure after the other. Where the skin snaps, the
+    By pressure, the stable equilibria under one load after the other. Where the skin snaps, the
     equilibrium depends on the path. So each is reached from the one before, at once or, where that
-    fails, in smaller increments of the pressures. Only the first may start from the assembled skin,
-    if no start is given.
+    fails, in smaller increments of the load. Only the first may start from the assembled skin, if
+    no start is given.
 
     By arc length, one load factor scales pressures, dead forces and weight. The path goes on
     through limit points, where the load factor turns, and along unstable equilibria.
@@ -82,15 +54,13 @@ def trace(
     Args:
         solver: Equilibrium solver.
         density: Projected density of its owned triangles.
-        pressure: In Pa. By pressure, all pressures in the order in which they act. By arc length,
-            the pressure at load factor 1, one for all chambers or one for each.
+        loads: By pressure, all loads in the order in which they act; numbers are pressures in Pa,
+            which leave the rest of the load before. By arc length, the load at load factor 1.
         metrics: Metrics to compute at each point.
         start: As for `EquilibriumSolver.solve`, for the first point; None starts from the assembled
-            skin. By pressure, from an equilibrium at this density the first one is reached as each
-            from the one before.
+            skin. By pressure, from an equilibrium the first one is reached as each from the one
+            before.
         by: "pressure" or "arc-length".
-        force: Dead forces in N on all assembled vertices, (n, 3); by arc length those at load
-            factor 1.
         stop: Called with each point, on every rank, with equal results; the path ends with the
             point for which it returns True. None follows the path to its end.
         options: Ends and density of a path by arc length; None takes the defaults.
@@ -112,45 +82,37 @@ def trace(
     if by == "pressure":
         if options is not None:
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')
-        levels = _levels(solver, pressure, force)
-        return _until(follow_pressures(solver, density, levels, metrics, start, force), stop)
+        levels = _levels(solver, loads)
+        return _until(follow_pressures(solver, density, levels, metrics, start), stop)
     model = solver.model
     if model.slides:
         raise ParameterError(
             'friction depends on the path that the load takes: follow it by="pressure".'
         )
-    load = make_load_case(
-        solver.skin.pattern,
-        model.supports,
-        len(model.load.pressures),
-        pressure,  # type: ignore[arg-type]
-        force=force,
-        weight_fraction=0.0 if model.weight is None else 1.0,
-    )
-    if not (load.pressures.any() or load.force is not None or load.weight_fraction):
+    load = load_of(cast(Load | Pressure, loads)).on(model)
+    if not replace(load, displacement=None, poses=None):
         raise ParameterError(
             "no load acts that a load factor could scale; give a pressure, a force or a weight."
         )
     density = model.check(density)
-    state = start.state if isinstance(start, EquilibriumResult) else start
+    state = start.state if isinstance(start, Equilibrium) else start
     path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
     return _until(path, stop)
 
 
 def _levels(
-    solver: EquilibriumSolver, pressure: Pressure | Sequence[Pressure], force: Floats | None
-) -> Sequence[Pressure]:
-    """Return the pressures of a path, all checked before the first is solved for."""
-    if is_number(pressure) or np.ndim(pressure) == 0 or not len(pressure):  # type: ignore[arg-type]
+    solver: EquilibriumSolver, loads: Load | Pressure | Sequence[Load | Pressure]
+) -> Sequence[Load | Pressure]:
+    """Return the loads of a path, all checked before the first is solved for."""
+    several = isinstance(loads, list | tuple) or np.ndim(loads) > 0  # type: ignore[arg-type]
+    if isinstance(loads, Load) or is_number(loads) or not several or not len(loads):  # type: ignore[arg-type]
         raise ParameterError(
-            f'pressure = {shown(pressure)}: a path by="pressure" needs all pressures in Pa, '
+            f'loads = {shown(loads)}: a path by="pressure" needs all loads, or pressures in Pa, '
             "as a list, in the order in which they act."
         )
-    model, levels = solver.model, cast(Sequence[Pressure], pressure)
+    levels = cast(Sequence[Load | Pressure], loads)
     for level in levels:
-        make_load_case(
-            solver.skin.pattern, model.supports, len(model.load.pressures), level, force=force
-        )
+        load_of(level).on(solver.model)
     return levels
 
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-
-Pressure = float | Sequence[float]
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +27,10 @@ class TracePoint:
         load_rate: Derivative of the load factor by the arc length; None on a path by pressure.
     """
 
-    pressure: Pressure
+    pressure: float | list[float]
     positions: Floats
     metrics: dict[str, float]
-    result: EquilibriumResult
+    result: Equilibrium
     load_factor: float = 1.0
     negative_eigenvalues: int = 0
     arc_length: float | None = None
@@ -45,12 +44,12 @@ class TracePoint:
 
 def measured_point(
     solver: EquilibriumSolver,
-    pressure: Pressure,
-    result: EquilibriumResult,
+    result: Equilibrium,
     metrics: Sequence[Metric],
 ) -> TracePoint:
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
-    skin = solver.skin
+    skin, several = solver.skin, len(result.pressures) > 1
+    pressure = list(result.pressures) if several else result.pressure
     positions = skin.gather_vertices(result.positions)
     values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
     return TracePoint(pressure, positions, values, result)

@@ -10,15 +10,11 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_callable, require_kind, shown
 from toros_fem.measures.metrics import MetricFunction
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
-from toros_fem.meshes.skin import sew
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
@@ -52,8 +48,7 @@ class ErrorEstimate:
 
 def estimate_error(
     solver: EquilibriumSolver,
-    density: Floats,
-    result: EquilibriumResult,
+    result: Equilibrium,
     quantities: Sequence[MetricFunction],
     force: Callable[[Pattern], Floats] | None = None,
     supports: Callable[[Pattern], Supports] | None = None,
@@ -68,8 +63,8 @@ def estimate_error(
 
     Args:
         solver: The solver that found the result.
-        density: Projected density of its owned triangles.
-        result: The equilibrium.
+        result: The equilibrium; its load acts on the refined skin too, with weights, moved supports
+            and bodies.
         quantities: Functions of a pattern and the positions of all its vertices, (n, 3).
         force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of
             the pattern.
@@ -90,7 +85,7 @@ def estimate_error(
         EquilibriumError: The refined skin has no equilibrium; with `direct`, none near.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
-    require_kind("result", result, EquilibriumResult, "an EquilibriumResult of the solver")
+    require_kind("result", result, Equilibrium, "an Equilibrium of the solver")
     if not isinstance(quantities, list | tuple):
         raise ParameterError(
             f"quantities = {shown(quantities)} must be a list of functions of a pattern and "
@@ -101,12 +96,11 @@ def estimate_error(
     for name, made in (("force", force), ("supports", supports)):
         if made is not None:
             require_callable(name, made, "a function of the pattern, or None")
-    density = solver.model.check(density)
-    skin, composite = solver.skin, solver.model.composite
-    composite.require_refinable()
+    skin, load = solver.skin, result.load
+    solver.model.composite.require_refinable()
     if not result.converged:
         raise ParameterError(f"the result is no equilibrium to refine: {result.reason}")
-    if solver.model.load.force is not None and force is None:
+    if load.force is not None and force is None:
         raise ParameterError(
             "the result was found with dead forces; give them as a function of the pattern, "
             "force = …, so that they act on the refined one too."
@@ -114,36 +108,27 @@ def estimate_error(
     begin = time.perf_counter()
     finer = refine(skin.pattern)
     positions = skin.gather_vertices(result.positions)
-    whole = skin.gather_cells(density)
-    fine_skin = sew(skin.comm, finer.pattern)
-    fixed = supports(finer.pattern) if supports else solver.model.supports.refined(finer)
-    chambers = solver.model.chambers
-    chambers = chambers and chambers.refined(finer)
     options = replace(solver.options, tolerance=max(solver.options.tolerance, TOLERANCE))
-    fine = EquilibriumSolver(
-        fine_skin,
-        composite,
-        fixed,
-        options,
-        chambers=chambers,
-        weight=solver.model.weight,
-        contact=solver.contact,
+    fixed = supports(finer.pattern) if supports else None
+    fine = solver.refined(finer, supports=fixed, options=options)
+    fine_skin, moved = fine.skin, load.displacement
+    whole = skin.gather_cells(result.density)
+    density = whole[finer.cell][fine_skin.owned_cells]
+    load = replace(
+        load,
+        force=None if force is None else force(finer.pattern),
+        displacement=None if moved is None else finer.at_vertices(moved),
     )
-    fine_density = whole[finer.cell][fine_skin.owned_cells]
-    fine_force = None if force is None else force(finer.pattern)
     divided = finer.at_vertices(positions)[fine_skin.owned_vertices]
     # Around shorter edges less of the sheet is left out of contact.
     refused = fine.model.refusal(fine.model.state_of(divided)) is not None
     start = None if refused else divided
     try:
-        trial = fine.solve(
-            fine_density, result.pressures, force=fine_force, start=start, trial=True
-        )
-        found = fine.finish(trial)
+        found = fine.finish(fine.solve(density, load, start, trial=True))
     except EquilibriumError:  # raised by all ranks or by none
         if direct:
             raise
-        found = fine.solve(fine_density, result.pressures, force=fine_force, start=start)
+        found = fine.solve(density, load, start)
     fine_positions = fine_skin.gather_vertices(found.positions)
     seconds = time.perf_counter() - begin
     estimates = []

@@ -12,7 +12,8 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_kind
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes.pattern import Pattern
 
 # Strains below this are rounding, of sewn coordinates too.
@@ -52,9 +53,7 @@ class WrinkleField:
         return float(areas[self.state == state].sum() / areas.sum())
 
 
-def wrinkle_field(
-    solver: EquilibriumSolver, density: Floats, result: EquilibriumResult
-) -> WrinkleField:
+def wrinkle_field(solver: EquilibriumSolver, density: Floats, result: Equilibrium) -> WrinkleField:
     """Return the wrinkles of an equilibrium, equal on all ranks (collective).
 
     Args:
@@ -66,7 +65,7 @@ def wrinkle_field(
         ParameterError: The sheet is no tension field.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
-    require_kind("result", result, EquilibriumResult, "an EquilibriumResult of the solver")
+    require_kind("result", result, Equilibrium, "an Equilibrium of the solver")
     density = solver.model.check(density)
     skin = solver.skin
     positions = skin.gather_vertices(result.positions)

@@ -34,7 +34,7 @@ from toros_fem.mechanics.skin.coefficients import (
 )
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.hinges import edge_angles, find_hinges
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import make_patch, pattern_edges
 from toros_fem.mechanics.skin.pressure import PressureLoad
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
@@ -203,7 +203,7 @@ class SkinModel:
 
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
-        self.load = LoadCase(self._pressure.values)
+        self.load = Load(self._pressure.values)
         self._force = np.zeros(self.size_local)
         self.fixed: Bools = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
         self.fixed[self._patch.position_dofs] = supports.fixed[skin.vertex]
@@ -313,15 +313,15 @@ class SkinModel:
             state[shared] = unknowns[places + count :]
         return state
 
-    def set_load(self, load: LoadCase) -> None:
-        """Let a load case act; where it moves the supports, the state must already be moved.
+    def set_load(self, load: Load) -> None:
+        """Let a load act; where it moves the supports, the state must already be moved.
 
         Raises:
-            ParameterError: The load case has another number of chambers.
+            ParameterError: The load has another number of chambers.
         """
         if load.pressures.shape != self._pressure.values.shape:
             raise ParameterError(
-                f"the load case has pressures of shape {load.pressures.shape}; this skin needs "
+                f"the load has pressures of shape {load.pressures.shape}; this skin needs "
                 f"{self._pressure.values.shape}, one for each chamber."
             )
         self.load = load
@@ -330,7 +330,7 @@ class SkinModel:
         if load.force is not None:
             self.positions(self._force)[:] = load.force[self.skin.owned_vertices]
         if self.weight is not None:
-            self._gravity.value[:] = load.weight_fraction * np.asarray(self.weight.gravity)
+            self._gravity.value[:] = load.weight * np.asarray(self.weight.gravity)
         if self.contact is not None:
             self.contact.poses[:] = 0.0 if load.poses is None else load.poses
 
@@ -438,7 +438,7 @@ class SkinModel:
         whole = total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
         whole -= self._pressure.wall_volume(self.positions(state), self.load.pressures)
         if self.contact is not None:
-            fraction = self.load.bodies_fraction
+            fraction = self.load.weight_of_bodies
             whole += self.contact.energy(self.positions(state), self.motions(state), fraction)
         return whole
 
@@ -456,7 +456,7 @@ class SkinModel:
         nodes = self.positions(state)
         self.positions(out)[:] -= self._pressure.wall_gradient(nodes, self.load.pressures)
         if self.contact is not None:
-            fraction = self.load.bodies_fraction
+            fraction = self.load.weight_of_bodies
             by_nodes, by_bodies = self.contact.gradient(nodes, self.motions(state), fraction)
             self.positions(out)[:] += by_nodes
             if self.skin.comm.rank == 0:
@@ -507,7 +507,7 @@ class SkinModel:
         """Whether there is friction, by which the residual has no potential."""
         return self.contact is not None and self.contact.friction is not None
 
-    def begin_step(self, sliding: Sliding | None, load: LoadCase) -> None:
+    def begin_step(self, sliding: Sliding | None, load: Load) -> None:
         """Begin a step of a path with friction; without friction nothing is done.
 
         Args:
@@ -577,6 +577,11 @@ class SkinModel:
         return out
 
     @property
+    def chamber_count(self) -> int:
+        """Number of pressure chambers."""
+        return len(self._pressure.values)
+
+    @property
     def free_bodies(self) -> int:
         """Number of free bodies."""
         return len(self._patch.body_dofs)
@@ -640,7 +645,7 @@ class SkinModel:
     def _weight_of_bodies(self) -> Floats:
         force = np.zeros(self.size_local)
         if self.contact is not None and self.skin.comm.rank == 0:
-            force[self._patch.body_dofs] = self.load.bodies_fraction * self.contact.weight
+            force[self._patch.body_dofs] = self.load.weight_of_bodies * self.contact.weight
         return force
 
     def load_energy(self, state: Floats) -> float:

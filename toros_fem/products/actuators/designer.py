@@ -28,7 +28,7 @@ from toros_fem.making.as_printed.as_printed import (
 )
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import (
@@ -377,9 +377,7 @@ class Designer(Job):
             return errors_of_lines(self, lines)
         if made is None:
             return None
-        return errors_by_refinement(
-            problem.solver, made.projected, made.equilibrium, problem.metrics
-        )
+        return errors_by_refinement(problem.solver, made.equilibrium, problem.metrics)
 
 
 def design_actuator(

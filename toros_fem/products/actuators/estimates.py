@@ -7,14 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.job import Job
@@ -57,22 +53,20 @@ class MetricErrors:
 
 def errors_by_refinement(
     solver: EquilibriumSolver,
-    density: Floats,
-    result: EquilibriumResult,
+    result: Equilibrium,
     metrics: Sequence[Metric],
 ) -> MetricErrors:
     """Return the errors of metrics, from a refined mesh (collective).
 
     Args:
         solver: The solver on the given mesh.
-        density: Density of this rank's triangles.
-        result: Their equilibrium.
+        result: The equilibrium.
         metrics: The metrics.
     """
     if not metrics:
         return MetricErrors("refined")
     try:
-        found = estimate_error(solver, density, result, [m.measure for m in metrics], direct=True)
+        found = estimate_error(solver, result, [m.measure for m in metrics], direct=True)
     except EquilibriumError as caught:  # raised by all ranks or by none
         return MetricErrors("refined", failure=str(caught))
     keys = [metric.key for metric in metrics]

@@ -15,7 +15,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumResult
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.products.tables.loads import Results
@@ -48,7 +48,7 @@ class PressureCurve:
 
 def trace_pressure_curve(
     problem: ShapeProblem,
-    made: Evaluation[EquilibriumResult],
+    made: Evaluation[Equilibrium],
     largest: float,
     steps: int,
     further: Sequence[float] = (),
@@ -93,7 +93,7 @@ def trace_pressure_curve(
     unfilled_at = None
     if below and below[-1].result.volume < empty:
         unfilled_at = below.pop().result.pressure
-    middle = measured_point(solver, begin.pressure, begin, problem.metrics)
+    middle = measured_point(solver, begin, problem.metrics)
     points = (*reversed(below), middle, *above)
     return PressureCurve(points, unfilled_at, failure_below, failure_above)
 

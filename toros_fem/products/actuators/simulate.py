@@ -14,7 +14,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.figures import Figure
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import sew
@@ -132,7 +133,7 @@ def simulate_actuator(
     write_pressure_path(comm, output, path)
     errors = None
     if scene.results.estimate_error:
-        errors = errors_by_refinement(solver, own, points[-1].result, made.judged)
+        errors = errors_by_refinement(solver, points[-1].result, made.judged)
     where = None if pattern is None else str(pattern)
     found = SimulationResult(path, where, failure, errors)
     write_summary(comm, output, found)

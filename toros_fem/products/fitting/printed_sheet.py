@@ -102,11 +102,11 @@ class PrintedSheet:
         Raises:
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
-        machine, comm, state = self._machine(factors), self.skin.comm, None
+        machine, comm, result = self._machine(factors), self.skin.comm, None
         solver, pushed = machine.solver, _TangentTimes(machine.solver.model, self._clamp)
         values, slopes = np.empty((2, len(strains))), np.empty((2, len(strains), 2))
         for k, strain in enumerate(strains):
-            result = machine.solve(self.density, float(strain), state)
+            result = machine.solve(self.density, float(strain), result)
             state = result.state
             positions = self.skin.gather_vertices(result.positions)
             values[0, k] = machine.forces(result)[1, self.axis] / machine.width

@@ -34,7 +34,8 @@ from toros_fem.measures.shape import Nodes, Objective, Part
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_mesh
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
@@ -598,7 +599,7 @@ def _lifted(
     depths = [*near, *(depth for depth in far if depth > limit)]
     owned, points = grip.simulated(density), list[PullPoint]()
     try:
-        closed = grip.closing.solve(owned, pressures, start=start)
+        closed = grip.closing.solve(owned, pressures, start)
         for point in pull_out(grip.pulling, owned, pressures, depths, ALONG, closed.positions):
             points.append(point)
             held = _Lift(tuple(points), "").slip(grip, config) is not None

@@ -87,6 +87,8 @@ class TileProblem(DesignProblem[Profile]):
         self, projected: Floats, start: Any, pressure: Pressure | None, *, trial: bool
     ) -> tuple[Profile, float]:
         """Solve for the profile and its gradients; return it with its objective (collective)."""
+        if isinstance(start, Profile):
+            start = start.state
         profile = self.solver.solve(projected, start, allow_continuation=not trial)
         return profile, self.objective.forward(profile)
 

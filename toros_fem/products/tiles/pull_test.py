@@ -13,9 +13,11 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import require_positive
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.mirror import FLAT
@@ -117,10 +119,10 @@ def pull(
     given = _checked_strains(axis, strains)
     machine = PullMachine(skin, composite, axis, gauge, options, log)
     forces, middle, steps = [], [], 0
-    state, positions = None, skin.pattern.points
+    result, positions = None, skin.pattern.points
     for strain in given:
-        result = machine.solve(density, strain, state)
-        state, steps = result.state, steps + result.steps
+        result = machine.solve(density, strain, result)
+        steps += result.steps
         forces.append(machine.forces(result))
         positions = skin.gather_vertices(result.positions)
         middle.append(machine.middle_stretch(positions))
@@ -171,13 +173,13 @@ class PullMachine:
             skin, replace(composite, bending=None), Supports(fixed), options, log
         )
 
-    def solve(self, density: Floats, strain: float, start: Floats | None) -> EquilibriumResult:
+    def solve(self, density: Floats, strain: float, start: Equilibrium | None) -> Equilibrium:
         """Return the equilibrium at a strain of the clamps' distance (collective)."""
         along = np.eye(3)[self.axis]
         displacement = np.where(self.far[:, None], strain * self.length * along, 0.0)
-        return self.solver.solve(density, 0.0, displacement=displacement, start=start)
+        return self.solver.solve(density, Load(displacement=displacement), start)
 
-    def forces(self, result: EquilibriumResult) -> Floats:
+    def forces(self, result: Equilibrium) -> Floats:
         """Return the forces in N on the near and on the far end, (2, 3) (collective)."""
         reactions = self.solver.reactions(result)
         return np.stack([reactions[end].sum(axis=0) for end in (self.near, self.far)])

@@ -12,8 +12,8 @@ from toros_fem.base.mpi import dot, largest
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import METRIC_STEP
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.tolerance.result import OBJECTIVE
 
@@ -48,9 +48,7 @@ class TangentRates:
         equilibrium: The last equilibrium of its solver.
     """
 
-    def __init__(
-        self, problem: ShapeDesign, density: Floats, equilibrium: EquilibriumResult
-    ) -> None:
+    def __init__(self, problem: ShapeDesign, density: Floats, equilibrium: Equilibrium) -> None:
         self.problem, self.density, self.equilibrium = problem, density, equilibrium
         self.model = problem.solver.model
         self.load = self.model.load
@@ -93,7 +91,7 @@ class TangentRates:
         return self.problem.skin.gather_cells(self.density)
 
     def _residual(self, composite: Composite) -> Floats:
-        model = other_solver(self.problem, composite).model
+        model = self.problem.solver.like(composite=composite, log=None).model
         model.set_density(self.density)
         model.set_load(self.load)
         return model.residual(self.equilibrium.state)
@@ -143,7 +141,7 @@ class MovedSkin:
         """Return the state of this rank, with a change of all unknowns added."""
         return self.problem.solver.model.scatter(self.unknowns + change)
 
-    def residual(self, density: Floats, load: LoadCase) -> Floats:
+    def residual(self, density: Floats, load: Load) -> Floats:
         """Return the residual of all unknowns, by original index.
 
         Args:
@@ -189,18 +187,3 @@ def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
     positions, pattern = problem.skin.gather_vertices(owned), problem.skin.pattern
     metrics: dict[str, float] = {m.key: m.value(pattern, positions) for m in problem.metrics}
     return {OBJECTIVE: problem.objective.forward(owned), **metrics}
-
-
-def other_solver(problem: ShapeDesign, composite: Composite) -> EquilibriumSolver:
-    """Return a solver of the same skin of other materials (collective)."""
-    solver = problem.solver
-    model = solver.model
-    return EquilibriumSolver(
-        problem.skin,
-        composite,
-        model.supports,
-        solver.options,
-        chambers=model.chambers,
-        weight=model.weight,
-        contact=solver.contact,
-    )

@@ -25,11 +25,9 @@ from toros_fem.making.print.printability import (
 from toros_fem.making.print.regions import part_regions
 from toros_fem.making.print.widths import LocalWidth
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import (
-    EquilibriumError,
-    EquilibriumResult,
-    EquilibriumSolver,
-)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.border_motion import border_motion
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.snap import snapped, with_flat_points
@@ -39,7 +37,6 @@ from toros_fem.products.tolerance.rates import (
     MovedSkin,
     Rate,
     TangentRates,
-    other_solver,
     values_at,
 )
 from toros_fem.products.tolerance.result import Tolerances, Variant
@@ -183,7 +180,7 @@ class _Study:
         if drawn.near is not None:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.state_at(positions)
-        made: Evaluation[EquilibriumResult] = problem.simulate_binary(
+        made: Evaluation[Equilibrium] = problem.simulate_binary(
             cells[skin.owned_cells], start=start, pressure=drawn.pressure
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
@@ -264,7 +261,7 @@ class _Study:
 
         rate = self.rates.by_composite(changed)
         for amount in (-size, size):
-            solver = other_solver(self.problem, changed(1 + amount))
+            solver = self.problem.solver.like(composite=changed(1 + amount), log=None)
             yield self._change(name, amount, rate, solver, self.equilibrium.pressures)
 
     def _pressures(self, size: float) -> Iterator[Change]:
@@ -292,7 +289,7 @@ class _Study:
         inside = [start for start in c.starts if c.solver.model.admits(start)]
         start = inside[0] if inside else None
         try:
-            found = c.solver.solve(c.density, c.pressures, force=self.problem.force, start=start)
+            found = c.solver.solve(c.density, Load(c.pressures, self.problem.force), start)
         except EquilibriumError as caught:  # raised by all ranks or by none
             return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()

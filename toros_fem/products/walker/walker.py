@@ -35,7 +35,8 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.mechanics.contact.settings import Contact, Ground
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers

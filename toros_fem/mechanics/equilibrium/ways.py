@@ -1,0 +1,303 @@
+"""Ways to a hard equilibrium, tried one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from petsc4py import PETSc
+
+from toros_fem.base.array_types import Floats
+from toros_fem.mechanics.equilibrium.continuation import (
+    Attempt,
+    ContinuationResult,
+    run_continuation,
+)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.path import PathPoint
+from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
+from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.model import SkinModel
+
+# First increment of a continuation from one design to another, as a fraction of the whole.
+FIRST_INCREMENT = 1 / 16
+# Largest number of steps of a trial.
+FEW_STEPS = 40
+# The same in contact, where layers that close limit one step after the other.
+FEW_IN_CONTACT = 120
+# Factor on `max_steps` for the last attempt, which starts where the first cold one stopped.
+MORE_STEPS = 6
+# A skin is flat where it encloses less than this fraction of a sphere of its area. It is opened by
+# a pressure that, times its size over its stiffness, is OPENING, and lowered by LOWERED each time.
+FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
+# Multiple of the pressure from which a skin that folds at the requested one is lowered.
+LARGER = 10.0
+# Largest number of steps by which bodies and supports are carried, and the shortest of them, over
+# what is left of the way.
+CARRIES, SHORTEST_CARRY = 200, 1e-4
+
+DIVERGED = PETSc.SNES.ConvergedReason
+
+
+@dataclass(eq=False)
+class Search:
+    """An equilibrium that is looked for.
+
+    Attributes:
+        model: The skin's model.
+        snes: Its solver from one start.
+        attempts: What was tried.
+        prescribed: Motion of fixed components.
+        density, load: Those of the equilibrium.
+        start: Owned unknowns to start from.
+        near: Equilibrium that it starts from, of a neighbouring design or load; None for none.
+        least_increment: Of a continuation.
+        cold: Whether the start is the assembled shape.
+        trial: Whether a state near an equilibrium is enough.
+        direct: Whether to try once only.
+        cold_end: Where the last attempt from the assembled shape ended; of the start before.
+        failure: What is left where no way reaches the equilibrium.
+    """
+
+    model: SkinModel
+    snes: SnesSolver
+    attempts: Attempts
+    prescribed: PrescribedDisplacement
+    density: Floats
+    load: Load
+    start: Floats
+    near: Equilibrium | None
+    least_increment: float
+    cold: bool = False
+    trial: bool = False
+    direct: bool = False
+    cold_end: Attempt = field(init=False)
+    failure: ContinuationResult = field(init=False)
+
+    @property
+    def target(self) -> PathPoint:
+        """Design and load of the equilibrium, at the start."""
+        return PathPoint(self.density, self.load, self.start)
+
+    @property
+    def max_steps(self) -> int:
+        """Largest number of steps of the first attempt."""
+        few = FEW_STEPS if self.model.contact is None else FEW_IN_CONTACT
+        return min(few, self.snes.max_steps) if self.trial else self.snes.max_steps
+
+    def attempt(
+        self, start: Floats, density: Floats, load: Load, max_steps: int | None = None
+    ) -> Attempt:
+        """Solve once from a state (collective)."""
+        self.model.set_density(density)
+        self.model.set_load(load)
+        placed = self.prescribed(start, load.displacement)
+        return self.attempts(placed, max_steps, trial=self.trial)
+
+    def run(
+        self, begin: Floats, factor: float | None, at: Callable[[float], tuple[Floats, Load]]
+    ) -> ContinuationResult:
+        """Continue from a state to the end of a path of designs and loads."""
+        return run_continuation(
+            lambda x, f: self.attempt(x, *at(f)),
+            ContinuationResult(begin, factor, self.cold_end.outcome),
+            1.0,
+            FIRST_INCREMENT if factor is not None else self.increment,
+            self.least_increment,
+        )
+
+    @property
+    def increment(self) -> float:
+        """First increment of a load: that of a pressure that strains by a few per cent."""
+        size, largest = self.model.skin.pattern.size, self.load.largest
+        small = 0.1 * self.model.composite.least_stiffness / size
+        return min(small / largest, 1 / 4) if largest else FIRST_INCREMENT
+
+    def raised(self, density: Floats) -> ContinuationResult:
+        """Raise the load on a design, from the assembled shape."""
+        return self.run(self.model.assembled, None, lambda f: (density, self.load.scaled(f)))
+
+    def lowered(self, factor: float) -> ContinuationResult | None:
+        """Go from a multiple of the load down to it; None if a solve fails."""
+        found = self.attempt(self.model.assembled, self.density, self.load.scaled(factor))
+        while found.converged and factor > 1:
+            factor = max(1.0, factor / LOWERED)
+            found = self.attempt(found.state, self.density, self.load.scaled(factor))
+        return reached(found)
+
+    def carry(self, state: Floats, begin: Load) -> ContinuationResult:
+        """Move bodies and supports, step by step, and let the skin come to rest after each.
+
+        Nothing passes through anything: where the skin is in the way it is pushed.
+        """
+        model, end, gone, longest = self.model, self.load, 0.0, 1.0
+        outcome = int(DIVERGED.DIVERGED_LINE_SEARCH)
+        model.set_density(self.density)
+        for _ in range(CARRIES):
+            model.set_load(begin.towards(end, gone))
+            moved, part = self.prescribed.follow(self.snes.newton, state, end, longest)
+            there = 1.0 if part == 1 else gone + part * (1 - gone)
+            model.set_load(begin.towards(end, there) if there < 1 else end)
+            found = self.attempts(moved, trial=self.trial or there < 1)
+            outcome = found.outcome
+            if found.converged and there == 1:
+                return ContinuationResult(found.state, 1.0, outcome)
+            if found.converged:
+                state, gone, longest = found.state, there, min(1.0, 4 * longest)
+            else:
+                longest = part / 4
+            if longest < SHORTEST_CARRY:
+                break
+        model.set_load(end)
+        return ContinuationResult(state, None, outcome)
+
+
+Way = Callable[[Search], ContinuationResult | None]
+
+
+def reached(found: Attempt) -> ContinuationResult | None:
+    """Return what an attempt under the whole load found; None where it found nothing."""
+    return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
+
+
+def whole(found: ContinuationResult) -> ContinuationResult | None:
+    """Return the end of a continuation; None where it stopped before."""
+    return found if found.load_factor == 1.0 else None
+
+
+def carried(search: Search) -> ContinuationResult | None:
+    """Carry bodies and supports from where they are under the near load."""
+    assert search.near is not None
+    search.failure = search.carry(search.start, search.near.load)
+    return whole(search.failure)
+
+
+def opened(search: Search) -> ContinuationResult | None:
+    """Open a flat skin by a larger pressure, and lower that.
+
+    A pressure that hardly strains a flat skin crumples it: it stops in the first of many stable
+    states. From the open skin crumples spread evenly, and the energy ends lower.
+    """
+    model, load = search.model, search.load
+    pattern = model.skin.pattern
+    if not (search.cold and load.pressure_alone):
+        return None
+    sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
+    model.set_density(search.density)
+    factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
+    if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
+        return None
+    return search.lowered(factor)
+
+
+def at_once(search: Search) -> ContinuationResult | None:
+    """Apply the whole load to the start."""
+    found = search.attempt(search.start, search.density, search.load, search.max_steps)
+    search.cold_end = found
+    search.failure = ContinuationResult(search.start, None, found.outcome)
+    return reached(found)
+
+
+def along_designs(search: Search) -> ContinuationResult | None:
+    """Go from the near design and load in small parts of the way."""
+    near = search.near
+    if near is None:
+        return None
+
+    def between(f: float) -> tuple[Floats, Load]:
+        return near.point.towards(search.target, f)
+
+    return whole(search.run(search.start, 0.0, between))
+
+
+def from_assembled(search: Search) -> ContinuationResult | None:
+    """Apply the whole load to the assembled shape, where the start was another one."""
+    if search.cold:
+        return None
+    search.cold_end = search.attempt(search.model.assembled, search.density, search.load)
+    return reached(search.cold_end)
+
+
+def as_many_again(search: Search) -> ContinuationResult | None:
+    """Take as many steps again: it may only be slow, and a continuation costs more."""
+    if search.cold_end.outcome != int(DIVERGED.DIVERGED_MAX_IT):
+        return None
+    search.cold_end = search.attempt(search.cold_end.state, search.density, search.load)
+    return reached(search.cold_end)
+
+
+def from_rest(search: Search) -> ContinuationResult | None:
+    """Let the skin come to rest with bodies where they were made, and carry them from there."""
+    load = search.load
+    if not load.moves_bodies:
+        return None
+    rest = replace(load, poses=np.zeros_like(load.poses))
+    found = search.attempt(search.model.assembled, search.density, rest)
+    return whole(search.carry(found.state, rest)) if found.converged else None
+
+
+def by_load(search: Search) -> ContinuationResult | None:
+    """Raise the load on the assembled shape."""
+    outcome = search.cold_end.outcome
+    search.failure = ContinuationResult(search.start, None, outcome)
+    if not search.load:
+        return None
+    found = search.raised(search.density)
+    if found.load_factor is None:
+        found = ContinuationResult(search.start, None, found.outcome)
+    search.failure = found
+    return whole(found)
+
+
+def by_stiffness(search: Search) -> ContinuationResult | None:
+    """Solve for the plain fabric, and stiffen it."""
+    plain = np.zeros_like(search.density)
+    found = search.attempt(search.model.assembled, plain, search.load)
+    soft = reached(found)
+    if soft is None and search.load:
+        soft = search.raised(plain)
+    if soft is None or soft.outcome <= 0:
+        return None
+    return whole(search.run(soft.state, 0.0, lambda f: (f * search.density, search.load)))
+
+
+def by_pressure(search: Search) -> ContinuationResult | None:
+    """Lower a larger pressure: a skin that folds may not fold from there."""
+    return search.lowered(LARGER) if search.load.pressure_alone else None
+
+
+def patiently(search: Search) -> ContinuationResult | None:
+    """Take many steps from where the first cold attempt stopped."""
+    most = MORE_STEPS * search.snes.max_steps
+    return reached(search.attempt(search.cold_end.state, search.density, search.load, most))
+
+
+WAYS: tuple[Way, ...] = (
+    opened,
+    at_once,
+    along_designs,
+    from_assembled,
+    as_many_again,
+    from_rest,
+    by_load,
+    by_stiffness,
+    by_pressure,
+    patiently,
+)
+
+
+def search_equilibrium(search: Search) -> ContinuationResult:
+    """Return the equilibrium, or the last good state under a fraction of the load (collective)."""
+    ways: tuple[Way, ...] = (at_once,) if search.direct else WAYS
+    contact = search.model.contact is not None
+    if contact and search.near is not None and search.load.moves_from(search.near.load):
+        ways = (carried,)
+    for way in ways:
+        found = way(search)
+        if found is not None:
+            return found
+        if way is at_once and search.cold_end.outcome == int(DIVERGED.DIVERGED_DTOL):
+            break
+    return search.failure

@@ -1,0 +1,198 @@
+"""What acts on a skin: pressures, dead forces, weight, moved supports and bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import checked_floats, real_numbers, require_finite
+from toros_fem.mechanics.contact.settings import poses_of
+from toros_fem.mechanics.skin.supports import require_displacement
+
+if TYPE_CHECKING:
+    from toros_fem.mechanics.skin.model import SkinModel
+
+# A number, or one for each chamber, in Pa.
+Pressure = float | Sequence[float] | Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """Everything that acts on a skin; the same on every rank.
+
+    Attributes:
+        pressure: In Pa, ≥ 0, one for all chambers or one for each.
+        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+        displacement: Displacement in m of the fixed components from their assembled positions,
+            for all assembled vertices, (n, 3); None takes that of the supports.
+        weight_fraction: Fraction of the skin's own weight that acts, whose `Weight` says how heavy
+            it is; None for all of it.
+        poses: Poses of the contact's bodies, (k, 6): translation in m and rotation vector in rad
+            from where they were made, not read for free bodies. None leaves them there.
+        bodies_fraction: Fraction of the weight of free bodies that acts; None for all of it.
+    """
+
+    pressure: Pressure = 0.0
+    force: Floats | None = None
+    displacement: Floats | None = None
+    weight_fraction: float | None = None
+    poses: Floats | None = None
+    bodies_fraction: float | None = None
+
+    def on(self, model: SkinModel) -> Load:
+        """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
+
+        Raises:
+            ParameterError: A pressure is negative or not finite, or an array does not fit.
+            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+        """
+        pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count
+        what = "in Pa, one for all chambers or one for each"
+        values = real_numbers("pressure", self.pressure, what)
+        weight = 1.0 if self.weight_fraction is None else self.weight_fraction
+        bodies = 1.0 if self.bodies_fraction is None else self.bodies_fraction
+        require_finite(weight_fraction=weight, bodies_fraction=bodies)
+        admissible = np.isfinite(values) & (values >= 0)
+        if not admissible.all():
+            wrong = float(values[~admissible].ravel()[0])
+            raise ParameterError(f"pressure = {wrong} Pa must be finite and at least 0.")
+        if values.shape not in ((), (chambers,)):
+            raise ParameterError(
+                f"pressure has shape {values.shape}; it must be one number in Pa, or one for each "
+                f"of the {chambers} chambers."
+            )
+        if values.any() and not supports.close(pattern):
+            pattern.require_closed()
+        points, force, displacement = pattern.points.shape, self.force, self.displacement
+        if force is not None:
+            force = checked_floats("force", force, f"finite and of shape {points}, in N", points)
+        if displacement is None:
+            displacement = supports.displacement
+        else:
+            displacement = require_displacement(displacement, points)
+            moved = replace(supports, displacement=displacement)
+            if moved.close(pattern) != supports.close(pattern):
+                raise ParameterError(
+                    "the displacement moves a border out of its symmetry plane; move it in the "
+                    "plane only, or simulate the whole skin."
+                )
+        contact = None if model.contact is None else model.contact.contact
+        return Load(
+            np.full(chambers, values),
+            _copy(force),
+            _copy(displacement),
+            0.0 if model.weight is None else float(weight),
+            _copy(poses_of(contact, self.poses)),
+            float(bodies) if model.free_bodies else 0.0,
+        )
+
+    def __bool__(self) -> bool:
+        moved = self.displacement is not None or self.moves_bodies
+        heavy = self.weight > 0 or self.weight_of_bodies > 0
+        return bool(self.largest > 0 or self.force is not None or heavy or moved)
+
+    def __str__(self) -> str:
+        parts = []
+        if self.largest > 0 or not self:
+            parts.append(" and ".join(f"{p:g}" for p in self.pressures) + " Pa")
+        if self.force is not None:
+            total = np.linalg.norm(self.force, axis=1).sum()
+            parts.append(f"forces of {total:.4g} N in total")
+        if self.weight > 0:
+            parts.append(f"{_percent(self.weight)}its own weight")
+        if self.weight_of_bodies > 0:
+            parts.append(f"{_percent(self.weight_of_bodies)}the weight of bodies")
+        if self.displacement is not None:
+            farthest = np.linalg.norm(self.displacement, axis=1).max()
+            parts.append(f"supports moved by up to {farthest:.4g} m")
+        poses = _zero(self.poses)
+        if poses.any():
+            farthest = np.linalg.norm(poses[:, :3], axis=1).max()
+            parts.append(f"bodies moved by up to {farthest:.4g} m")
+        return " and ".join(parts) or "no load"
+
+    @property
+    def pressures(self) -> Floats:
+        """Pressure of each chamber in Pa, (k,)."""
+        return np.atleast_1d(np.asarray(self.pressure, dtype=np.float64))
+
+    @property
+    def weight(self) -> float:
+        """Fraction of the skin's own weight, 0 where none is set yet."""
+        return self.weight_fraction or 0.0
+
+    @property
+    def weight_of_bodies(self) -> float:
+        """Fraction of the weight of free bodies, 0 where none is set yet."""
+        return self.bodies_fraction or 0.0
+
+    @property
+    def largest(self) -> float:
+        """Largest pressure in Pa."""
+        return float(self.pressures.max())
+
+    @property
+    def pressure_alone(self) -> bool:
+        """Whether pressures act, without forces, weight, or supports that move."""
+        dead = self.force is not None or self.weight > 0 or self.displacement is not None
+        return self.largest > 0 and not dead
+
+    @property
+    def moves_bodies(self) -> bool:
+        """Whether bodies are elsewhere than where they were made."""
+        return bool(_zero(self.poses).any())
+
+    def moves_from(self, other: Load) -> bool:
+        """Return whether supports or bodies are elsewhere under another load."""
+        pairs = ((self.poses, other.poses), (self.displacement, other.displacement))
+        return not all(np.array_equal(_zero(a), _zero(b)) for a, b in pairs)
+
+    def scaled(self, load_factor: float) -> Load:
+        """Return the load times a load factor."""
+        return Load(np.zeros_like(self.pressures)).towards(self, load_factor)
+
+    def towards(self, other: Load, fraction: float) -> Load:
+        """Return the load that lies a fraction of the way towards another one."""
+
+        def between(one: float, two: float) -> float:
+            return one + fraction * (two - one)
+
+        begin, end = self, other
+        return Load(
+            begin.pressures + fraction * (end.pressures - begin.pressures),
+            _between(begin.force, end.force, fraction),
+            _between(begin.displacement, end.displacement, fraction),
+            between(begin.weight, end.weight),
+            _between(begin.poses, end.poses, fraction),
+            between(begin.weight_of_bodies, end.weight_of_bodies),
+        )
+
+
+def load_of(given: Load | Pressure) -> Load:
+    """Return a load as it is, or that of a pressure in Pa."""
+    return given if isinstance(given, Load) else Load(given)
+
+
+def _between(one: Floats | None, other: Floats | None, fraction: float) -> Floats | None:
+    """Interpolate linearly; None is zero."""
+    if one is None and other is None:
+        return None
+    begin, end = _zero(one), _zero(other)
+    return np.asarray(begin + fraction * (end - begin))
+
+
+def _zero(values: Floats | None) -> Floats:
+    return np.zeros(1) if values is None else np.asarray(values, dtype=np.float64)
+
+
+def _percent(fraction: float) -> str:
+    return "" if fraction == 1 else f"{100 * fraction:.3g} % of "
+
+
+def _copy(values: Floats | None) -> Floats | None:
+    return None if values is None else np.array(values, dtype=np.float64)
