@@ -64,6 +64,12 @@ class TensileTest:
             if one is not None and not np.ptp(one) > 0:
                 raise ParameterError(f"{what} is the same at all points.")
 
+    @property
+    def curve(self) -> Floats:
+        """Stretch, stress and lateral stretch, (3, n), which is NaN where it was not measured."""
+        lateral = np.full(len(self.stretch), np.nan) if self.lateral is None else self.lateral
+        return np.array([self.stretch, self.stress, lateral])
+
     def taken(self, rows: Ints) -> TensileTest:
         """Return the test with some of its points, by their numbers."""
         lateral = None if self.lateral is None else self.lateral[rows]

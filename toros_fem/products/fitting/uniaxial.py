@@ -38,10 +38,6 @@ class Coefficients(NamedTuple):
     across: Any = 0.0
 
 
-def _barrier(e: Any, a: Any) -> Any:
-    return e / (1 - a * e * e)
-
-
 def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
     """Return the stress across the pull, and its derivative by w."""
     z = x + w
@@ -60,7 +56,7 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
 
     Args:
         strain: x = λ₁ − 1, (n,), from 0 to below c₁ − 1.
-        c: Coefficients.
+        c: Coefficients, numbers.
     """
     x = strain
     low = -x
@@ -80,7 +76,8 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
 
 def pulling_stress(x: Any, w: Any, c: Coefficients) -> Any:
     """Return the nominal stress along the pull, in the unit of the coefficients."""
-    return 2 * c.mu * _barrier(x, c.a) + c.along * x + c.lam * _barrier(x + w, c.b)
+    z = x + w
+    return 2 * c.mu * (x / (1 - c.a * x * x)) + c.along * x + c.lam * (z / (1 - c.b * z * z))
 
 
 def tension(
@@ -109,19 +106,12 @@ def tension(
 
 
 def uniaxial_curve(
-    material: Material,
-    c1: float,
-    c2: float,
-    stretch: Floats,
-    *,
-    knit_ratio: float = 1.0,
-    direction: str = "wale",
+    material: Material, stretch: Floats, *, knit_ratio: float = 1.0, direction: str = "wale"
 ) -> tuple[Floats, Floats]:
     """Return stress and lateral stretch of a strip that is free to narrow, eq. (1).
 
     Args:
-        material: The sheet.
-        c1, c2: Bounds of eq. (1).
+        material: The sheet, with both bounds.
         stretch: λ₁, (n,), from 1 to below c₁.
         knit_ratio: Modulus along the courses over that along the wales, as of `Knit`.
         direction: Direction of the pull, "course" or "wale".
@@ -136,9 +126,10 @@ def uniaxial_curve(
     values = checked_floats(
         "stretch", stretch, "finite and of shape (n,)", lambda shape: len(shape) == 1
     )
-    if c1 <= 1 or c2 <= 1 or knit_ratio < 1:
+    c1, c2 = material.c1, material.c2
+    if c1 is None or c2 is None or knit_ratio < 1:
         raise ParameterError(
-            f"c1 = {c1}, c2 = {c2} must be above 1 and knit_ratio = {knit_ratio} at least 1."
+            f"c1 = {c1}, c2 = {c2} must be given and knit_ratio = {knit_ratio} at least 1."
         )
     if len(values) and not (values.min() >= 1 and values.max() < c1):
         raise ParameterError(
