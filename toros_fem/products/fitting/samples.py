@@ -46,6 +46,11 @@ class Samples:
         """Return whether each point is of a test along a direction, (n,)."""
         return np.array([one == direction for one in self.direction])[self.test]
 
+    def curve_along(self, direction: str) -> Ints:
+        """Return the points of the tests along a direction, by their stretch."""
+        rows = np.flatnonzero(self.along(direction))
+        return rows[np.argsort(self.strain[rows], kind="stable")]
+
     def problem(self, curve: Model, bounds: tuple[Floats, Floats], loss: str) -> Problem:
         """Return the fit of a curve: values of all points, (2, n), and derivatives, (2, n, p)."""
         count, entries = len(self.strain), self.entries

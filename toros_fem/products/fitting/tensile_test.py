@@ -76,10 +76,7 @@ class TensileTest:
         return replace(self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral)
 
     def branch(self, which: str) -> TensileTest:
-        """Return the points of one branch of the load cycles.
-
-        Args:
-            which: One of `BRANCHES`; "all" takes every point.
+        """Return the points of one of `BRANCHES` of the load cycles; "all" takes every point.
 
         Raises:
             MeasurementError: There is no such branch, or it has fewer than 5 points.
