@@ -109,19 +109,21 @@ class _Point(NamedTuple):
     lateral: float
 
 
-def _tests(path: Path, given: Given) -> Iterator[TensileTest]:
-    """Yield the tests of a file."""
+def _tests(path: Path, given: Given) -> list[TensileTest]:
+    """Return the tests of a file."""
     points = _points(path, given)
     lines_of: dict[tuple[str, str], list[int]] = {}
     for line, point in points.items():
         lines_of.setdefault(point.test, []).append(line)
+    found = []
     for test, lines in lines_of.items():
         stretch, stress, heights, lateral = np.array([points[line][1:] for line in lines]).T
         # The mean of equal numbers may differ from them in the last digit.
         height = float(heights.mean() if np.ptp(heights) > 0 else heights[0])
         across = None if np.isnan(lateral).all() else lateral
         with _at(path, lines[0]):
-            yield TensileTest(stretch, stress, height, across, *test)
+            found.append(TensileTest(stretch, stress, height, across, *test))
+    return found
 
 
 @contextmanager

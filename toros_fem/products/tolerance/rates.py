@@ -75,22 +75,18 @@ class TangentRates:
         force = self._residual(changed(1 + STEP)) - self._residual(changed(1 - STEP))
         return self._rate(np.asarray(force / (2 * STEP)))
 
-    def by_borders(self, less: MovedSkin, more: MovedSkin, step: float) -> Rate:
-        """Return the derivatives by the way of the print's borders, per m.
+    def by_borders(self, less: MovedSkin, more: MovedSkin, density: Floats, step: float) -> Rate:
+        """Return the derivatives by the width of the print's lines, per m.
 
         They are those of places of the sheet: what goes along with the mesh is left out.
 
         Args:
-            less, more: The skin with its borders moved by −step and by step.
-            step: Way in m.
+            less, more: The skin with lines narrower and wider by the step.
+            density: Density of all triangles, (t,).
+            step: In m.
         """
-        ends = [skin.residual(self.density_of_all, self.load) for skin in (less, more)]
+        ends = [skin.residual(density, self.load) for skin in (less, more)]
         return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
-
-    @property
-    def density_of_all(self) -> Floats:
-        """Density of all triangles, (t,)."""
-        return self.problem.skin.gather_cells(self.density)
 
     def _residual(self, composite: Composite) -> Floats:
         model = other_solver(self.problem, composite).model
