@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, OutputError
@@ -39,7 +39,7 @@ def tolerances_of_run(
 
     Args:
         comm: Communicator.
-        run: Folder of the design, by `toros design` or a demo.
+        run: Folder of the design.
         scene: What was designed.
         files: Files that the design has taken, by name.
         config: How far what is off; None takes the defaults.
@@ -62,18 +62,20 @@ def tolerances_of_run(
     part = case.pattern
     stored = read_print_polygons(comm, folder)
     skin = part if case.whole is None else case.whole.pattern
-
-    def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
-        on_whole = regions_on(stored.pattern, stored.regions, skin)
-        return part_regions(part, on_whole), _shape(folder)
-
-    regions, near = on_first_rank(comm, polygons)
+    on_skin = partial(regions_on, stored.pattern, stored.regions, skin)
+    regions = on_first_rank(comm, lambda: part_regions(part, on_skin()))
+    near = on_first_rank(comm, lambda: _shape(folder))
     problem = scene.problem(comm, case.following(comm, regions), level)
 
-    pressure = summary.entries["pressures_pa"]
     values = {m.key: summary.value(m.key) for m in case.judged}
-    own = {key: value for key, value in values.items() if value is not None}
-    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
+    drawn = Drawn(
+        regions,
+        (stored.pattern, stored.regions),
+        stored.limits,
+        near,
+        summary.entries["pressures_pa"],
+        {key: value for key, value in values.items() if value is not None},
+    )
     return simulated_tolerances(problem, drawn, config)
 
 

@@ -26,9 +26,8 @@ class Rate:
     """Derivatives by one quantity.
 
     Attributes:
-        motion: Derivative of the state, at owned unknowns; of a border's motion that of places of
-            the sheet, without what goes along with the mesh.
-        values: Derivatives of objective and metrics, by key.
+        motion: That of the state, at owned unknowns.
+        values: Those of objective and metrics, by key.
     """
 
     motion: Floats
@@ -67,23 +66,14 @@ class TangentRates:
         return self._rate(force)
 
     def by_composite(self, changed: Callable[[float], Composite]) -> Rate:
-        """Return the derivatives by a factor on a part of the materials.
-
-        Args:
-            changed: The materials where that part is multiplied by a factor.
-        """
+        """Return the derivatives by the factor that materials are changed by."""
         force = self._residual(changed(1 + STEP)) - self._residual(changed(1 - STEP))
         return self._rate(np.asarray(force / (2 * STEP)))
 
     def by_borders(self, less: MovedSkin, more: MovedSkin, density: Floats, step: float) -> Rate:
-        """Return the derivatives by the width of the print's lines, per m.
+        """Return the derivatives by the width of lines, from skins with less and more of it, per m.
 
         They are those of places of the sheet: what goes along with the mesh is left out.
-
-        Args:
-            less, more: The skin with lines narrower and wider by the step.
-            density: Density of all triangles, (t,).
-            step: In m.
         """
         ends = [skin.residual(density, self.load) for skin in (less, more)]
         return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
@@ -140,12 +130,7 @@ class MovedSkin:
         return self.problem.solver.model.scatter(self.unknowns + change)
 
     def residual(self, density: Floats, load: LoadCase) -> Floats:
-        """Return the residual of all unknowns, by original index.
-
-        Args:
-            density: Density of all triangles, (t,).
-            load: The load case.
-        """
+        """Return the residual of all unknowns; the density is that of all triangles, (t,)."""
         model, skin = self.problem.solver.model, self.problem.skin
         model.set_density(density[skin.owned_cells])
         model.set_load(load)
@@ -155,9 +140,6 @@ class MovedSkin:
         """Return where the owned vertices' places before the move are in a shape, (n, 3), in m.
 
         Metrics and objectives sort vertices by their places; so these stay the same ones.
-
-        Args:
-            owned: Positions of the owned nodes.
         """
         skin = self.problem.skin
         positions = skin.gather_vertices(owned)

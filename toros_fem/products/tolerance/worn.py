@@ -48,11 +48,12 @@ def broken_lines(
         drawn, made: Print on each panel, polygons in m.
         resolution: Distance of samples in m, as of `PrintLimits`.
     """
-    lines = gaps = np.zeros(3, dtype=np.int64)
+    lines: Ints = np.zeros(3, dtype=np.int64)
+    gaps: Ints = np.zeros(3, dtype=np.int64)
     for panel, (one, two) in enumerate(zip(drawn, made, strict=True)):
         outline = panel_outline(pattern, panel)
-        lines = lines + _events(one, two)
-        gaps = gaps + _events(*(fabric_of(region, outline, resolution) for region in (one, two)))
+        lines += _events(one, two)
+        gaps += _events(*(fabric_of(region, outline, resolution) for region in (one, two)))
     # A ring of print that opens joins the fabric inside to that around it, and the reverse.
     events = (
         (lines[0], "line vanishes", "lines vanish"),
