@@ -5,13 +5,16 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.units import DIMENSIONS, spelt
 from toros_fem.base.validation import shown
+
+# Returns a size of the specimen in m, by its kind.
+Size = Callable[[str], float]
 
 
 def _units(*dimensions: str) -> dict[str, float]:
@@ -29,6 +32,7 @@ _COLUMNS: Mapping[str, tuple[Mapping[str, float], tuple[str, ...]]] = {
     "extension": (_LENGTHS, ("displacement", "elongation")),
     "force": (_units("N"), ("load", "standard force")),
     "stress": (_units("Pa", "N/m"), ("engineering stress", "nominal stress", "tensile stress")),
+    "stress per width": (_units("N/m"), ("force per width",)),
     "lateral stretch": (_RATIOS, ("transverse stretch",)),
     "lateral strain": (_RATIOS, ("transverse strain",)),
     "lateral width": (_LENGTHS, ("current width",)),
@@ -50,11 +54,25 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 KINDS: Mapping[str, str] = MappingProxyType(
     {name: kind for kind, (_, others) in _COLUMNS.items() for name in (kind, *others)}
 )
-# What a table tells, by which of these columns, and whether it must.
-_SAME = (
-    ("stretch", ("stretch", "strain", "extension"), True),
-    ("force", ("force", "stress"), True),
-    ("lateral stretch", ("lateral stretch", "lateral strain", "lateral width"), False),
+# What a table tells, and how it follows from the column that holds it and from sizes.
+FORMULAS: Mapping[str, Mapping[str, Callable[[float, Size], float]]] = MappingProxyType(
+    {
+        "stretch": {
+            "stretch": lambda stretch, size: stretch,
+            "strain": lambda strain, size: 1 + strain,
+            "extension": lambda way, size: 1 + way / size("gauge length"),
+        },
+        "force": {
+            "force": lambda force, size: force / size("width"),
+            "stress": lambda stress, size: stress * size("thickness"),
+            "stress per width": lambda force, size: force,
+        },
+        "lateral stretch": {
+            "lateral stretch": lambda stretch, size: stretch,
+            "lateral strain": lambda strain, size: 1 + strain,
+            "lateral width": lambda width, size: width / size("width"),
+        },
+    }
 )
 # A strain without a unit is most likely in % from here on.
 LARGEST_PLAIN_STRAIN = 2.0
@@ -97,8 +115,8 @@ class Column:
 
     @property
     def holds(self) -> str:
-        """What it holds; "stress per width" of a stress that is no force per section."""
-        return f"{self.kind} per width" if self.unit in DIMENSIONS["N/m"][1] else self.kind
+        """What its numbers are: a stress may be one per width."""
+        return "stress per width" if self.unit in UNITS["stress per width"] else self.kind
 
     def value(self, text: str, mark: str) -> float | str:
         """Return the number of a cell in SI units, or its words; `mark` separates the columns."""
@@ -155,14 +173,14 @@ def columns_of(header: Sequence[str], units: Mapping[str, str]) -> dict[int, Col
             found[place] = Column(kind, "" if kind in WORDS else units.get(kind, unit))
         elif near := difflib.get_close_matches(name, KINDS, n=1, cutoff=0.8):
             raise ParameterError(f"unknown column {shown(cell)}; did you mean {near[0]!r}?")
-    kinds = [one.kind for one in found.values()]
+    kinds = [one.holds for one in found.values()]
     if twice := next((kind for kind in kinds if kinds.count(kind) > 1), None):
         raise ParameterError(f"two columns hold the {twice}.")
-    for what, choice, needed in _SAME:
+    for what, choice in FORMULAS.items():
         same = [kind for kind in kinds if kind in choice]
         if len(same) > 1:
             raise ParameterError(f"{' and '.join(same)} say the same: leave all but one out.")
-        if needed and not same:
+        if not same and what != "lateral stretch":
             names = shown(", ".join(cell.strip() for cell in header))
             raise ParameterError(
                 f"no column holds the {what}: one of {', '.join(choice)} is needed; the header has "

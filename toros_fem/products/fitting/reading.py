@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from toros_fem.base.toml_files.document import read_text
 from toros_fem.base.units import read_quantity
 from toros_fem.base.validation import require_positive, shown
 from toros_fem.products.fitting.columns import (
+    FORMULAS,
     KINDS,
     LONGEST,
     SIZES,
@@ -62,13 +64,8 @@ class Given:
     @property
     def values(self) -> dict[str, Any]:
         """What is said, as columns hold it."""
-        said = {
-            "thickness": self.thickness,
-            "width": self.width,
-            "gauge length": self.gauge_length,
-            "direction": self.direction,
-        }
-        return {kind: value for kind, value in said.items() if value is not None}
+        said = {name.replace("_", " "): value for name, value in vars(self).items()}
+        return {kind: said[kind] for kind in (*SIZES, "direction") if said[kind] is not None}
 
 
 def read_tensile_tests(
@@ -193,38 +190,25 @@ def _said_once(text: str, mark: str) -> dict[str, Any]:
 def _point(row: Mapping[str, Any]) -> _Point:
     """Return the point of a row, by formulas of its values in SI units."""
 
-    def size(kind: str, why: str) -> float:
+    def size(kind: str, needed: str) -> float:
         if kind not in row:
             raise ParameterError(
-                f"the {kind} is not known, but {why}: write a line '# {kind} = {SIZES[kind]}', "
-                f"or give --{kind.replace(' ', '-')}."
+                f"the {kind} is not known, but the {needed} needs it: write a line "
+                f"'# {kind} = {SIZES[kind]}', or give --{kind.replace(' ', '-')}."
             )
         found: float = row[kind]
         if found <= 0:
             raise ParameterError(f"the {kind} is {found:.6g}; it must be greater than 0.")
         return found
 
-    if "extension" in row:
-        stretch = 1 + row["extension"] / size("gauge length", "the extension needs it")
-    else:
-        stretch = row["stretch"] if "stretch" in row else 1 + row["strain"]
-    thickness, lateral = size("thickness", "the modulus needs it"), math.nan
-    if "force" in row:
-        stress = row["force"] / size("width", "the force needs it")
-    elif "stress" in row:
-        stress = row["stress"] * thickness
-    else:
-        stress = row["stress per width"]
-    if "lateral width" in row:
-        lateral = row["lateral width"] / size("width", "the current width needs it")
-    elif "lateral strain" in row:
-        lateral = 1 + row["lateral strain"]
-    elif "lateral stretch" in row:
-        lateral = row["lateral stretch"]
-    for kind, value in (("stretch", stretch), ("lateral stretch", lateral)):
-        if value <= 0:
-            raise ParameterError(f"the {kind} is {value:.6g}; it is positive, 1 at rest.")
-        if value > LARGEST_STRETCH:
-            raise ParameterError(f"the {kind} is {value:.6g}; is its unit right?")
+    thickness, told = size("thickness", "modulus"), {"lateral stretch": math.nan}
+    for what, formulas in FORMULAS.items():
+        for kind in formulas.keys() & row.keys():
+            told[what] = formulas[kind](row[kind], partial(size, needed=kind))
+    for kind in ("stretch", "lateral stretch"):
+        if told[kind] <= 0:
+            raise ParameterError(f"the {kind} is {told[kind]:.6g}; it is positive, 1 at rest.")
+        if told[kind] > LARGEST_STRETCH:
+            raise ParameterError(f"the {kind} is {told[kind]:.6g}; is its unit right?")
     test = row["specimen"], row["direction"].lower()
-    return _Point(test, stretch, stress, thickness, lateral)
+    return _Point(test, told["stretch"], told["force"], thickness, told["lateral stretch"])
