@@ -44,12 +44,7 @@ def _quality(result: Fit, lacking: str) -> str:
 
 
 def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
-    """Write fit.json, fit.txt, fit.csv and fit.png (collective).
-
-    Args:
-        comm: Communicator; the first rank writes.
-        folder: Folder, made if missing.
-        result: The fit, equal on all ranks.
+    """Write fit.json, fit.txt, fit.csv and fit.png into a folder (collective).
 
     Raises:
         OutputError: A file cannot be written; on all ranks.

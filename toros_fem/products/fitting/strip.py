@@ -67,9 +67,8 @@ class ClampedStrip:
         """Return what the clamps change, by simulation (collective).
 
         Args:
-            material: The sheet, with both bounds.
+            material, knit_ratio, direction: As of `uniaxial_curve`.
             strain: Strains of the clamps' distance, (n,).
-            knit_ratio, direction: As of `uniaxial_curve`.
 
         Returns:
             The factor on the stress of a free strip, (n,), and the difference of the middle's

@@ -47,18 +47,13 @@ def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
     return stress, slope + c.lam * (1 + c.b * z * z) * joint * joint
 
 
-def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
-    """Return w = λ₂ − 1 at which the stress across the pull vanishes.
+def lateral_strain(x: Floats, c: Coefficients) -> Floats:
+    """Return w = λ₂ − 1, (n,), at which the stress across the pull vanishes; x = λ₁ − 1 < c₁ − 1.
 
     2μ w/(1 − a w²) + k w + λ z/(1 − b z²) = 0 with z = x + w. The left side grows with w, is
     negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed,
     however near the bounds, and Newton's method halves the bracket where it would leave it.
-
-    Args:
-        strain: x = λ₁ − 1, (n,), from 0 to below c₁ − 1.
-        c: Coefficients, numbers.
     """
-    x = strain
     low = -x
     high = np.minimum(0.0, (np.inf if c.b == 0 else c.b**-0.5) - x)
     poisson = (c.lam / (2 * c.mu + c.lam)) if c.mu + c.lam > 0 else 0.0

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import dot, largest
+from toros_fem.base.mpi import dot
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import METRIC_STEP
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.load_case import LoadCase
@@ -86,20 +85,10 @@ class TangentRates:
 
     def _rate(self, force: Floats) -> Rate:
         """Return the derivatives for one of the residual."""
-        problem, equilibrium, comm = self.problem, self.equilibrium, self.problem.comm
+        problem, equilibrium = self.problem, self.equilibrium
         motion = problem.solver.solve_tangent(-force, equilibrium)
-        values = {OBJECTIVE: -dot(comm, self._adjoint, force)}
-        moved = self.model.positions(motion)
-        way = largest(comm, float(np.abs(moved).max(initial=0.0)))
-        step = METRIC_STEP * problem.skin.pattern.size / way if way > 0 else 1.0
-        places = [
-            problem.skin.gather_vertices(equilibrium.positions + sign * step * moved)
-            for sign in (-1, 1)
-        ]
-        for metric in problem.metrics:
-            less, more = (metric.value(problem.skin.pattern, x) for x in places)
-            values[metric.key] = (more - less) / (2 * step)
-        return Rate(motion, values)
+        slope = -dot(problem.comm, self._adjoint, force)
+        return Rate(motion, {OBJECTIVE: slope, **problem.metrics_along(equilibrium, motion)})
 
 
 class MovedSkin:
@@ -164,9 +153,7 @@ class MovedSkin:
 
 def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
     """Return objective and metrics at positions of the owned nodes, by key (collective)."""
-    positions, pattern = problem.skin.gather_vertices(owned), problem.skin.pattern
-    metrics: dict[str, float] = {m.key: m.value(pattern, positions) for m in problem.metrics}
-    return {OBJECTIVE: problem.objective.forward(owned), **metrics}
+    return {OBJECTIVE: problem.objective.forward(owned), **problem.metrics_at(owned)}
 
 
 def other_solver(problem: ShapeDesign, composite: Composite) -> EquilibriumSolver:

@@ -191,16 +191,8 @@ class _Study:
         for name, material, part in STIFFNESSES:
             if (size := sizes[part]) is not None:
                 yield from self._stiffnesses(name, material, part, size)
-        if (size := config.pressure_change) is not None:
-            rate, solver, pressures = self.rates.by_pressure(), self.problem.solver, self.pressures
-            for amount in (-size, size):
-                changed = [(1 + amount) * p for p in pressures]
-                yield Change("pressure", amount, rate, solver, changed)
-
-    @property
-    def pressures(self) -> Sequence[float]:
-        """Pressures as drawn, in Pa."""
-        return self.equilibrium.pressures
+        if config.pressure_change is not None:
+            yield from self._pressures(config.pressure_change)
 
     def _widths(self, width: float) -> Iterator[Change]:
         pattern, unknowns = self.pattern, self.problem.solver.model.gather(self.equilibrium.state)
@@ -219,9 +211,9 @@ class _Study:
         step = BORDER_STEP * width
         rate = self.rates.by_borders(moved(-step), moved(step), self.density_of_all, step)
         for factor in (-2, -1, 1, 2):
-            skin = moved(factor * width)
+            skin, pressures = moved(factor * width), self.equilibrium.pressures
             solver = skin.problem.solver
-            yield Change("print width", factor * width, rate, solver, self.pressures, skin)
+            yield Change("print width", factor * width, rate, solver, pressures, skin)
 
     def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Change]:
         composite = self.problem.solver.model.composite
@@ -234,7 +226,13 @@ class _Study:
         rate = self.rates.by_composite(changed)
         for amount in (-size, size):
             solver = other_solver(self.problem, changed(1 + amount))
-            yield Change(name, amount, rate, solver, self.pressures)
+            yield Change(name, amount, rate, solver, self.equilibrium.pressures)
+
+    def _pressures(self, size: float) -> Iterator[Change]:
+        rate = self.rates.by_pressure()
+        for amount in (-size, size):
+            pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
+            yield Change("pressure", amount, rate, self.problem.solver, pressures)
 
     def variant(self, c: Change) -> Variant:
         """Return what a change does, at the places of the skin as drawn."""
@@ -249,7 +247,7 @@ class _Study:
         if c.moved is not None:
             density = self.density_of_all[c.moved.problem.skin.owned_cells]
             starts = [c.moved.state(self.problem.solver.model.gather(along)), c.moved.state()]
-        start = next((one for one in starts if c.solver.model.admits(one)), None)
+        start = next(filter(c.solver.model.admits, starts), None)
         try:
             found = c.solver.solve(density, c.pressures, force=self.problem.force, start=start)
         except EquilibriumError as caught:  # raised by all ranks or by none
