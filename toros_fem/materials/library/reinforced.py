@@ -30,11 +30,8 @@ def reinforced(fabric: Material, layer: Material) -> Material:
         sum(getattr(m, name) * m.thickness for m in (fabric, layer)) / thickness
         for name in ("mu", "lam")
     )
-    bounds = {
-        name: min((c for m in (fabric, layer) if (c := getattr(m, name)) is not None), default=None)
-        for name in ("c1", "c2")
-    }
-    return replace(Material.from_lame(mu, min(lam, 2 * mu), thickness), **bounds)
+    sheet = Material.from_lame(mu, min(lam, 2 * mu), thickness)
+    return replace(sheet, c1=_tighter(fabric.c1, layer.c1), c2=_tighter(fabric.c2, layer.c2))
 
 
 def print_offset(fabric: Material, layer: Material) -> float:
@@ -49,3 +46,8 @@ def print_offset(fabric: Material, layer: Material) -> float:
 def _stiffnesses(*layers: Material) -> tuple[float, ...]:
     """Return A = E h/(1−ν²) in N/m of each layer."""
     return tuple(m.young * m.thickness / (1 - m.poisson**2) for m in layers)
+
+
+def _tighter(*bounds: float | None) -> float | None:
+    """Return the smallest of the bounds that there are."""
+    return min((bound for bound in bounds if bound is not None), default=None)
