@@ -74,10 +74,7 @@ def bootstrap_draws(
 
 
 def _shrinkage(jacobian: Floats) -> Floats:
-    """Return by which factor each residual is smaller than the error that it comes from, √(1 − h).
-
-    h is the leverage of a point: its share in its own fitted value.
-    """
+    """Return each residual over the error that it comes from, √(1 − h), h a point's leverage."""
     basis, size, _ = np.linalg.svd(jacobian, full_matrices=False)
     kept = basis[:, size > 1e-8 * size[0]]
     return np.asarray(np.sqrt(np.maximum(1 - np.sum(kept**2, axis=1), 0.1)))
@@ -86,10 +83,7 @@ def _shrinkage(jacobian: Floats) -> Floats:
 def _drawn(
     curves: Sequence[tuple[Sequence[Ints], float]], residuals: Floats, rng: np.random.Generator
 ) -> Floats:
-    """Return residuals drawn again along each curve, with the correlation of neighbours.
-
-    Each is rₖ = ρ rₖ₋₁ + eₖ; the eₖ are drawn, of each test and kind of value apart.
-    """
+    """Return residuals drawn again along each curve: rₖ = ρ rₖ₋₁ + eₖ, of which eₖ are drawn."""
     out = np.empty_like(residuals)
     for rows_of_tests, rho in curves:
         for rows in rows_of_tests:

@@ -43,16 +43,8 @@ class PrintedSheet:
     """A printed sheet that is pulled with different moduli.
 
     Args:
-        skin: The sewn skin of a flat rectangle along x and y.
-        composite: Materials; bending is left out.
+        skin, composite, axis, gauge, options: As of `pull`.
         density: Whether each owned triangle is printed, as densities in [0, 1].
-        axis: 0 to pull along x, 1 along y.
-        gauge: Length in m of the middle that the lateral stretch is averaged over.
-        options: Options of the equilibrium solver.
-
-    Raises:
-        PatternError: The skin is not a flat rectangle along x and y.
-        ParameterError: The gauge is longer than the sheet.
     """
 
     def __init__(

@@ -19,9 +19,6 @@ from toros_fem.products.options import FitOptions
 class Samples:
     """Curves of all tests as they are fitted.
 
-    What is fitted are all stresses over the largest one, then the lateral stretches that were
-    measured: entries of the stacked values, stress upon lateral stretch, (2n,).
-
     Attributes:
         strain: λ₁ − 1 of all points, (n,).
         stress: Per width in N/m, (n,).
@@ -39,7 +36,7 @@ class Samples:
 
     @property
     def entries(self) -> Ints:
-        """Stacked points that are fitted."""
+        """What was measured, of all stresses and then all lateral stretches, (2n,)."""
         return np.flatnonzero(np.isfinite(np.append(self.stress, self.lateral)))
 
     def along(self, direction: str | None) -> Bools:
@@ -52,7 +49,10 @@ class Samples:
         return rows[np.argsort(self.strain[rows], kind="stable")]
 
     def problem(self, curve: Model, bounds: tuple[Floats, Floats], loss: str) -> Problem:
-        """Return the fit of a curve: values of all points, (2, n), and derivatives, (2, n, p)."""
+        """Return the fit of a curve: values of all points, (2, n), and derivatives, (2, n, p).
+
+        Stresses count over the largest one.
+        """
         count, entries = len(self.strain), self.entries
         size = np.repeat([float(np.abs(self.stress).max()), 1.0], count)[entries]
 

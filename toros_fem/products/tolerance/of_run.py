@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from mpi4py import MPI
@@ -62,8 +61,9 @@ def tolerances_of_run(
     part = case.pattern
     stored = read_print_polygons(comm, folder)
     skin = part if case.whole is None else case.whole.pattern
-    on_skin = partial(regions_on, stored.pattern, stored.regions, skin)
-    regions = on_first_rank(comm, lambda: part_regions(part, on_skin()))
+    regions = on_first_rank(
+        comm, lambda: part_regions(part, regions_on(stored.pattern, stored.regions, skin))
+    )
     near = on_first_rank(comm, lambda: _shape(folder))
     problem = scene.problem(comm, case.following(comm, regions), level)
 

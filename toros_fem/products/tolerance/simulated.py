@@ -136,12 +136,7 @@ def tolerances(
 def simulated_tolerances(
     problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:
-    """Return how a print moves if it is not made as drawn (collective).
-
-    Args:
-        problem: The design problem, on a mesh that follows the print.
-        drawn: The print.
-        config: How far what is off; None takes the defaults.
+    """Return the same of a problem that is on a mesh that follows the print (collective).
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.

@@ -41,13 +41,7 @@ def broken_lines(
     made: Sequence[BaseGeometry],
     resolution: float,
 ) -> list[str]:
-    """Return what vanishes, parts or merges between a print as drawn and as made, as sentences.
-
-    Args:
-        pattern: The pattern.
-        drawn, made: Print on each panel, polygons in m.
-        resolution: Distance of samples in m, as of `PrintLimits`.
-    """
+    """Return what vanishes, parts or merges between a print as drawn and as made, as sentences."""
     lines: Ints = np.zeros(3, dtype=np.int64)
     gaps: Ints = np.zeros(3, dtype=np.int64)
     for panel, (one, two) in enumerate(zip(drawn, made, strict=True)):
