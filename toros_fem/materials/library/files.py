@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING
-from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from toros_fem.base.toml_files.lines import key_lines
 from toros_fem.base.validation import checked_path, require_kind
 from toros_fem.materials.library.material import LibraryMaterial
 
-WHAT, SHIPPED = "a file of materials", "materials.toml"
+WHAT, SHIPPED = "a file of materials", Path(__file__).with_name("materials.toml")
 HEAD = "# Materials of one's own. Scenes name this file by: materials, in their table [files].\n"
 # Keys of a material in a file, where its name is that of the table.
 KEYS = {name: one for name, one in LibraryMaterial.described().items() if name != "name"}
@@ -37,14 +36,10 @@ def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[st
         LibraryError: A file cannot be read, or a key or value is wrong; with file, line and key.
             It is raised on all ranks.
     """
-    places = [checked_path("path", path, LibraryError) for path in paths]
+    places = [SHIPPED, *(checked_path("path", path, LibraryError) for path in paths)]
 
     def read() -> dict[str, LibraryMaterial]:
-        with as_file(files(__package__) / SHIPPED) as shipped:
-            found = read_materials(shipped)
-        for path in places:
-            found |= read_materials(path)
-        return found
+        return {name: one for path in places for name, one in read_materials(path).items()}
 
     return read() if comm is None else on_first_rank(comm, read)
 
