@@ -11,7 +11,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
 
@@ -33,7 +33,7 @@ TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
     }
 )
 WORDS = {
-    float: "a number", int: "a whole number", bool: "true or false", str: "a word",
+    float: "a finite number", int: "a whole number", bool: "true or false", str: "a word",
     Path: "a path",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }  # fmt: skip
@@ -70,9 +70,6 @@ class OneOf:
 
     words: tuple[str, ...]
 
-    def __str__(self) -> str:
-        return "one of " + ", ".join(self.words)
-
 
 Length = Annotated[float, In("m", above=0)]
 Distance = Annotated[float, In("m", at_least=0)]
@@ -103,7 +100,7 @@ class Key:
 
     Attributes:
         name: Its name, in files and in Python.
-        kind: float, int, bool, str, Path, or tuple for two floats.
+        kind: float, int, bool, str, Path, tuple for two floats, or the class of a table.
         several: Whether it holds a tuple of values of its kind.
         optional: Whether it may be None, "none" in files.
         within: Unit and bounds of a number.
@@ -129,16 +126,14 @@ class Key:
     @property
     def bounds(self) -> str:
         """The allowed values in words; empty where all are."""
-        return str(OneOf(self.words)) if self.words else str(self.within)
+        return "one of " + ", ".join(self.words) if self.words else str(self.within)
 
     @property
     def help(self) -> str:
         """Meaning, unit, bounds, and whether it may be none, for files, options and pages."""
-        parts = [self.meaning]
-        parts += [f"in {self.within.unit}"] if self.within.unit else []
-        parts += [WORDS[bool]] if self.kind is bool else []
-        parts += [self.bounds] if self.bounds else []
-        text = "; ".join(parts)
+        unit = f"in {self.within.unit}" if self.within.unit else ""
+        truth = WORDS[bool] if self.kind is bool else ""
+        text = "; ".join(filter(None, [self.meaning, unit, truth, self.bounds]))
         if not self.optional or re.search(rf"\b{NONE}\b", self.meaning):
             return text
         return f"{text}, or {NONE}" if self.bounds else f"{text}; or {NONE}"
@@ -157,42 +152,44 @@ class Key:
             return tuple(map(self.one.checked, value))
         if self.kind is tuple:
             return self._pair(value)
-        truth = isinstance(value, bool)
-        if truth != (self.kind is bool) or not isinstance(value, TYPES[self.kind]):
-            none = f", or {None if value is None else NONE}" if self.optional else ""
-            self.refuse(value, f"must be {WORDS[self.kind]}{none}")
-        if self.words and value not in self.words:
-            near = difflib.get_close_matches(str(value), self.words, n=1)
-            advice = f"; did you mean {near[0]!r}?" if near else "."
-            known = ", ".join(map(repr, self.words))
-            raise ParameterError(
-                f"{self.name} = {shown(value)} must be one of {known}{advice}", self.name
-            )
+        fits = isinstance(value, TYPES.get(self.kind, self.kind))
+        if not fits or isinstance(value, bool) != (self.kind is bool):
+            self.refuse(value)
         if self.kind in (float, int):
             return self._number(value)
+        if self.words and value not in self.words:
+            self.refuse(value)
         return Path(str(value)) if self.kind is Path else value
 
     def _pair(self, value: Any) -> tuple[float, float]:
         ends = value.tolist() if isinstance(value, np.ndarray) else value
         numbers = isinstance(ends, list | tuple) and [is_number(one) for one in ends]
         if numbers != [True, True] or not all(map(math.isfinite, ends)):
-            self.refuse(value, f"must be {WORDS[tuple]}")
+            self.refuse(value)
         return float(ends[0]), float(ends[1])
 
     def _number(self, value: Any) -> float:
-        if self.kind is int and abs(value) > LARGEST:
+        if isinstance(value, int) and abs(value) > LARGEST:
             self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
-        try:
-            number: float = self.kind(value)
-        except OverflowError:
-            self.refuse(value, "must be smaller")
+        number: float = self.kind(value)
         if number not in self.within:
-            bounds = f", {self.within}" if str(self.within) else ""
-            unit = f" {self.within.unit}" if self.within.unit else ""
-            raise ParameterError(
-                f"{self.name} = {shown(value)}{unit} must be a finite number{bounds}.", self.name
-            )
+            self.refuse(value)
         return number
+
+    def refuse(self, value: Any, why: str = "") -> NoReturn:
+        """Raise the error of a value; without a reason it tells what the key takes.
+
+        Raises:
+            ParameterError: Always.
+        """
+        unit = f" {self.within.unit}" if self.within.unit and is_number(value) else ""
+        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
+        what = WORDS.get(self.kind, f"a {self.kind.__name__}")
+        what = "one of " + ", ".join(map(repr, self.words)) if self.words else what
+        parts = filter(None, [what, str(self.within), f"or {NONE}" if self.optional else ""])
+        why = why or f"must be {', '.join(parts)}"
+        end = f"; did you mean {near[0]!r}?" if near else "."
+        raise ParameterError(f"{self.name} = {shown(value)}{unit} {why}{end}", self.name)
 
     def read(self, value: Any) -> Any:
         """Return a value from what a file or a command line holds: 0.3, "5 kPa", "none".
@@ -225,10 +222,6 @@ class Key:
             return f'"{write_quantity(value, self.within.unit)}"'
         return repr(value)
 
-    def refuse(self, value: Any, why: str) -> NoReturn:
-        """Raise the error of a value."""
-        raise ParameterError(f"{self.name} = {shown(value)} {why}.", self.name)
-
 
 def quoted(text: str) -> str:
     """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
@@ -249,8 +242,8 @@ class Table:
     """Base of all settings: frozen, and checked on construction, by type and by bounds.
 
     A field is made by `key`. Its type is float, int, bool, str, Path or two floats, one of these or
-    None, several of one of them, or one with unit and bounds, as `Length`. Validation, files,
-    command lines and pages read this one place.
+    None, several of one of them, or one with unit and bounds, as `Length`; in tables that stand in
+    no file also another table. Validation, files, command lines and pages read this one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -322,11 +315,11 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
         if several:
             kind, _, limits = _typed(get_args(kind)[0])
         kind = tuple if kind == tuple[float, float] else kind
-        if kind not in WORDS or "meaning" not in one.metadata:
+        if not (kind in WORDS or is_dataclass(kind)) or "meaning" not in one.metadata:
             raise TypeError(
                 f"{table.__name__}.{one.name} must be a float, int, bool, str or Path (or None), "
-                "several of one of these or two floats, with its default and meaning given by "
-                "key(…)."
+                "several of one of these, two floats or a table, with its default and meaning "
+                "given by key(…)."
             )
         within = limits if isinstance(limits, In) else In()
         words = limits.words if isinstance(limits, OneOf) else ()
