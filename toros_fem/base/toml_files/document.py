@@ -34,47 +34,42 @@ class Document:
         except RecursionError:
             raise failure(f"{path}: tables and lists are nested too deeply.", path) from None
         except ValueError as caught:  # an overlong number is no TOMLDecodeError
-            place = re.search(r" ?\(at line (\d+), column \d+\)", str(caught))
-            line = None if place is None else int(place.group(1))
-            if "end of document" in str(caught):
-                line = text.count("\n") + 1
-            message = re.sub(r" ?\(at [^)]*\)$", "", str(caught))
-            at = f"{path}" if line is None else f"{path}, line {line}"
+            why, _, place = str(caught).rpartition(" (at ")
+            found = re.match(r"line (\d+)", place)
+            line = int(found[1]) if found else text.count("\n") + 1 if why else None
             raise failure(
-                f"{at}: {message}: this is no TOML. Text needs quotes, and so do values with "
-                'units, as in "5 kPa".',
+                f"{at(path, line)}: {why or place}: this is no TOML. Text needs quotes, and so do "
+                'values with units, as in "5 kPa".',
                 path,
                 line,
             ) from None
         self.lines = key_lines(text)
 
     def fail(self, place: Place, message: str) -> NoReturn:
-        """Raise the error of a key."""
+        """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        at = f"{self.path}" if line is None else f"{self.path}, line {line}"
-        raise self.failure(f"{at}: {key}: {message}", self.path, line, key)
+        message = f"{key}: {message}" if key else message
+        raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
+
+
+def at(path: Path, line: int | None) -> str:
+    """Return a place in a file in words; the line may not be known."""
+    return f"{path}" if line is None else f"{path}, line {line}"
 
 
 def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int = LONGEST) -> str:
-    """Return the text of a file.
-
-    Args:
-        path: The file.
-        what: What it is, for messages: "a scene file".
-        failure: Type of the error.
-        longest: Most bytes that it may have.
+    """Return the text of a file, which is `what`, "a scene file" for instance.
 
     Raises:
-        FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
+        FileKeyError: Of the type `failure`: the file cannot be read, has more than `longest` bytes,
+            or is no UTF-8.
     """
     try:
-        if path.is_dir():
-            raise failure(f"{path} is a folder; name {what}.", path)
         with path.open("rb") as file:
             content = file.read(longest + 1)
+    except IsADirectoryError:
+        raise failure(f"{path} is a folder; name {what}.", path) from None
     except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
-        if isinstance(caught, failure):
-            raise
         raise failure(f"{path} cannot be read: {caught}. Check the path.", path) from None
     if len(content) > longest:
         raise failure(f"{path} is longer than {longest} bytes: it is not {what}.", path)
@@ -82,6 +77,5 @@ def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int =
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as caught:
         line = content.count(b"\n", 0, caught.start) + 1
-        raise failure(
-            f"{path}, line {line}: no UTF-8 text. Save it as UTF-8.", path, line
-        ) from None
+        message = f"{at(path, line)}: no UTF-8 text. Save it as UTF-8."
+        raise failure(message, path, line) from None
