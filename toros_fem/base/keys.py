@@ -33,8 +33,8 @@ TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
     }
 )
 WORDS = {
-    float: "a finite number", int: "a whole number", bool: "true or false", str: "a word",
-    Path: "a path",
+    float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes",
+    Path: "a path in quotes",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }  # fmt: skip
 
@@ -101,21 +101,21 @@ class Key:
     Attributes:
         name: Its name, in files and in Python.
         kind: float, int, bool, str, Path, tuple for two floats, or the class of a table.
-        several: Whether it holds a tuple of values of its kind.
+        meaning: One line, without unit and bounds.
+        default: Value where none is given; MISSING where one must be.
         optional: Whether it may be None, "none" in files.
         within: Unit and bounds of a number.
         words: The words that a text may be; empty for free text.
-        default: Value where none is given; MISSING where one must be.
-        meaning: One line, without unit and bounds.
+        several: Whether it holds a tuple of values of its kind.
     """
 
     name: str
     kind: type
-    optional: bool
-    within: In
-    words: tuple[str, ...]
-    default: Any
     meaning: str
+    default: Any = None
+    optional: bool = False
+    within: In = In()
+    words: tuple[str, ...] = ()
     several: bool = False
 
     @property
@@ -159,7 +159,9 @@ class Key:
             return self._number(value)
         if self.words and value not in self.words:
             self.refuse(value)
-        return Path(str(value)) if self.kind is Path else value
+        if self.kind is Path and (not str(value) or "\0" in str(value)):
+            self.refuse(value)
+        return Path(value) if self.kind is Path else value
 
     def _pair(self, value: Any) -> tuple[float, float]:
         ends = value.tolist() if isinstance(value, np.ndarray) else value
@@ -323,8 +325,9 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
             )
         within = limits if isinstance(limits, In) else In()
         words = limits.words if isinstance(limits, OneOf) else ()
+        meaning = one.metadata["meaning"]
         found[one.name] = Key(
-            one.name, kind, optional, within, words, one.default, one.metadata["meaning"], several
+            one.name, kind, meaning, one.default, optional, within, words, several
         )
     return types.MappingProxyType(found)
 

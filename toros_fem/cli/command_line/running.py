@@ -87,7 +87,7 @@ def run_scene(
     action, names = action_of(scene, name)
     files = {key: scene.files[key].resolve() for key in names if key in scene.files}
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
-    text = scene_text(scene.kind, scene.config, files, scene.materials)
+    text = scene_text(scene.config, files, scene.materials)
     run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
     with run:
         if resume:
