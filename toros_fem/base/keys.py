@@ -184,14 +184,18 @@ class Key:
         Raises:
             ParameterError: Always.
         """
-        unit = f" {self.within.unit}" if self.within.unit and is_number(value) else ""
-        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
+        unit, number = self.within.unit, is_number(value)
         what = WORDS.get(self.kind, f"a {self.kind.__name__}")
-        what = "one of " + ", ".join(map(repr, self.words)) if self.words else what
+        if self.words:
+            what = "one of " + ", ".join(map(repr, self.words))
+        elif unit and not number:
+            what += f" in {unit}"
         parts = filter(None, [what, str(self.within), f"or {NONE}" if self.optional else ""])
         why = why or f"must be {', '.join(parts)}"
+        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
         end = f"; did you mean {near[0]!r}?" if near else "."
-        raise ParameterError(f"{self.name} = {shown(value)}{unit} {why}{end}", self.name)
+        given = f"{shown(value)} {unit}" if unit and number else shown(value)
+        raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
 
     def read(self, value: Any) -> Any:
         """Return a value from what a file or a command line holds: 0.3, "5 kPa", "none".
@@ -295,12 +299,13 @@ class Table:
                 raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
 
 
-def nearest(word: Any, known: Iterable[str]) -> str:
-    """Return the advice for an unknown word: the nearest known one, or all of them."""
+def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
     if near := difflib.get_close_matches(str(word), words, n=1):
         return f"did you mean {near[0]!r}?"
-    return f"known are {', '.join(words)}." if words else "none is known here."
+    every = f"known are {', '.join(words)}." if words else "none is known here."
+    return otherwise or every
 
 
 @functools.cache

@@ -88,10 +88,10 @@ def numbers_of(
                     role,
                 )
         found |= values
-    layer = materials.get("reinforcement")
-    if layer is not None and not layer.with_fabric:
+    printed = materials.get("reinforcement")
+    if printed is not None and not printed.with_fabric:
         fabric = {key: default.value(key) for key in SHEET} | found | given
-        found |= _laid(fabric, layer)
+        found |= _laid(fabric, printed)
     return {key: value for key, value in found.items() if key in known} | given, materials
 
 

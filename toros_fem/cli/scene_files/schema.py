@@ -30,7 +30,7 @@ def scene_schema(kind: type[Scene]) -> dict[str, Any]:
 
     Bounds of a value with a unit are left to the reader: JSON schema knows no units.
     """
-    holds = {name: of.holds() for name, of in kind.tables().items()} | HOLDS
+    holds = {**{name: of.holds() for name, of in kind.tables().items()}, **HOLDS}
     tables = {name: _table(holds[name], keys) for name, keys in keys_of(kind).items()}
     for name, of in kind.entries().items():
         one = _table(of.holds(), of.described())
