@@ -11,7 +11,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
 
@@ -23,20 +23,20 @@ from toros_fem.base.validation import is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
-TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
-    {
-        float: (int, float, np.integer, np.floating),
-        int: (int, np.integer),
-        bool: (bool,),
-        str: (str,),
-        Path: (str, Path),
-    }
-)
-WORDS = {
-    float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes",
+# Types that a value may come in, where it is not that of the key alone.
+TYPES: Mapping[type, tuple[type, ...]] = {
+    float: (int, float, np.integer, np.floating),
+    int: (int, np.integer),
+    Path: (str, Path),
+}
+WORDS: Mapping[type, str] = {
+    float: "a finite number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "a text in quotes",
     Path: "a path in quotes",
     tuple: "two finite numbers, as in [1.0, 1.5]",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -124,19 +124,15 @@ class Key:
         return replace(self, several=False)
 
     @property
-    def bounds(self) -> str:
-        """The allowed values in words; empty where all are."""
-        return "one of " + ", ".join(self.words) if self.words else str(self.within)
-
-    @property
     def help(self) -> str:
         """Meaning, unit, bounds, and whether it may be none, for files, options and pages."""
         unit = f"in {self.within.unit}" if self.within.unit else ""
         truth = WORDS[bool] if self.kind is bool else ""
-        text = "; ".join(filter(None, [self.meaning, unit, truth, self.bounds]))
+        bounds = "one of " + ", ".join(self.words) if self.words else str(self.within)
+        text = "; ".join(filter(None, [self.meaning, unit, truth, bounds]))
         if not self.optional or re.search(rf"\b{NONE}\b", self.meaning):
             return text
-        return f"{text}, or {NONE}" if self.bounds else f"{text}; or {NONE}"
+        return f"{text}{',' if bounds else ';'} or {NONE}"
 
     def checked(self, value: Any) -> Any:
         """Return a value in its type: numpy's numbers become plain ones, which JSON can hold.
@@ -315,33 +311,32 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
     Raises:
         TypeError: The table itself is wrong: a field has another type, or was not made by `key`.
     """
-    found, hints = {}, typing.get_type_hints(table, include_extras=True)
-    for one in fields(table):
-        kind, optional, limits = _typed(hints[one.name])
-        several = get_args(kind)[1:] == (...,)
-        if several:
-            kind, _, limits = _typed(get_args(kind)[0])
-        kind = tuple if kind == tuple[float, float] else kind
-        if not (kind in WORDS or is_dataclass(kind)) or "meaning" not in one.metadata:
-            raise TypeError(
-                f"{table.__name__}.{one.name} must be a float, int, bool, str or Path (or None), "
-                "several of one of these, two floats or a table, with its default and meaning "
-                "given by key(…)."
-            )
-        within = limits if isinstance(limits, In) else In()
-        words = limits.words if isinstance(limits, OneOf) else ()
-        meaning = one.metadata["meaning"]
-        found[one.name] = Key(
-            one.name, kind, meaning, one.default, optional, within, words, several
-        )
-    return types.MappingProxyType(found)
+    hints = typing.get_type_hints(table, include_extras=True)
+    return types.MappingProxyType(
+        {one.name: _key(table.__name__, one, hints[one.name]) for one in fields(table)}
+    )
 
 
-def _typed(hint: Any) -> tuple[Any, bool, In | OneOf | None]:
-    """Return the plain type that a hint names, whether it allows None, and its limits."""
+def _key(table: str, one: Field[Any], hint: Any) -> Key:
+    """Return the key of a field, from its type: Length, Poisson | None, tuple[str, ...]."""
     parts = get_args(hint) if get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
-    plain = [part for part in parts if part is not types.NoneType]
-    if get_origin(plain[0]) is Annotated:
-        kind, limits = get_args(plain[0])[:2]
-        return kind, len(plain) < len(parts), limits
-    return plain[0], len(plain) < len(parts), None
+    kind = next(part for part in parts if part is not types.NoneType)
+    if several := get_args(kind)[1:] == (...,):
+        kind = get_args(kind)[0]
+    kind, limits = get_args(kind)[:2] if get_origin(kind) is Annotated else (kind, None)
+    kind = tuple if kind == tuple[float, float] else kind
+    if not (kind in WORDS or is_dataclass(kind)) or "meaning" not in one.metadata:
+        raise TypeError(
+            f"{table}.{one.name} must be a float, int, bool, str or Path (or None), several of one "
+            "of these, two floats or a table, with its default and meaning given by key(…)."
+        )
+    return Key(
+        one.name,
+        kind,
+        one.metadata["meaning"],
+        one.default,
+        optional=types.NoneType in parts,
+        within=limits if isinstance(limits, In) else In(),
+        words=limits.words if isinstance(limits, OneOf) else (),
+        several=several,
+    )
