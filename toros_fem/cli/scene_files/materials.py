@@ -17,25 +17,16 @@ from toros_fem.materials.sheet import Material
 KIND_OF: Mapping[str, str] = MappingProxyType(
     {"fabric": "fabric", "reinforcement": "print", "bladder": "rubber"}
 )
+_SHEET = ("poisson", "thickness", "c1", "c2")
+_PRINT = {f"reinforcement_{name}": name for name in ("young", *_SHEET)}
 FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         "fabric": {
             "fabric_young": "young",
-            "poisson": "poisson",
-            "thickness": "thickness",
-            "c1": "c1",
-            "c2": "c2",
-            "knit_ratio": "knit_ratio",
+            **{name: name for name in (*_SHEET, "knit_ratio")},
             "fabric_mass": "density",
         },
-        "reinforcement": {
-            "reinforcement_young": "young",
-            "reinforcement_poisson": "poisson",
-            "reinforcement_thickness": "thickness",
-            "reinforcement_c1": "c1",
-            "reinforcement_c2": "c2",
-            "print_mass": "density",
-        },
+        "reinforcement": {**_PRINT, "print_mass": "density"},
         "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
     }
 )
@@ -44,8 +35,6 @@ NAMES: Mapping[str, Key] = MappingProxyType(
 )
 # Fields that not every kind of scene has.
 MASSES = ("fabric_mass", "print_mass")
-# Fields of the fabric's sheet, as `Material` takes them.
-SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 
 
 def names_of(kind: type[Scene]) -> dict[str, Key]:
@@ -90,7 +79,7 @@ def numbers_of(
         found |= values
     printed = materials.get("reinforcement")
     if printed is not None and not printed.with_fabric:
-        fabric = {key: default.value(key) for key in SHEET} | found | given
+        fabric = {key: default.value(key) for key in ("fabric_young", *_SHEET)} | found | given
         found |= _laid(fabric, printed)
     return {key: value for key, value in found.items() if key in known} | given, materials
 
@@ -105,10 +94,9 @@ def _values(role: str, entry: LibraryMaterial) -> dict[str, Any]:
 
 def _laid(fabric: Mapping[str, Any], entry: LibraryMaterial) -> dict[str, Any]:
     """Return the fields of the reinforcement of a fabric with a printed layer on it."""
-    plain = Material(*(fabric[key] for key in SHEET))
+    plain = Material(fabric["fabric_young"], *(fabric[key] for key in _SHEET))
     sheet = reinforced(plain, entry.material)
-    names = {key: name for key, name in FIELDS["reinforcement"].items() if key not in MASSES}
-    values = {key: getattr(sheet, name) for key, name in names.items()}
+    values = {key: getattr(sheet, name) for key, name in _PRINT.items()}
     for name in ("c1", "c2"):  # bounds of the fabric stay those of the fabric
         if values[f"reinforcement_{name}"] == fabric[name]:
             values[f"reinforcement_{name}"] = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -42,7 +42,7 @@ class SceneFile:
     config: Scene
     files: Mapping[str, Path]
     lines: Mapping[str, int]
-    materials: Mapping[str, LibraryMaterial] = field(default_factory=dict)
+    materials: Mapping[str, LibraryMaterial]
 
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
