@@ -206,7 +206,7 @@ class Composite(Table):
     c1: Stretch = key(1.9, "bound on a principal stretch of a material that has none of its own")
     c2: Stretch = key(2.6, "bound on λ₁ + λ₂ − 1 of a material that has none of its own")
     bending: Bending | None = key(Bending(), "bending resistance; none makes the skin a membrane")
-    bladder: Bladder | None = key(None, "rubber layer under both materials; none for none")
+    bladder: Bladder | None = key(None, "rubber layer under both materials; none leaves it out")
     knit: Knit | None = key(None, "courses of the fabric; none for an isotropic fabric")
     membrane: Membrane = key(Membrane(), "whether the sheet takes compression or wrinkles")
     print_side: Annotated[str, OneOf(PRINT_SIDES)] | None = key(
