@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
-from toros_fem.base.errors import FileKeyError
+from toros_fem.base.errors import FileKeyError, ParameterError
+from toros_fem.base.keys import Key, nearest
 from toros_fem.base.toml_files.lines import Place, key_lines, line_of
 
+T = TypeVar("T")
 # Longest file in bytes, far beyond what makes sense.
 LONGEST = 1_000_000
 
@@ -50,6 +53,37 @@ class Document:
         line, key = line_of(self.lines, place), ".".join(map(str, place))
         message = f"{key}: {message}" if key else message
         raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
+
+    def require_known(
+        self, place: Place, name: str, known: Collection[str], word: str = "key"
+    ) -> None:
+        """Check that a key or another word is known."""
+        if name not in known:
+            self.fail(place, f"unknown {word} {name!r}; {self.advice(place, name, known)}")
+
+    def advice(self, place: Place, name: str, known: Collection[str]) -> str:
+        """Return the advice for an unknown word: the nearest known one."""
+        return nearest(name, known)
+
+    def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
+        """Return the values of the table at a place, in their units."""
+        if not isinstance(content, dict):
+            self.fail(at, f"must be a table: write [{at[0]}], and its keys in lines below.")
+        found = {}
+        for name, value in content.items():
+            self.require_known((*at, name), name, keys)
+            try:
+                found[name] = keys[name].read(value)
+            except ParameterError as caught:
+                self.fail((*at, name), str(caught))
+        return found
+
+    def made(self, of: Callable[..., T], at: Place, values: Mapping[str, Any]) -> T:
+        """Return what the values of a table make; a value that fits no other is told by its key."""
+        try:
+            return of(**values)
+        except ParameterError as caught:
+            self.fail((*at, str(caught.key)) if caught.key in values else at, str(caught))
 
 
 def at(path: Path, line: int | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -146,9 +146,12 @@ class _Reader(Document):
             self.require_known((name,), name, ["kind", *self.keys, *entries], word)
         for text in changes:
             self.change(text)
-        tables = {name: self.table((name,), keys) for name, keys in self.keys.items()}
-        files, quick = tables[FILES], tables[QUICK]
-        over = self.table((CHANGED,), self.keys[QUICK])
+        self.keys[CHANGED] = self.keys[QUICK]
+        tables = {
+            name: self.table((name,), self.content.get(name, {}), keys)
+            for name, keys in self.keys.items()
+        }
+        files, quick, over = tables[FILES], tables[QUICK], tables[CHANGED]
         given = {key: tables[at][key] for key, at in self.homes.items() if key in tables[at]}
         given |= {name: self.rows(name, of) for name, of in entries.items()}
 
@@ -179,7 +182,7 @@ class _Reader(Document):
         if table:
             self.require_known((*at, key), table, known, "table")
         if at == (CHANGED,):
-            self.require_known((*at, key), key, list(self.keys[table or QUICK]))
+            self.require_known((*at, key), key, self.keys[table or QUICK])
         home = self.content.setdefault(str(at[0]), {})
         if isinstance(home, list):
             if len(home) != 1:
@@ -189,36 +192,22 @@ class _Reader(Document):
         if isinstance(home, dict):  # otherwise the table is refused
             home[key] = plain_value(value)
 
-    def require_known(
-        self, place: Place, name: str, known: Sequence[str], word: str = "key"
-    ) -> None:
-        """Check that a name is known here; the error names the nearest one, or its table."""
-        if name in known:
-            return
+    def advice(self, place: Place, name: str, known: Collection[str]) -> str:
+        """Return the nearest known word, or the table in which a key stands."""
         homes = {} if place[0] in self.apart else self.homes
         near, far = (difflib.get_close_matches(name, words, n=1) for words in (known, homes))
-        advice = nearest(name, known)
         if name in homes:
-            advice = f"it stands in the table [{homes[name]}]."
-        elif far and not near:
-            advice = f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
-        self.fail(place, f"unknown {word} {name!r}; {advice}")
+            return f"it stands in the table [{homes[name]}]."
+        if far and not near:
+            return f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
+        return nearest(name, known)
 
-    def table(self, at: Place, keys: Mapping[str, Key], content: Any = None) -> _Values:
-        """Return the values of a table in their units; its content may be one of several."""
-        content = self.content.get(str(at[0]), {}) if content is None else content
-        if not isinstance(content, dict):
-            self.fail(at, f"must be a table: write [{at[0]}], and its keys in lines below.")
-        found = _Values()
-        for name, value in content.items():
-            place = (*at, name)
-            self.require_known(place, name, list(keys))
-            try:
-                found[name] = keys[name].read(value)
-            except ParameterError as caught:
-                self.fail(place, str(caught))
-            if isinstance(found[name], Path) and place not in self.changes:
-                found[name] = self.path.parent / found[name]
+    def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> _Values:
+        """Return the values of the table at a place; paths of the file are relative to it."""
+        found = super().table(at, content, keys)
+        for name, path in found.items():
+            if isinstance(path, Path) and (*at, name) not in self.changes:
+                found[name] = self.path.parent / path
         return found
 
     def rows(self, name: str, of: type[Table]) -> list[Table]:
@@ -229,11 +218,7 @@ class _Reader(Document):
             self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
         for number, one in enumerate(listed):
             at: Place = (name,) if one is content else (name, number)
-            values = self.table(at, of.described(), one)
-            try:
-                found.append(of(**values))
-            except ParameterError as caught:
-                self.fail((*at, str(caught.key)) if caught.key in values else at, str(caught))
+            found.append(self.made(of, at, self.table(at, one, of.described())))
         return found
 
     def name_materials(
