@@ -87,14 +87,18 @@ class Scene:
         return cls().updated(**values)
 
     @classmethod
+    def _layout(cls) -> _Layout:
+        return _layout_of(cls)  # type: ignore[arg-type]
+
+    @classmethod
     def tables(cls) -> Mapping[str, type[Table]]:
         """Return the type of each table that stands once, by its name, in the order of files."""
-        return _layout(cls).once
+        return cls._layout().once
 
     @classmethod
     def entries(cls) -> Mapping[str, type[Table]]:
         """Return the type of each table that may stand several times, by its name."""
-        return _layout(cls).several
+        return cls._layout().several
 
     @classmethod
     def described(cls) -> dict[str, Key]:
@@ -104,7 +108,7 @@ class Scene:
     @classmethod
     def table_of(cls, key: str) -> str:
         """Return the name of the table that a key stands in."""
-        return _layout(cls).homes[key]
+        return cls._layout().homes[key]
 
     def updated(self, **changes: Any) -> Self:
         """Return a copy with other values.
@@ -115,7 +119,7 @@ class Scene:
         Raises:
             ParameterError: A name is unknown, or a value is out of its bounds.
         """
-        layout, own = _layout(type(self)), {one.name for one in fields(self)}
+        layout, own = self._layout(), {one.name for one in fields(self)}
         whole, by_table = dict[str, Any](), dict[str, dict[str, Any]]()
         for name, value in changes.items():
             if name in own and (isinstance(value, Table) or name in layout.several):
@@ -149,7 +153,7 @@ class _Layout:
 
 
 @functools.cache
-def _layout(scene: type[Scene]) -> _Layout:
+def _layout_of(scene: type[Scene]) -> _Layout:
     """Return the layout of a type of scenes.
 
     Raises:
