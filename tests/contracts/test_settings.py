@@ -107,9 +107,8 @@ def test_values_are_written_and_read_again(table: type[Table]) -> None:
 @OF_TABLES
 def test_tables_are_values(table: type[Table]) -> None:
     """With the defaults of their own, which need not fit each other for all of them."""
-    needed: dict[str, Any] = {
-        name: "z < 5 mm" for name in ("where", "of") if name in table.described()
-    }
+    conditions = table.described().keys() & {"where", "of"}
+    needed: dict[str, Any] = dict.fromkeys(conditions, "z < 5 mm")
     for one in table.described().values():
         if one.default is MISSING and one.name not in needed:
             text = one.words[0] if one.words else ["a"] if one.several else "a"
