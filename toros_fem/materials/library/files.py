@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, OutputError, ParameterError
+from toros_fem.base.errors import LibraryError, OutputError
 from toros_fem.base.files import replace_file
 from toros_fem.base.keys import nearest
 from toros_fem.base.mpi import on_first_rank
@@ -124,20 +125,12 @@ def material_text(entry: LibraryMaterial) -> str:
     return "\n".join([f"[{entry.name}]", *lines, ""])
 
 
-def _entry(document: Document, name: str, values: Any) -> LibraryMaterial:
-    if not isinstance(values, dict):
-        document.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
-    for key in values:
-        if key not in KEYS:
-            document.fail((name, key), f"unknown key {key!r}; {nearest(key, KEYS)}")
+def _entry(document: Document, name: str, content: Any) -> LibraryMaterial:
+    values = document.table((name,), content, KEYS)
     lacking = [key for key, one in KEYS.items() if one.default is MISSING and key not in values]
     if lacking:
         document.fail((name,), f"it has no {', '.join(lacking)}.")
-    try:
-        given = {key: KEYS[key].read(value) for key, value in values.items()}
-        return LibraryMaterial(name=name, **given)
-    except ParameterError as caught:
-        document.fail((name, caught.key or "") if caught.key in values else (name,), str(caught))
+    return document.made(partial(LibraryMaterial, name=name), (name,), values)
 
 
 def _replaced(text: str, entry: LibraryMaterial) -> str:
