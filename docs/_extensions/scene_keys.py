@@ -10,20 +10,20 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
 from toros_fem.base.scene import Scene
-from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
+from toros_fem.cli.scene_files.layout import keys_of
 from toros_fem.products.kinds import ABOUT, KINDS
 
 
 def page_of(kind: type[Scene]) -> list[str]:
     """Return heading and tables of a kind in Markdown."""
     lines = [f"## {kind.KIND}", "", f"{ABOUT[kind.KIND][0].upper()}{ABOUT[kind.KIND][1:]}.", ""]
+    scene, keys = kind(), keys_of(kind)
     for section, of in kind.tables().items():
         lines += [f"**[{section}]** {of.holds()}", "", "| key | meaning | default |"]
         lines.append("|---|---|---|")
-        for role in roles_of(kind) if section == TABLE else ():
-            lines.append(f"| `{role}` | name of a {KIND_OF[role]}, for its numbers | none |")
-        for key, one in of.described().items():
-            default = one.written(kind().value(key)).strip('"').replace(" ", "&nbsp;")
+        for key, one in keys[section].items():
+            value = scene.value(key) if key in of.described() else one.default
+            default = one.written(value).strip('"').replace(" ", "&nbsp;")
             lines.append(f"| `{key}` | {one.help.replace('|', '&#124;')} | {default} |")
         lines.append("")
     for name, of in kind.entries().items():

@@ -270,7 +270,7 @@ def fields_of(kind: str, config: Scene) -> dict[str, Any]:
 def write_scene(path: Path, x: dict[str, Any]) -> None:
     numbers = {key: value for key, value in x.items() if key != "kind"}
     kind = KINDS[x["kind"]]
-    path.write_text(scene_text(kind, kind.example().updated(**numbers)), encoding="utf-8")
+    path.write_text(scene_text(kind.example().updated(**numbers)), encoding="utf-8")
 
 
 def read_scene_of(path: Path) -> dict[str, Any]:

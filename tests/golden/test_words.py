@@ -14,7 +14,8 @@ from toros_fem.base.scene import Scene
 from toros_fem.cli.command_line.command import option_help
 from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.commands.main import COMMANDS, run
-from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
+from toros_fem.cli.scene_files.layout import LIBRARY, MATERIAL
+from toros_fem.cli.scene_files.materials import names_of
 from toros_fem.products.kinds import ABOUT, KINDS
 
 
@@ -101,11 +102,11 @@ def keys(kind: type[Scene]) -> Iterator[tuple[str, str]]:
         example = kind.EXAMPLE_FILES.get(name)
         yield f"{kind.KIND} [files] {name}", f"{text}; in a new file {example or 'none'}"
     config, quick = kind(), kind().coarse()
-    roles = roles_of(config)
+    roles = names_of(kind)
     if roles:
-        yield f"{kind.KIND} [files] {FILE}", "a file of materials"
+        yield f"{kind.KIND} [files] {LIBRARY}", "a file of materials"
     for role in roles:
-        yield f"{kind.KIND} [{TABLE}] {role}", "a material by name"
+        yield f"{kind.KIND} [{MATERIAL}] {role}", "a material by name"
     for section, of in config.tables().items():
         for name in of.described():
             text = said(config, name)

@@ -14,8 +14,8 @@ from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.pull_test import pull
 from toros_fem.products.tiles.sheet import tile_sheet
 
-JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
 C1, C2 = 1.9, 2.2
+JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3, c1=C1, c2=C2)
 TRUE = {
     "young": JERSEY.young,
     "poisson": JERSEY.poisson,
@@ -40,9 +40,7 @@ def synthetic(
     """A test of the jersey, with noise as a part of the largest stress, and half of it in λ₂."""
     stretch = np.linspace(1 + 0.025 * (top - 1), top, points, dtype=np.float64)
     fibres = direction or "wale"
-    stress, across = uniaxial_curve(
-        JERSEY, C1, C2, stretch, knit_ratio=knit_ratio, direction=fibres
-    )
+    stress, across = uniaxial_curve(JERSEY, stretch, knit_ratio=knit_ratio, direction=fibres)
     if seed is not None:
         rng = np.random.default_rng(seed)
         stress = stress + noise * stress.max() * rng.standard_normal(points)

@@ -28,12 +28,10 @@ class MeshSizeError(ParameterError):
         area: Area of the mesh in m².
     """
 
-    def __init__(self, message: str, area: float) -> None:
+    # Between ranks an error is made from its message alone, and then gets its attributes.
+    def __init__(self, message: str, area: float = 0.0) -> None:
         super().__init__(message)
-        self.args, self.area = (message, area), area
-
-    def __str__(self) -> str:
-        return str(self.args[0])
+        self.area = area
 
 
 class PatternError(TorosError, ValueError):
@@ -112,12 +110,9 @@ class RunStoppedError(TorosError, RuntimeError):
         signal: Number of the signal.
     """
 
-    def __init__(self, message: str, signal: int) -> None:
-        super().__init__(message, signal)
+    def __init__(self, message: str, signal: int = 15) -> None:
+        super().__init__(message)
         self.signal = signal
-
-    def __str__(self) -> str:
-        return str(self.args[0])
 
 
 class SurfaceError(TorosError, ValueError):

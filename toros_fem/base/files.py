@@ -9,7 +9,7 @@ import os
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
 from mpi4py import MPI
@@ -17,6 +17,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError
 from toros_fem.base.mpi import on_first_rank
 
+T = TypeVar("T")
 # What np.load raises for files that are no whole archive of it: damaged ones, a lone array, other
 # kinds of files, and a directory that calls an entry encrypted or packed in an unknown way.
 UNREADABLE = (OSError, ValueError, EOFError, TypeError, RuntimeError, BadZipFile, zlib.error)
@@ -89,27 +90,27 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     replace_file(path, text.getvalue().encode())
 
 
-def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], None]) -> None:
-    """Make a folder and write files into it on the first rank (collective).
+def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], T]) -> T:
+    """Make a folder, write files into it on the first rank, and return what it finds (collective).
 
     Args:
         comm: Communicator.
         folder: The folder, made if missing.
-        action: Writes the files; called on the first rank only.
+        action: Writes the files.
 
     Raises:
         OutputError: The folder or a file cannot be written; on all ranks.
     """
     folder = Path(folder)
 
-    def guarded() -> None:
+    def guarded() -> T:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            action()
+            return action()
         except OSError as caught:
             raise OutputError(
                 f"{folder} could not be written: {caught}. Choose another folder, or free some "
                 "space. Files that are already written stay."
             ) from None
 
-    on_first_rank(comm, guarded)
+    return on_first_rank(comm, guarded)

@@ -11,7 +11,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import Field, asdict, dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
 
@@ -23,20 +23,20 @@ from toros_fem.base.validation import is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
-TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
-    {
-        float: (int, float, np.integer, np.floating),
-        int: (int, np.integer),
-        bool: (bool,),
-        str: (str,),
-        Path: (str, Path),
-    }
-)
-WORDS = {
-    float: "a number", int: "a whole number", bool: "true or false", str: "a word",
-    Path: "a path",
+# Types that a value may come in, where it is not that of the key alone.
+TYPES: Mapping[type, tuple[type, ...]] = {
+    float: (int, float, np.integer, np.floating),
+    int: (int, np.integer),
+    Path: (str, Path),
+}
+WORDS: Mapping[type, str] = {
+    float: "a finite number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "a text in quotes",
+    Path: "a path in quotes",
     tuple: "two finite numbers, as in [1.0, 1.5]",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,6 @@ class OneOf:
 
     words: tuple[str, ...]
 
-    def __str__(self) -> str:
-        return "one of " + ", ".join(self.words)
-
 
 Length = Annotated[float, In("m", above=0)]
 Distance = Annotated[float, In("m", at_least=0)]
@@ -103,22 +100,22 @@ class Key:
 
     Attributes:
         name: Its name, in files and in Python.
-        kind: float, int, bool, str, Path, or tuple for two floats.
-        several: Whether it holds a tuple of values of its kind.
+        kind: float, int, bool, str, Path, tuple for two floats, or the class of a table.
+        meaning: One line, without unit and bounds.
+        default: Value where none is given; MISSING where one must be.
         optional: Whether it may be None, "none" in files.
         within: Unit and bounds of a number.
         words: The words that a text may be; empty for free text.
-        default: Value where none is given; MISSING where one must be.
-        meaning: One line, without unit and bounds.
+        several: Whether it holds a tuple of values of its kind.
     """
 
     name: str
     kind: type
-    optional: bool
-    within: In
-    words: tuple[str, ...]
-    default: Any
     meaning: str
+    default: Any = None
+    optional: bool = False
+    within: In = In()
+    words: tuple[str, ...] = ()
     several: bool = False
 
     @property
@@ -127,21 +124,15 @@ class Key:
         return replace(self, several=False)
 
     @property
-    def bounds(self) -> str:
-        """The allowed values in words; empty where all are."""
-        return str(OneOf(self.words)) if self.words else str(self.within)
-
-    @property
     def help(self) -> str:
         """Meaning, unit, bounds, and whether it may be none, for files, options and pages."""
-        parts = [self.meaning]
-        parts += [f"in {self.within.unit}"] if self.within.unit else []
-        parts += [WORDS[bool]] if self.kind is bool else []
-        parts += [self.bounds] if self.bounds else []
-        text = "; ".join(parts)
+        unit = f"in {self.within.unit}" if self.within.unit else ""
+        truth = WORDS[bool] if self.kind is bool else ""
+        bounds = "one of " + ", ".join(self.words) if self.words else str(self.within)
+        text = "; ".join(filter(None, [self.meaning, unit, truth, bounds]))
         if not self.optional or re.search(rf"\b{NONE}\b", self.meaning):
             return text
-        return f"{text}, or {NONE}" if self.bounds else f"{text}; or {NONE}"
+        return f"{text}{',' if bounds else ';'} or {NONE}"
 
     def checked(self, value: Any) -> Any:
         """Return a value in its type: numpy's numbers become plain ones, which JSON can hold.
@@ -157,42 +148,50 @@ class Key:
             return tuple(map(self.one.checked, value))
         if self.kind is tuple:
             return self._pair(value)
-        truth = isinstance(value, bool)
-        if truth != (self.kind is bool) or not isinstance(value, TYPES[self.kind]):
-            none = f", or {None if value is None else NONE}" if self.optional else ""
-            self.refuse(value, f"must be {WORDS[self.kind]}{none}")
-        if self.words and value not in self.words:
-            near = difflib.get_close_matches(str(value), self.words, n=1)
-            advice = f"; did you mean {near[0]!r}?" if near else "."
-            known = ", ".join(map(repr, self.words))
-            raise ParameterError(
-                f"{self.name} = {shown(value)} must be one of {known}{advice}", self.name
-            )
+        fits = isinstance(value, TYPES.get(self.kind, self.kind))
+        if not fits or isinstance(value, bool) != (self.kind is bool):
+            self.refuse(value)
         if self.kind in (float, int):
             return self._number(value)
-        return Path(str(value)) if self.kind is Path else value
+        if self.words and value not in self.words:
+            self.refuse(value)
+        if self.kind is Path and (not str(value) or "\0" in str(value)):
+            self.refuse(value)
+        return Path(value) if self.kind is Path else value
 
     def _pair(self, value: Any) -> tuple[float, float]:
         ends = value.tolist() if isinstance(value, np.ndarray) else value
         numbers = isinstance(ends, list | tuple) and [is_number(one) for one in ends]
         if numbers != [True, True] or not all(map(math.isfinite, ends)):
-            self.refuse(value, f"must be {WORDS[tuple]}")
+            self.refuse(value)
         return float(ends[0]), float(ends[1])
 
     def _number(self, value: Any) -> float:
-        if self.kind is int and abs(value) > LARGEST:
+        if isinstance(value, int) and abs(value) > LARGEST:
             self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
-        try:
-            number: float = self.kind(value)
-        except OverflowError:
-            self.refuse(value, "must be smaller")
+        number: float = self.kind(value)
         if number not in self.within:
-            bounds = f", {self.within}" if str(self.within) else ""
-            unit = f" {self.within.unit}" if self.within.unit else ""
-            raise ParameterError(
-                f"{self.name} = {shown(value)}{unit} must be a finite number{bounds}.", self.name
-            )
+            self.refuse(value)
         return number
+
+    def refuse(self, value: Any, why: str = "") -> NoReturn:
+        """Raise the error of a value; without a reason it tells what the key takes.
+
+        Raises:
+            ParameterError: Always.
+        """
+        unit, number = self.within.unit, is_number(value)
+        what = WORDS.get(self.kind, f"a {self.kind.__name__}")
+        if self.words:
+            what = "one of " + ", ".join(map(repr, self.words))
+        elif unit and not number:
+            what += f" in {unit}"
+        parts = filter(None, [what, str(self.within), f"or {NONE}" if self.optional else ""])
+        why = why or f"must be {', '.join(parts)}"
+        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
+        end = f"; did you mean {near[0]!r}?" if near else "."
+        given = f"{shown(value)} {unit}" if unit and number else shown(value)
+        raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
 
     def read(self, value: Any) -> Any:
         """Return a value from what a file or a command line holds: 0.3, "5 kPa", "none".
@@ -225,10 +224,6 @@ class Key:
             return f'"{write_quantity(value, self.within.unit)}"'
         return repr(value)
 
-    def refuse(self, value: Any, why: str) -> NoReturn:
-        """Raise the error of a value."""
-        raise ParameterError(f"{self.name} = {shown(value)} {why}.", self.name)
-
 
 def quoted(text: str) -> str:
     """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
@@ -249,8 +244,8 @@ class Table:
     """Base of all settings: frozen, and checked on construction, by type and by bounds.
 
     A field is made by `key`. Its type is float, int, bool, str, Path or two floats, one of these or
-    None, several of one of them, or one with unit and bounds, as `Length`. Validation, files,
-    command lines and pages read this one place.
+    None, several of one of them, or one with unit and bounds, as `Length`; in tables that stand in
+    no file also another table. Validation, files, command lines and pages read this one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -300,12 +295,13 @@ class Table:
                 raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
 
 
-def nearest(word: Any, known: Iterable[str]) -> str:
-    """Return the advice for an unknown word: the nearest known one, or all of them."""
+def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
+    """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
     if near := difflib.get_close_matches(str(word), words, n=1):
         return f"did you mean {near[0]!r}?"
-    return f"known are {', '.join(words)}." if words else "none is known here."
+    every = f"known are {', '.join(words)}." if words else "none is known here."
+    return otherwise or every
 
 
 @functools.cache
@@ -315,32 +311,32 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
     Raises:
         TypeError: The table itself is wrong: a field has another type, or was not made by `key`.
     """
-    found, hints = {}, typing.get_type_hints(table, include_extras=True)
-    for one in fields(table):
-        kind, optional, limits = _typed(hints[one.name])
-        several = get_args(kind)[1:] == (...,)
-        if several:
-            kind, _, limits = _typed(get_args(kind)[0])
-        kind = tuple if kind == tuple[float, float] else kind
-        if kind not in WORDS or "meaning" not in one.metadata:
-            raise TypeError(
-                f"{table.__name__}.{one.name} must be a float, int, bool, str or Path (or None), "
-                "several of one of these or two floats, with its default and meaning given by "
-                "key(…)."
-            )
-        within = limits if isinstance(limits, In) else In()
-        words = limits.words if isinstance(limits, OneOf) else ()
-        found[one.name] = Key(
-            one.name, kind, optional, within, words, one.default, one.metadata["meaning"], several
-        )
-    return types.MappingProxyType(found)
+    hints = typing.get_type_hints(table, include_extras=True)
+    return types.MappingProxyType(
+        {one.name: _key(table.__name__, one, hints[one.name]) for one in fields(table)}
+    )
 
 
-def _typed(hint: Any) -> tuple[Any, bool, In | OneOf | None]:
-    """Return the plain type that a hint names, whether it allows None, and its limits."""
+def _key(table: str, one: Field[Any], hint: Any) -> Key:
+    """Return the key of a field, from its type: Length, Poisson | None, tuple[str, ...]."""
     parts = get_args(hint) if get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
-    plain = [part for part in parts if part is not types.NoneType]
-    if get_origin(plain[0]) is Annotated:
-        kind, limits = get_args(plain[0])[:2]
-        return kind, len(plain) < len(parts), limits
-    return plain[0], len(plain) < len(parts), None
+    kind = next(part for part in parts if part is not types.NoneType)
+    if several := get_args(kind)[1:] == (...,):
+        kind = get_args(kind)[0]
+    kind, limits = get_args(kind)[:2] if get_origin(kind) is Annotated else (kind, None)
+    kind = tuple if kind == tuple[float, float] else kind
+    if not (kind in WORDS or is_dataclass(kind)) or "meaning" not in one.metadata:
+        raise TypeError(
+            f"{table}.{one.name} must be a float, int, bool, str or Path (or None), several of one "
+            "of these, two floats or a table, with its default and meaning given by key(…)."
+        )
+    return Key(
+        one.name,
+        kind,
+        one.metadata["meaning"],
+        one.default,
+        optional=types.NoneType in parts,
+        within=limits if isinstance(limits, In) else In(),
+        words=limits.words if isinstance(limits, OneOf) else (),
+        several=several,
+    )

@@ -7,7 +7,7 @@ import gc
 import hashlib
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import is_number, shown
+from toros_fem.base.validation import is_number, require_kind, shown
 
 # Time in s that a rank with an error waits for the others before it ends them all.
 PATIENCE = 10.0
@@ -67,11 +67,7 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
 
 
 def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
-    """Run an action on the first rank; return its result or raise its error on all (collective).
-
-    Raises:
-        ParameterError: `comm` is no communicator.
-    """
+    """Run an action on the first rank; return its result or raise its error on all (collective)."""
     require_comm(comm)
     result, error = None, None
     if comm.rank == 0:
@@ -85,15 +81,8 @@ def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
 
 
 def require_comm(comm: Any) -> None:
-    """Check that a value is a communicator.
-
-    Raises:
-        ParameterError: It is not.
-    """
-    if not isinstance(comm, MPI.Comm):
-        raise ParameterError(
-            f"comm = {shown(comm)} must be an MPI communicator, one of mpi4py.MPI."
-        )
+    """Check that a value is a communicator."""
+    require_kind("comm", comm, MPI.Comm, "an MPI communicator, one of mpi4py.MPI")
 
 
 def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
@@ -122,6 +111,7 @@ def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
 def _digest(value: Any) -> bytes:
     """Return a hash of a value that does not depend on the rank or the run."""
     found = hashlib.blake2b(digest_size=16)
+    parts: Iterable[Any] = ()
     if isinstance(value, np.ndarray) and value.dtype != object:
         found.update(f"{value.dtype.kind}{value.shape}".encode())
         found.update(value.tobytes())
@@ -130,17 +120,16 @@ def _digest(value: Any) -> bytes:
     elif isinstance(value, str | bytes | bool | Path | None):
         found.update(repr(value).encode())
     elif isinstance(value, Mapping):
-        for key, entry in value.items():
-            found.update(_digest(key) + _digest(entry))
+        parts = value.items()
     elif isinstance(value, list | tuple):
-        for entry in value:
-            found.update(_digest(entry))
         found.update(str(len(value)).encode())
+        parts = value
     else:
         found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            for field in dataclasses.fields(value):
-                found.update(_digest(getattr(value, field.name, None)))
+            parts = [getattr(value, one.name, None) for one in dataclasses.fields(value)]
+    for part in parts:
+        found.update(_digest(part))
     return found.digest()
 
 
@@ -154,12 +143,8 @@ def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
 def ending_together(comm: MPI.Comm, tell: Callable[[Exception], None]) -> Iterator[None]:
     """End all ranks where one leaves the block by an error that the others do not share.
 
-    Errors that all ranks raise pass through. An error of some alone is told, and after `PATIENCE`
-    ends the program, since the others wait for these ranks.
-
-    Args:
-        comm: Communicator (collective).
-        tell: Prints an error that this rank alone has.
+    Errors that all ranks raise pass through. `tell` prints an error of some alone, which after
+    `PATIENCE` ends the program, since the others wait for these ranks.
     """
     if comm.size == 1:
         yield

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Table, nearest
-from toros_fem.base.validation import shown
 
 # Order of tables in files.
 ORDER = (
@@ -48,9 +48,13 @@ class Scene:
 
     def __post_init__(self) -> None:
         for name, of in self.tables().items():
-            object.__setattr__(self, name, _table(name, getattr(self, name), of))
+            Key(name, of, of.holds()).checked(getattr(self, name))
         for name, of in self.entries().items():
-            object.__setattr__(self, name, _entries(name, getattr(self, name), of))
+            given = getattr(self, name)
+            if isinstance(given, list | tuple):
+                given = [of(**one) if isinstance(one, Mapping) else one for one in given]
+            made = Key(name, of, of.holds(), several=True).checked(given)
+            object.__setattr__(self, name, made)
 
     @classmethod
     def example(cls) -> Self:
@@ -70,12 +74,11 @@ class Scene:
         """Return the values of the quick variant by key: as many steps as each key needs."""
         known, found = self.described(), dict[str, Any]()
         for key, factor in self.COARSE.items():
-            value = self.value(key)
-            if value is None or value == 0:  # left out, and stays so
-                continue
-            least = known[key].within.at_least
-            steps = isinstance(value, int)
-            found[key] = max(1, least, round(factor * value)) if steps else round(factor * value, 9)
+            value, least = self.value(key), known[key].within.at_least
+            if isinstance(value, int) and value > 0:
+                found[key] = max(1, least, round(factor * value))
+            elif value:  # what is left out stays so
+                found[key] = round(factor * value, 9)
         return found
 
     @classmethod
@@ -84,14 +87,18 @@ class Scene:
         return cls().updated(**values)
 
     @classmethod
+    def _layout(cls) -> _Layout:
+        return _layout_of(cls)  # type: ignore[arg-type]
+
+    @classmethod
     def tables(cls) -> Mapping[str, type[Table]]:
         """Return the type of each table that stands once, by its name, in the order of files."""
-        return _layout(cls).once
+        return cls._layout().once
 
     @classmethod
     def entries(cls) -> Mapping[str, type[Table]]:
         """Return the type of each table that may stand several times, by its name."""
-        return _layout(cls).several
+        return cls._layout().several
 
     @classmethod
     def described(cls) -> dict[str, Key]:
@@ -101,7 +108,7 @@ class Scene:
     @classmethod
     def table_of(cls, key: str) -> str:
         """Return the name of the table that a key stands in."""
-        return _layout(cls).homes[key]
+        return cls._layout().homes[key]
 
     def updated(self, **changes: Any) -> Self:
         """Return a copy with other values.
@@ -112,29 +119,24 @@ class Scene:
         Raises:
             ParameterError: A name is unknown, or a value is out of its bounds.
         """
-        own = {one.name for one in fields(self)}
-        whole = {
-            name: value
-            for name, value in changes.items()
-            if name in own and (isinstance(value, Table) or name in self.entries())
-        }
-        by_table: dict[str, dict[str, Any]] = {}
-        for name in (name for name in changes if name not in whole):
-            table = _layout(type(self)).homes.get(name)
-            if table is None:
-                known = nearest(name, _layout(type(self)).homes)
-                raise ParameterError(f"unknown parameter {name!r}; {known}", name)
-            by_table.setdefault(table, {})[name] = changes[name]
+        layout, own = self._layout(), {one.name for one in fields(self)}
+        whole, by_table = dict[str, Any](), dict[str, dict[str, Any]]()
+        for name, value in changes.items():
+            if name in own and (isinstance(value, Table) or name in layout.several):
+                whole[name] = value
+            elif name in layout.homes:
+                by_table.setdefault(layout.homes[name], {})[name] = value
+            else:
+                advice = nearest(name, layout.homes)
+                raise ParameterError(f"unknown parameter {name!r}; {advice}", name)
         for table, values in by_table.items():
             whole[table] = whole.get(table, getattr(self, table)).updated(**values)
         return replace(self, **whole)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by the names of their keys, as summaries hold them."""
-        found = {name: self.value(name) for name in self.described()}
-        return found | {
-            name: [asdict(one) for one in getattr(self, name)] for name in self.entries()
-        }
+        several = {name: [asdict(one) for one in getattr(self, name)] for name in self.entries()}
+        return {**{name: self.value(name) for name in self.described()}, **several}
 
     def value(self, key: str) -> Any:
         """Return the value of a key of a table that stands once."""
@@ -150,45 +152,19 @@ class _Layout:
     homes: Mapping[str, str]
 
 
-_LAYOUTS: dict[type[Scene], _Layout] = {}
-
-
-def _layout(scene: type[Scene]) -> _Layout:
+@functools.cache
+def _layout_of(scene: type[Scene]) -> _Layout:
     """Return the layout of a type of scenes.
 
     Raises:
         TypeError: The type itself is wrong: a key stands in two tables.
     """
-    if scene not in _LAYOUTS:
-        hints = typing.get_type_hints(scene)
-        tables = [one.name for one in fields(scene) if not one.metadata.get("outside")]
-        names = sorted(tables, key=ORDER.index)
-        parts = {name: typing.get_args(hints[name]) for name in names}
-        once = {name: hints[name] for name in names if not parts[name]}
-        several = {name: parts[name][0] for name in names if parts[name]}
-        keys = [(key, name) for name, of in once.items() for key in of.described()]
-        if len(dict(keys)) < len(keys):
-            raise TypeError(f"{scene.__name__} has a key in two tables: {keys}.")
-        _LAYOUTS[scene] = _Layout(once, several, dict(keys))
-    return _LAYOUTS[scene]
-
-
-def _table(name: str, value: Any, of: type[Table]) -> Table:
-    if not isinstance(value, of):
-        raise ParameterError(f"{name} = {shown(value)} must be a {of.__name__}.", name)
-    return value
-
-
-def _entries(name: str, values: Sequence[Any], of: type[Table]) -> tuple[Table, ...]:
-    """Return the tables of a field, those that come as mappings made to tables.
-
-    Raises:
-        ParameterError: They are no list, or one of them is something else.
-    """
-    if not isinstance(values, list | tuple):
-        raise ParameterError(f"{name} = {shown(values)} must be a list of {of.__name__}.", name)
-    made = [of(**value) if isinstance(value, Mapping) else value for value in values]
-    for value in made:
-        if type(value) is not of:
-            raise ParameterError(f"{name} has {shown(value)} in it; it must be a {of.__name__}.")
-    return tuple(made)
+    hints = typing.get_type_hints(scene)
+    tables = [one.name for one in fields(scene) if not one.metadata.get("outside")]
+    parts = {name: typing.get_args(hints[name]) for name in sorted(tables, key=ORDER.index)}
+    once = {name: hints[name] for name, of in parts.items() if not of}
+    several = {name: of[0] for name, of in parts.items() if of}
+    keys = [(key, name) for name, of in once.items() for key in of.described()]
+    if len(dict(keys)) < len(keys):
+        raise TypeError(f"{scene.__name__} has a key in two tables: {keys}.")
+    return _Layout(once, several, dict(keys))

@@ -1,4 +1,4 @@
-"""Checks of single values, with errors that name the value and its bounds."""
+"""Checks of single values: each raises a typed error that names the value and its bounds."""
 
 from __future__ import annotations
 
@@ -37,104 +37,48 @@ def is_number(value: Any) -> bool:
     return not isinstance(value, int) or abs(value) < LARGEST
 
 
-def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
-    """Check that each value is a finite number in (0, at_most].
-
-    Raises:
-        ParameterError: Naming the value and the bound.
-    """
+def _require(
+    values: dict[str, Any], fits: Callable[[Any], bool], what: str, *, whole: bool = False
+) -> None:
+    """Check that each value is a finite number, a whole one where asked for, that fits."""
     for name, value in values.items():
-        if not (is_number(value) and math.isfinite(value) and 0 < value <= at_most):
-            bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
-            raise ParameterError(
-                f"{name} = {shown(value)} must be a finite number greater than 0{bound}."
-            )
+        number = is_number(value) and not (whole and isinstance(value, float | np.floating))
+        if not (number and math.isfinite(value) and fits(value)):
+            raise ParameterError(f"{name} = {shown(value)} must be a {what}.")
+
+
+def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
+    """Check that each value is a finite number in (0, at_most]."""
+    bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
+    _require(values, lambda one: 0 < one <= at_most, f"finite number greater than 0{bound}")
 
 
 def require_between(low: float, high: float, **values: Any) -> None:
-    """Check that each value is a finite number in [low, high].
-
-    Raises:
-        ParameterError: Naming the value and the bounds.
-    """
-    for name, value in values.items():
-        if not (is_number(value) and math.isfinite(value) and low <= value <= high):
-            bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-            raise ParameterError(f"{name} = {shown(value)} must be a finite number, {bound}.")
+    """Check that each value is a finite number in [low, high]."""
+    bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+    _require(values, lambda one: low <= one <= high, f"finite number, {bound}")
 
 
 def require_finite(**values: Any) -> None:
-    """Check that each value is a finite number.
-
-    Raises:
-        ParameterError: Naming the value.
-    """
-    for name, value in values.items():
-        if not (is_number(value) and math.isfinite(value)):
-            raise ParameterError(f"{name} = {shown(value)} must be a finite number.")
+    """Check that each value is a finite number."""
+    _require(values, math.isfinite, "finite number")
 
 
 def require_count(least: int, **values: Any) -> None:
-    """Check that each value is a whole number and at least `least`.
-
-    Raises:
-        ParameterError: Naming the value and the bound.
-    """
-    for name, value in values.items():
-        whole = isinstance(value, int | np.integer) and is_number(value)
-        if not (whole and value >= least):
-            raise ParameterError(
-                f"{name} = {shown(value)} must be a whole number, at least {least}."
-            )
+    """Check that each value is a whole number and at least `least`."""
+    bound = f"whole number, at least {least}"
+    _require(values, lambda one: one >= least, bound, whole=True)
 
 
 def require_choice(name: str, value: Any, choices: Sequence[str]) -> None:
-    """Check that a value is one of the given words.
-
-    Raises:
-        ParameterError: Naming the value and the choices.
-    """
+    """Check that a value is one of the given words."""
     if not isinstance(value, str) or value not in choices:
         known = ", ".join(map(repr, choices))
         raise ParameterError(f"{name} = {shown(value)} must be one of {known}.")
 
 
-def require_names(name: str, values: Any) -> None:
-    """Check that names come as a list: a lone text would be read letter by letter.
-
-    Raises:
-        ParameterError: They do not.
-    """
-    if isinstance(values, str):
-        raise ParameterError(f"{name} = {values!r} must be a list of names: [{values!r}].")
-    if not isinstance(values, list | tuple) or not all(isinstance(one, str) for one in values):
-        raise ParameterError(f"{name} = {shown(values)} must be a list of names, as texts.")
-
-
-def checked_names(
-    name: str, values: Any, failure: type[TorosError] = ParameterError
-) -> tuple[str, ...]:
-    """Return different names, which come as a list, as a tuple.
-
-    Raises:
-        TorosError: Of the type `failure`: they are a lone text, no list of texts, or two are equal.
-    """
-    listed = isinstance(values, list | tuple | np.ndarray) and not isinstance(values, str)
-    if not listed or not all(isinstance(one, str) for one in values):
-        raise failure(f"{name} = {shown(values)} must be a list of names, as texts.")
-    names = tuple(str(one) for one in values)
-    twice = next((one for one in names if names.count(one) > 1), None)
-    if twice is not None:
-        raise failure(f"{name} holds {twice!r} twice; each name must be different.")
-    return names
-
-
 def require_flag(**values: Any) -> None:
-    """Check that each value is True or False.
-
-    Raises:
-        ParameterError: Naming the value.
-    """
+    """Check that each value is True or False."""
     for name, value in values.items():
         if not isinstance(value, bool | np.bool_):
             raise ParameterError(f"{name} = {shown(value)} must be True or False.")
@@ -155,38 +99,43 @@ def require_kind(
         kind: The type, or several.
         what: What it must be, with the remedy: "a Composite, by Composite(…)".
         failure: Type of the error.
-
-    Raises:
-        TorosError: Of the type `failure`: the value is of another type.
     """
     if not isinstance(value, kind):
         raise failure(f"{name} = {shown(value)} must be {what}.")
 
 
-def checked_path(name: str, value: Any, failure: type[TorosError] = ParameterError) -> Path:
-    """Return the path of a file or folder.
+def require_callable(name: str, value: Any, what: str) -> None:
+    """Check that a value can be called; `what` says of what it is a function."""
+    require_kind(name, value, Callable, what)  # type: ignore[arg-type]
 
-    Raises:
-        TorosError: Of the type `failure`: it is no text and no path.
-    """
+
+def require_names(name: str, values: Any) -> None:
+    """Check that names come as a list: a lone text would be read letter by letter."""
+    if isinstance(values, str):
+        raise ParameterError(f"{name} = {values!r} must be a list of names: [{values!r}].")
+    if not isinstance(values, list | tuple) or not all(isinstance(one, str) for one in values):
+        raise ParameterError(f"{name} = {shown(values)} must be a list of names, as texts.")
+
+
+def checked_names(
+    name: str, values: Any, failure: type[TorosError] = ParameterError
+) -> tuple[str, ...]:
+    """Return names as a tuple, checked to be a list of texts, all different."""
+    listed = isinstance(values, list | tuple | np.ndarray)
+    if not listed or not all(isinstance(one, str) for one in values):
+        raise failure(f"{name} = {shown(values)} must be a list of names, as texts.")
+    names = tuple(map(str, values))
+    for one in names:
+        if names.count(one) > 1:
+            raise failure(f"{name} holds {one!r} twice; each name must be different.")
+    return names
+
+
+def checked_path(name: str, value: Any, failure: type[TorosError] = ParameterError) -> Path:
+    """Return the path of a file or folder, checked to be a text or a path."""
     if not isinstance(value, str | os.PathLike) or not str(value):
         raise failure(f"{name} = {shown(value)} must be the path of a file or folder, as text.")
     return Path(value)
-
-
-def require_callable(name: str, value: Any, what: str) -> None:
-    """Check that a value can be called.
-
-    Args:
-        name: Name of the value.
-        value: The value.
-        what: What it must be: "a function of the pattern".
-
-    Raises:
-        ParameterError: It cannot.
-    """
-    if not callable(value):
-        raise ParameterError(f"{name} = {shown(value)} must be {what}.")
 
 
 def checked_floats(
@@ -198,7 +147,7 @@ def checked_floats(
     finite: bool = True,
     failure: type[TorosError] = ParameterError,
 ) -> Floats:
-    """Return values as an array of finite real numbers of a shape.
+    """Return values as an array, checked to be real numbers of a shape, and finite.
 
     Args:
         name: Name of the values.
@@ -207,10 +156,6 @@ def checked_floats(
         fits: The shape, or a function that says whether a shape is allowed.
         finite: Whether NaN and infinite values are refused.
         failure: Type of the error.
-
-    Raises:
-        TorosError: Of the type `failure`: the values are no real numbers, of another shape, or not
-            finite.
     """
     array = real_numbers(name, values, what, failure)
     allowed = fits(array.shape) if callable(fits) else array.shape == fits
@@ -226,15 +171,7 @@ def checked_floats(
 def real_numbers(
     name: str, values: Any, what: str, failure: type[TorosError] = ParameterError
 ) -> Floats:
-    """Return values as an array of floats, of any shape.
-
-    Args:
-        name, values, what, failure: As of `checked_floats`.
-
-    Raises:
-        TorosError: Of the type `failure`: the values are texts, complex, None, or lists of
-            different lengths.
-    """
+    """Return values as an array of floats of any shape; arguments are those of `checked_floats`."""
     try:
         array = np.asarray(values)
     except (ValueError, TypeError):  # lists of different lengths
@@ -247,14 +184,7 @@ def real_numbers(
 def whole_numbers(
     name: str, values: Any, what: str, failure: type[TorosError] = ParameterError
 ) -> np.ndarray:
-    """Return values as an array of whole numbers, of any shape.
-
-    Args:
-        name, values, what, failure: As of `checked_floats`.
-
-    Raises:
-        TorosError: Of the type `failure`: a value is not whole, or too large.
-    """
+    """Return values as an array of whole numbers; arguments are those of `checked_floats`."""
     array = real_numbers(name, values, what, failure)
     whole = np.isfinite(array) & (array == np.rint(array)) & (np.abs(array) < 2**53)
     if not whole.all():
@@ -269,11 +199,7 @@ def checked_axes(
     allowed: Sequence[int] = (0, 1, 2),
     failure: type[TorosError] = ParameterError,
 ) -> tuple[int, ...]:
-    """Return axes of planes as a tuple of whole numbers.
-
-    Raises:
-        TorosError: Of the type `failure`: they are no list, one is not allowed, or given twice.
-    """
+    """Return axes of planes as a tuple, checked to be a list of different, allowed ones."""
     if not isinstance(values, list | tuple | np.ndarray) or np.ndim(values) != 1:
         raise failure(f"{name} = {shown(values)} must be a list of axes, () for none.")
     for axis in values:

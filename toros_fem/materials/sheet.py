@@ -1,74 +1,44 @@
-"""Materials as frozen dataclasses, validated on construction. SI units."""
+"""Materials as tables that check themselves. SI units."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass
+from typing import Annotated, Any
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import (
-    is_number,
-    require_between,
-    require_choice,
-    require_kind,
-    require_positive,
-    shown,
-)
+from toros_fem.base.keys import In, Length, Modulus, OneOf, Poisson, Stretch, Table, key
+from toros_fem.base.validation import is_number, require_between, require_positive, shown
 
 # Modulus in Pa beyond that of any solid.
 STIFFEST = 1e13
-
-
-def _store_floats(record: object, *names: str) -> None:
-    """Turn fields of a frozen dataclass into floats: forms take no integers."""
-    for name in names:
-        object.__setattr__(record, name, float(getattr(record, name)))
-
-
-def _require_bound(owner: str, name: str, value: Any) -> None:
-    """Check a stretch bound c₁ or c₂ of eq. (1).
-
-    Raises:
-        ParameterError: It is not above 1.
-    """
-    if not (is_number(value) and math.isfinite(value) and value > 1):
-        raise ParameterError(
-            f"{owner}{name} = {shown(value)} must be a finite number greater than 1: it bounds "
-            + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
-        )
+CURVATURES = ("average", "quadratic", "midedge")
+SEAMS = ("continuous", "hinged")
+RESTS = ("flat", "assembled")
+PRINT_SIDES = ("outside", "inside")
+WRINKLINGS = ("tension-field",)
 
 
 @dataclass(frozen=True)
-class Material:
+class Material(Table):
     """Isotropic sheet.
 
-    Attributes:
-        young: Young's modulus in Pa at small strain.
-        poisson: Poisson's ratio, 0 to 0.5: below 0 the barrier of eq. (1) would turn attractive.
-        thickness: Thickness h in m; membrane stiffness goes with h, bending with h³/12.
-        c1, c2: Its own stretch bounds of eq. (1), > 1; None takes those of the `Composite`.
-
-    Raises:
-        ParameterError: A value is no number, or out of its bounds.
+    Membrane stiffness goes with the thickness h, bending with h³/12. Below a Poisson's ratio of 0
+    the barrier of eq. (1) would turn attractive.
     """
 
-    young: float
-    poisson: float
-    thickness: float
-    c1: float | None = None
-    c2: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("c1", "c2"):
-            if getattr(self, name) is not None:
-                _require_bound("Material.", name, getattr(self, name))
-                _store_floats(self, name)
-        require_positive(**{"Material.young": self.young}, at_most=STIFFEST)
-        require_positive(**{"Material.thickness": self.thickness})
-        require_between(0.0, 0.5, **{"Material.poisson": self.poisson})
-        _store_floats(self, "young", "poisson", "thickness")
+    young: Annotated[float, In("Pa", above=0, at_most=STIFFEST)] = key(
+        MISSING, "Young's modulus at small strain"
+    )
+    poisson: Poisson = key(MISSING, "Poisson's ratio")
+    thickness: Length = key(MISSING, "thickness h")
+    c1: Stretch | None = key(
+        None, "its own bound on a principal stretch, eq. (1); none takes that of the `Composite`"
+    )
+    c2: Stretch | None = key(
+        None, "its own bound on λ₁ + λ₂ − 1, eq. (1); none takes that of the `Composite`"
+    )
 
     @classmethod
     def from_lame(cls, mu: float, lam: float, thickness: float) -> Material:
@@ -81,9 +51,6 @@ class Material:
             mu: μ in Pa.
             lam: λ in Pa, 0 to 2μ, which is Poisson's ratio 0 to 0.5.
             thickness: h in m.
-
-        Raises:
-            ParameterError: A value is out of its bounds.
         """
         require_positive(mu=mu)
         require_between(0.0, 2 * mu, lam=lam)
@@ -117,67 +84,46 @@ class Material:
         return (ratio - 1) / (1 - self.poisson**2) * self.membrane_stiffness
 
 
-CURVATURES = ("average", "quadratic", "midedge")
-SEAMS = ("continuous", "hinged")
-RESTS = ("flat", "assembled")
-
-
 @dataclass(frozen=True)
-class Bending:
+class Bending(Table):
     """Bending resistance of a sheet, eqs. (4-6); docs/accuracy.md compares the terms.
 
-    Attributes:
-        curvature: Formula for a triangle's curvature from the angles at its edges. "average" is
-            the paper's; under load it converges only where neighbouring triangles pair up to
-            parallelograms: with one diagonal direction, or equilateral. "quadratic" goes through
-            the six vertices around, at the same cost; where they lie on a conic it is the
-            average. "midedge" has one rotation more for each edge and converges on any mesh.
-        seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
-        rest: Shape without moments: "flat" as the panels are cut, or "assembled", as if moulded
-            in the shape to which the pattern is assembled.
-
-    Raises:
-        ParameterError: A word is not one of the choices.
+    The curvature "average" is the paper's; under load it converges only where neighbouring
+    triangles pair up to parallelograms: with one diagonal direction, or equilateral. "quadratic"
+    goes through the six vertices around, at the same cost; where they lie on a conic it is the
+    average. "midedge" has one rotation more for each edge and converges on any mesh.
     """
 
-    curvature: str = "midedge"
-    seams: str = "continuous"
-    rest: str = "flat"
-
-    def __post_init__(self) -> None:
-        require_choice("curvature", self.curvature, CURVATURES)
-        require_choice("seams", self.seams, SEAMS)
-        require_choice("rest", self.rest, RESTS)
-
-
-PRINT_SIDES = ("outside", "inside")
-WRINKLINGS = ("tension-field",)
+    curvature: Annotated[str, OneOf(CURVATURES)] = key(
+        "midedge", "formula for a triangle's curvature from the angles at its edges"
+    )
+    seams: Annotated[str, OneOf(SEAMS)] = key(
+        "continuous", "whether a seam carries moments or is hinged, as sewn cloth is"
+    )
+    rest: Annotated[str, OneOf(RESTS)] = key(
+        "flat",
+        "shape without moments: as the panels are cut, or as if moulded in the shape to which the "
+        "pattern is assembled",
+    )
 
 
 @dataclass(frozen=True)
-class Membrane:
+class Membrane(Table):
     """Stretching of a sheet: whether it takes compression, eq. (1), or wrinkles.
 
-    Attributes:
-        wrinkling: "tension-field" lets the sheet wrinkle finely without resistance, so that it
-            carries no compression (Pipkin 1986); None takes eq. (1) as it stands, and wrinkles
-            are those that the mesh resolves.
-        residual_stiffness: Fraction of the stiffness that a tension field keeps against
-            compression, 1e-9 to 1e-2. Without any, the equilibrium of a slack sheet is not
-            unique; docs/materials.md has its effect on results.
-
-    Raises:
-        ParameterError: The wrinkling is not one of the choices, or the fraction is out of bounds.
+    A tension field lets the sheet wrinkle finely without resistance, so that it carries no
+    compression (Pipkin 1986). Without any residual stiffness the equilibrium of a slack sheet is
+    not unique; docs/materials.md has its effect on results.
     """
 
-    wrinkling: str | None = None
-    residual_stiffness: float = 1e-5
-
-    def __post_init__(self) -> None:
-        if self.wrinkling is not None:
-            require_choice("wrinkling", self.wrinkling, WRINKLINGS)
-        require_between(1e-9, 1e-2, residual_stiffness=self.residual_stiffness)
-        _store_floats(self, "residual_stiffness")
+    wrinkling: Annotated[str, OneOf(WRINKLINGS)] | None = key(
+        None,
+        "how the sheet wrinkles; none takes eq. (1) as it stands, and wrinkles are those that the "
+        "mesh resolves",
+    )
+    residual_stiffness: Annotated[float, In(at_least=1e-9, at_most=1e-2)] = key(
+        1e-5, "fraction of the stiffness that a tension field keeps against compression"
+    )
 
     @property
     def relaxed(self) -> bool:
@@ -186,22 +132,16 @@ class Membrane:
 
 
 @dataclass(frozen=True)
-class Bladder:
+class Bladder(Table):
     """Thin airtight layer of incompressible rubber that moves with the skin.
 
     It is neo-Hookean, in plane stress, and so thin that its own bending is neglected.
-
-    Attributes:
-        young: Young's modulus in Pa at small strain; the shear modulus is a third of it.
-        thickness: In m, undeformed.
     """
 
-    young: float
-    thickness: float
-
-    def __post_init__(self) -> None:
-        require_positive(**{"Bladder.young": self.young, "Bladder.thickness": self.thickness})
-        _store_floats(self, "young", "thickness")
+    young: Modulus = key(
+        MISSING, "Young's modulus at small strain; the shear modulus is a third of it"
+    )
+    thickness: Length = key(MISSING, "thickness, undeformed")
 
     @property
     def membrane_stiffness(self) -> float:
@@ -233,130 +173,100 @@ class Knit:
 
     def __post_init__(self) -> None:
         require_between(1.0, math.inf, ratio=self.ratio)
-        angles = self.grain if isinstance(self.grain, Mapping) else {"all panels": self.grain}
-        for name, angle in angles.items():
-            if not (is_number(angle) and math.isfinite(angle)):
-                raise ParameterError(
-                    f"grain of {name} = {shown(angle)} must be a finite angle in rad."
-                )
-        _store_floats(self, "ratio")
+        object.__setattr__(self, "ratio", float(self.ratio))
         if isinstance(self.grain, Mapping):
-            by_name = {name: float(angle) for name, angle in self.grain.items()}
-            object.__setattr__(self, "grain", by_name)
+            grain: Any = {name: _angle(name, angle) for name, angle in self.grain.items()}
         else:
-            _store_floats(self, "grain")
+            grain = _angle("all panels", self.grain)
+        object.__setattr__(self, "grain", grain)
+
+
+def _angle(name: str, grain: Any) -> float:
+    if not (is_number(grain) and math.isfinite(grain)):
+        raise ParameterError(f"grain of {name} = {shown(grain)} must be a finite angle in rad.")
+    return float(grain)
 
 
 @dataclass(frozen=True)
-class Composite:
+class Composite(Table):
     """Fabric, and fabric with reinforcement, eqs. (1-3).
 
     The paper publishes no material constants; the defaults are ours (docs/materials.md): a
-    light jersey calibrated by the paper's statements about its tube, and printed TPU 95A.
-
-    Attributes:
-        fabric: The plain fabric.
-        reinforcement: Fabric and printed layer together.
-        c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁). It is that of
-            both materials, but of one that has its own.
-        c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂). As c₁.
-        bending: Bending resistance; None makes the skin a membrane.
-        bladder: A rubber layer under both materials; None for none.
-        knit: Courses of the fabric; None for an isotropic fabric.
-        membrane: Whether the sheet takes compression or wrinkles.
-        print_side: Face of the fabric that carries the print. "outside" is the one from which the
-            panels' triangles are counter-clockwise, away from the pressure in a closed skin;
-            "inside" is the other. None takes the print in the middle of the fabric, so that strain
-            and curvature are not coupled.
-        print_offset: Distance in m from the middle of the fabric to that of the reinforcement;
-            None takes (h_fabric + h_reinforcement)/2, a layer on the face. It acts with a
-            `print_side` only.
+    light jersey calibrated by the paper's statements about its tube, and printed TPU 95A. The
+    stretches stay in (2 − c₁, c₁), their sum in (3 − c₂, 1 + c₂).
 
     Raises:
-        ParameterError: A bound is not above 1; membrane, bending, bladder or knit has another
-            type; a sheet that wrinkles has a bladder or a knit, which take compression, or c₂ below
-            c₁; or a print has a side on a sheet that wrinkles or does not bend.
+        ParameterError: A value is out of its bounds; a sheet that wrinkles has a bladder or a knit,
+            which take compression, or c₂ below c₁; or a print has a side on a sheet that wrinkles
+            or does not bend.
     """
 
-    fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
-    reinforcement: Material = Material(young=26e6, poisson=0.3, thickness=0.5e-3)
-    c1: float = 1.9
-    c2: float = 2.6
-    bending: Bending | None = Bending()
-    bladder: Bladder | None = None
-    knit: Knit | None = None
-    membrane: Membrane = Membrane()
-    print_side: str | None = None
-    print_offset: float | None = None
+    fabric: Material = key(Material(0.1e6, 0.3, 0.5e-3), "the plain fabric")
+    reinforcement: Material = key(Material(26e6, 0.3, 0.5e-3), "fabric and printed layer together")
+    c1: Stretch = key(1.9, "bound on a principal stretch of a material that has none of its own")
+    c2: Stretch = key(2.6, "bound on λ₁ + λ₂ − 1 of a material that has none of its own")
+    bending: Bending | None = key(Bending(), "bending resistance; none makes the skin a membrane")
+    bladder: Bladder | None = key(None, "rubber layer under both materials; none leaves it out")
+    knit: Knit | None = key(None, "courses of the fabric; none for an isotropic fabric")
+    membrane: Membrane = key(Membrane(), "whether the sheet takes compression or wrinkles")
+    print_side: Annotated[str, OneOf(PRINT_SIDES)] | None = key(
+        None,
+        'face of the fabric that carries the print; "outside" is the one from which the panels\' '
+        "triangles are counter-clockwise, away from the pressure in a closed skin; none takes the "
+        "print in the middle of the fabric, so that strain and curvature are not coupled",
+    )
+    print_offset: Length | None = key(
+        None,
+        "distance from the middle of the fabric to that of a reinforcement with a print_side; none "
+        "takes (h_fabric + h_reinforcement)/2, a layer on the face",
+    )
 
     def __post_init__(self) -> None:
-        for name in ("fabric", "reinforcement"):
-            what = "a Material, by Material(young, poisson, thickness)"
-            require_kind(name, getattr(self, name), Material, what)
-        require_kind("membrane", self.membrane, Membrane, "a Membrane")
-        if self.membrane.relaxed and (self.bladder is not None or self.knit is not None):
-            raise ParameterError(
-                f"wrinkling = {self.membrane.wrinkling!r}: a bladder and a knit take compression "
-                "and have no relaxed energy here. Use None for both, or wrinkling = None."
-            )
-        nothing = type(None)
-        require_kind("knit", self.knit, (Knit, nothing), "a Knit, or None")
-        require_kind("bladder", self.bladder, (Bladder, nothing), "a Bladder, or None")
-        require_kind(
-            "bending", self.bending, (Bending, nothing), "a Bending, or None for a membrane"
-        )
-        for name, value in (("c1", self.c1), ("c2", self.c2)):
-            _require_bound("", name, value)
-        _store_floats(self, "c1", "c2")
-        for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds):
-            if self.membrane.relaxed and c2 < c1:
-                raise ParameterError(
-                    f"c2 = {c2} must be at least c1 = {c1} for wrinkling = "
-                    f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
-                )
-        self._check_side()
+        super().__post_init__()
+        for refused, why in self._conflicts():
+            if refused:
+                raise ParameterError(why)
 
-    def _check_side(self) -> None:
-        """Check side and offset of the print."""
-        if self.print_offset is not None:
-            require_positive(print_offset=self.print_offset)
-            _store_floats(self, "print_offset")
-        if self.print_side is None:
-            return
-        require_choice("print_side", self.print_side, PRINT_SIDES)
-        if self.bending is None:
-            raise ParameterError(
-                f"print_side = {self.print_side!r}, but bending = None: a print on one face acts "
-                "by bending the sheet. Give a Bending, or print_side = None."
+    def _conflicts(self) -> Iterator[tuple[bool, str]]:
+        """Yield what does not go together: whether it is so, and the message."""
+        wrinkling = f"wrinkling = {self.membrane.wrinkling!r}"
+        relaxed, sided = self.membrane.relaxed, self.print_side is not None
+        yield (
+            relaxed and (self.bladder is not None or self.knit is not None),
+            f"{wrinkling}: a bladder and a knit take compression and have no relaxed energy here. "
+            "Use None for both, or wrinkling = None.",
+        )
+        for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds):
+            yield (
+                relaxed and c2 < c1,
+                f"c2 = {c2} must be at least c1 = {c1} for {wrinkling}: a narrow bound on the sum "
+                "would hold the width.",
             )
-        if self.membrane.relaxed:
-            raise ParameterError(
-                f"print_side = {self.print_side!r} with wrinkling = {self.membrane.wrinkling!r}: a "
-                "tension field has no strain across its wrinkles that a print could bend by. Use "
-                "None for one of them."
-            )
+        yield (
+            sided and self.bending is None,
+            f"print_side = {self.print_side!r}, but bending = None: a print on one face acts by "
+            "bending the sheet. Give a Bending, or print_side = None.",
+        )
+        yield (
+            sided and relaxed,
+            f"print_side = {self.print_side!r} with {wrinkling}: a tension field has no strain "
+            "across its wrinkles that a print could bend by. Use None for one of them.",
+        )
 
     @property
     def fabric_bounds(self) -> tuple[float, float]:
         """c₁ and c₂ of the plain fabric."""
-        return self._bounds_of(self.fabric)
+        return self.fabric.c1 or self.c1, self.fabric.c2 or self.c2
 
     @property
     def reinforcement_bounds(self) -> tuple[float, float]:
         """c₁ and c₂ of the reinforced fabric."""
-        return self._bounds_of(self.reinforcement)
-
-    def _bounds_of(self, material: Material) -> tuple[float, float]:
-        return (
-            self.c1 if material.c1 is None else material.c1,
-            self.c2 if material.c2 is None else material.c2,
-        )
+        return self.reinforcement.c1 or self.c1, self.reinforcement.c2 or self.c2
 
     @property
     def widest_bounds(self) -> tuple[float, float]:
         """The larger c₁ and the larger c₂ of the two materials: outside, no mixture exists."""
-        pairs = zip(self.fabric_bounds, self.reinforcement_bounds, strict=True)
-        c1, c2 = (max(pair) for pair in pairs)
+        c1, c2 = map(max, self.fabric_bounds, self.reinforcement_bounds)
         return c1, c2
 
     @property
@@ -383,9 +293,8 @@ class Composite:
         """Offset in m of the reinforcement along the skin's outward normal; 0 without a side."""
         if self.print_side is None:
             return 0.0
-        offset = self.print_offset
-        if offset is None:
-            offset = (self.fabric.thickness + self.reinforcement.thickness) / 2
+        on_face = (self.fabric.thickness + self.reinforcement.thickness) / 2
+        offset = self.print_offset or on_face
         return offset if self.print_side == "outside" else -offset
 
     def require_refinable(self) -> None:
@@ -403,9 +312,7 @@ class Composite:
     @property
     def course_stiffness(self) -> float:
         """Stiffness k in N/m that courses add to the plain fabric; 0 for an isotropic one."""
-        if self.knit is None:
-            return 0.0
-        return self.fabric.course_stiffness(self.knit.ratio)
+        return 0.0 if self.knit is None else self.fabric.course_stiffness(self.knit.ratio)
 
     @property
     def moduli(self) -> tuple[float, float]:

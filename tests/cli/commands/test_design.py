@@ -83,7 +83,7 @@ def test_a_mesh_that_has_gone_is_told(
 ) -> None:
     """By file and key, and not as other inputs than those given."""
     files = {"mesh": tmp_path / "gone.stl"}
-    text = scene_text(KINDS["own-mesh"], files=files)
+    text = scene_text(KINDS["own-mesh"].example(), files)
     with open_run(alone, tmp_path / "run", {"command": "design"}, scene=text):
         pass
     record = tmp_path / "run" / "state" / "run.json"

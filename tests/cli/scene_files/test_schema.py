@@ -47,7 +47,7 @@ def fits(value: Any, schema: dict[str, Any]) -> bool:
 
 @pytest.mark.parametrize("name", list(KINDS))
 def test_new_scenes_fit_with_every_key(name: str) -> None:
-    text = scene_text(KINDS[name])
+    text = scene_text(KINDS[name].example(), KINDS[name].EXAMPLE_FILES)
     live = re.sub(r"^#(?=\w+ = |\[)", "", text, flags=re.MULTILINE)
     live = live.replace(' = ""', ' = "none"')
     for content in (text, live):

@@ -68,7 +68,7 @@ def test_error_of_the_default_metric(alone: MPI.Comm, pattern: Pattern) -> None:
     problem = design(alone, pattern, target=bend)
     found = problem.simulate(problem.start_density(seed=1))
     (metric,) = problem.metrics
-    given = problem.solver, found.projected, found.equilibrium
+    given = problem.solver, found.equilibrium
     (estimate,) = tf.estimate_error(*given, [metric.measure])
     assert estimate.value == problem.metrics_of(found.equilibrium)["distance_mm"]
     assert estimate.refined == pytest.approx(estimate.value, rel=0.05)

@@ -100,7 +100,8 @@ def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin
     solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
     density = soft(tube)
     free = solver.solve(density, 2e3)
-    pushed = solver.solve(density, Load(2e3, poses=[[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]]), start=free)
+    way = np.array([[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])
+    pushed = solver.solve(density, Load(2e3, poses=way), start=free)
     assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
     assert pushed.smallest_distance is not None
     assert pushed.smallest_distance > 0
@@ -123,7 +124,8 @@ def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, Composite(), frame, contact=contact)
     density = np.zeros(len(skin.owned_cells))
     rest = solver.solve(density, 0.0)
-    below = solver.solve(density, Load(0.0, poses=[[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]]), start=rest)
+    way = np.array([[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]])
+    below = solver.solve(density, Load(poses=way), start=rest)
     depth = skin.gather_vertices(below.positions)[:, 2].min()
     assert depth < -0.007
     assert "bodies moved by up to 0.008 m" in below.reason

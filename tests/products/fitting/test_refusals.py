@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from toros_fem import fit_material
 from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
 from toros_fem.products.fitting.strip import ClampedStrip
@@ -29,8 +30,8 @@ STRETCH = np.linspace(1, 1.5, 6)
 PULL = np.linspace(0, 1, 6)
 
 
-def curve(stretch: object = 1.1, **changes: Any) -> object:
-    return uniaxial_curve(JERSEY, **{"c1": 1.9, "c2": 2.6, "stretch": [stretch], **changes})
+def curve(stretch: object = 1.1, sheet: Material = JERSEY, **changes: Any) -> object:
+    return uniaxial_curve(sheet, [stretch], **changes)
 
 
 def pulled(direction: str = "", **changes: Any) -> TensileTest:
@@ -53,7 +54,7 @@ ROWS: list[tuple[Callable[[], object], type[Exception], str]] = [
     (lambda: curve(0.9), ParameterError, r"0.9 to 0.9 must lie in"),
     (lambda: curve(1.9), ParameterError, r"1.9 to 1.9 must lie in"),
     (lambda: curve([1.1]), ParameterError, "finite and of shape"),
-    (lambda: curve(c2=0.9), ParameterError, "must be above 1"),
+    (lambda: curve(sheet=Material(1e5, 0.3, 5e-4, 1.9)), ParameterError, "c2 = None must be given"),
     (lambda: curve(knit_ratio=0.5), ParameterError, "at least 1"),
     (lambda: curve(direction="up"), ParameterError, "direction = 'up'"),
     (lambda: fit_material([]), ParameterError, "at least one TensileTest"),

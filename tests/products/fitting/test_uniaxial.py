@@ -1,5 +1,6 @@
 """Uniaxial tension of eq. (1): the exact root, near the bounds too, and its derivatives."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,7 +22,7 @@ def test_closed_form_table() -> None:
     rows = [r for r in table("gent_uniaxial") if r["mat"] == "A" and float(r["stretch"]) >= 1]
     assert len(rows) > 5
     stretch = np.array([float(r["stretch"]) for r in rows])
-    stress, lateral = uniaxial_curve(TABLE_A, 1.8, 2.0, stretch)
+    stress, lateral = uniaxial_curve(replace(TABLE_A, c1=1.8, c2=2.0), stretch)
     expected = np.array([float(r["nominal_stress_Pa"]) for r in rows]) * TABLE_A.thickness
     assert stress == pytest.approx(expected, rel=3e-8, abs=1e-12)  # the table's digits
     assert lateral == pytest.approx([float(r["lateral_stretch"]) for r in rows], rel=3e-8)
@@ -66,10 +67,9 @@ def test_derivatives() -> None:
 
 def test_moduli_of_a_knit() -> None:
     """At small strain the slopes are those that `Composite.moduli` tells."""
-    fabric = Material(1e5, 0.25, 4e-4)
+    fabric = Material(1e5, 0.25, 4e-4, c1=1.9, c2=2.6)
     expected = Composite(fabric=fabric, knit=Knit(3.0)).moduli
     for direction, modulus in zip(("course", "wale"), expected, strict=True):
-        stress, _ = uniaxial_curve(
-            fabric, 1.9, 2.6, np.array([1 + 1e-6]), knit_ratio=3.0, direction=direction
-        )
+        stretch = np.array([1 + 1e-6])
+        stress, _ = uniaxial_curve(fabric, stretch, knit_ratio=3.0, direction=direction)
         assert stress[0] / 1e-6 / fabric.thickness == pytest.approx(modulus, rel=1e-5)

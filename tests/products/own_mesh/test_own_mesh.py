@@ -172,7 +172,7 @@ def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> No
     scene, folder = tmp_path / "mine.toml", tmp_path / "run"
     tip = Measured(name="tip", measure="bend", of="z > 80 mm", against="z < 4 mm", target=60.0)
     config = CONFIG.updated(symmetry="auto", metric=(tip,))
-    scene.write_text(scene_text(OwnMeshScene, config, {"mesh": FINGER}), encoding="utf-8")
+    scene.write_text(scene_text(config, {"mesh": FINGER}), encoding="utf-8")
     words = ["design", str(scene), "--output", str(folder), "--quiet"]
     for text in ("tip of z > 80 mm", "bend of z > 80 mm against z < 4 mm"):
         words += ["--metric", text]

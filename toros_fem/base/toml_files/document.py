@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
-from toros_fem.base.errors import FileKeyError
+from toros_fem.base.errors import FileKeyError, ParameterError
+from toros_fem.base.keys import Key, nearest
 from toros_fem.base.toml_files.lines import Place, key_lines, line_of
 
+T = TypeVar("T")
 # Longest file in bytes, far beyond what makes sense.
 LONGEST = 1_000_000
 
@@ -34,47 +37,73 @@ class Document:
         except RecursionError:
             raise failure(f"{path}: tables and lists are nested too deeply.", path) from None
         except ValueError as caught:  # an overlong number is no TOMLDecodeError
-            place = re.search(r" ?\(at line (\d+), column \d+\)", str(caught))
-            line = None if place is None else int(place.group(1))
-            if "end of document" in str(caught):
-                line = text.count("\n") + 1
-            message = re.sub(r" ?\(at [^)]*\)$", "", str(caught))
-            at = f"{path}" if line is None else f"{path}, line {line}"
+            why, _, place = str(caught).rpartition(" (at ")
+            found = re.match(r"line (\d+)", place)
+            line = int(found[1]) if found else text.count("\n") + 1 if why else None
             raise failure(
-                f"{at}: {message}: this is no TOML. Text needs quotes, and so do values with "
-                'units, as in "5 kPa".',
+                f"{at(path, line)}: {why or place}: this is no TOML. Text needs quotes, and so do "
+                'values with units, as in "5 kPa".',
                 path,
                 line,
             ) from None
         self.lines = key_lines(text)
 
     def fail(self, place: Place, message: str) -> NoReturn:
-        """Raise the error of a key."""
+        """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        at = f"{self.path}" if line is None else f"{self.path}, line {line}"
-        raise self.failure(f"{at}: {key}: {message}", self.path, line, key)
+        message = f"{key}: {message}" if key else message
+        raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
+
+    def require_known(
+        self, place: Place, name: str, known: Collection[str], word: str = "key"
+    ) -> None:
+        """Check that a key or another word is known."""
+        if name not in known:
+            self.fail(place, f"unknown {word} {name!r}; {self.advice(place, name, known)}")
+
+    def advice(self, place: Place, name: str, known: Collection[str]) -> str:
+        """Return the advice for an unknown word: the nearest known one."""
+        return nearest(name, known)
+
+    def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> dict[str, Any]:
+        """Return the values of the table at a place, in their units."""
+        if not isinstance(content, dict):
+            self.fail(at, f"must be a table: write [{at[0]}], and its keys in lines below.")
+        found = {}
+        for name, value in content.items():
+            self.require_known((*at, name), name, keys)
+            try:
+                found[name] = keys[name].read(value)
+            except ParameterError as caught:
+                self.fail((*at, name), str(caught))
+        return found
+
+    def made(self, of: Callable[..., T], at: Place, values: Mapping[str, Any]) -> T:
+        """Return what the values of a table make; a value that fits no other is told by its key."""
+        try:
+            return of(**values)
+        except ParameterError as caught:
+            self.fail((*at, str(caught.key)) if caught.key in values else at, str(caught))
+
+
+def at(path: Path, line: int | None) -> str:
+    """Return a place in a file in words; the line may not be known."""
+    return f"{path}" if line is None else f"{path}, line {line}"
 
 
 def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int = LONGEST) -> str:
-    """Return the text of a file.
-
-    Args:
-        path: The file.
-        what: What it is, for messages: "a scene file".
-        failure: Type of the error.
-        longest: Most bytes that it may have.
+    """Return the text of a file, which is `what`, "a scene file" for instance.
 
     Raises:
-        FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
+        FileKeyError: Of the type `failure`: the file cannot be read, has more than `longest` bytes,
+            or is no UTF-8.
     """
     try:
-        if path.is_dir():
-            raise failure(f"{path} is a folder; name {what}.", path)
         with path.open("rb") as file:
             content = file.read(longest + 1)
+    except IsADirectoryError:
+        raise failure(f"{path} is a folder; name {what}.", path) from None
     except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
-        if isinstance(caught, failure):
-            raise
         raise failure(f"{path} cannot be read: {caught}. Check the path.", path) from None
     if len(content) > longest:
         raise failure(f"{path} is longer than {longest} bytes: it is not {what}.", path)
@@ -82,6 +111,5 @@ def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int =
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as caught:
         line = content.count(b"\n", 0, caught.start) + 1
-        raise failure(
-            f"{path}, line {line}: no UTF-8 text. Save it as UTF-8.", path, line
-        ) from None
+        message = f"{at(path, line)}: no UTF-8 text. Save it as UTF-8."
+        raise failure(message, path, line) from None

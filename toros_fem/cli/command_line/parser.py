@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import difflib
-from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from toros_fem.base.errors import TorosError
+from toros_fem.base.keys import nearest
 
 
 class UsageError(TorosError, ValueError):
@@ -45,17 +44,9 @@ class SuggestingParser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            known = [str(choice) for choice in action.choices]
-            advice = nearest(str(value), known, f"known are {', '.join(known)}.")
-            what = action.metavar or action.dest
-            self.error(f"unknown {str(what).lower()} {value!r}; {advice}")
+            what = str(action.metavar or action.dest).lower()
+            self.error(f"unknown {what} {value!r}; {nearest(value, map(str, action.choices))}")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if self._first_rank:
             super()._print_message(message, file)
-
-
-def nearest(word: str, known: Sequence[str], otherwise: str) -> str:
-    """Return the question for the known word that is nearest, or another text if none is near."""
-    near = difflib.get_close_matches(word, known, n=1)
-    return f"did you mean {near[0]}?" if near else otherwise

@@ -7,7 +7,7 @@ import json
 import logging
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from mpi4py import MPI
 
@@ -19,44 +19,32 @@ from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.result import RunResult, read_content
-from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
+from toros_fem.results.runs.folder import SCENE, open_run, read_run
 
 log = logging.getLogger(__name__)
 
 
-class Action(Protocol):
-    """Designs or simulates a scene: a method of it, `run_design` or `run_simulation`."""
-
-    def __call__(
-        self, comm: MPI.Comm, output: Path, files: Mapping[str, Path], *, verbose: bool
-    ) -> RunResult:
-        """Write into the folder (collective)."""
+# The method of a scene that does what a command asks for, and its table of files that it can take.
+_ACTIONS = {
+    "design": ("run_design", "DESIGN_FILES"),
+    "simulate": ("run_simulation", "SIMULATION_FILES"),
+}
 
 
-# Names of the methods of a scene that do what a command asks for.
-_METHODS = {"design": "run_design", "simulate": "run_simulation"}
-
-
-def action_of(scene: SceneFile, name: str) -> tuple[Action, tuple[str, ...]]:
-    """Return an action of a scene, and the names of the files that it can take.
-
-    Args:
-        scene: The scene.
-        name: "design" or "simulate".
+def files_of(scene: SceneFile, name: str) -> tuple[str, ...]:
+    """Return the names of the files that a "design" or "simulate" of a scene can take.
 
     Raises:
         UsageError: Its kind has no such action.
     """
-    run = _METHODS[name]
+    run, files = _ACTIONS[name]
     if not hasattr(scene.kind, run):
         known = ", ".join(kind for kind, of in KINDS.items() if hasattr(of, run))
         raise UsageError(
             f"toros {name}: scenes of the kind {scene.kind.KIND!r} have no {name}; those of these "
             f"kinds have one: {known}."
         )
-    of = scene.kind
-    files = of.DESIGN_FILES if name == "design" else of.SIMULATION_FILES
-    return getattr(scene.config, run), tuple(files)
+    return tuple(getattr(scene.kind, files))
 
 
 def run_scene(
@@ -65,8 +53,8 @@ def run_scene(
     name: str,
     folder: Path,
     *,
-    every: int = EVERY,
-    verbose: bool = False,
+    every: int,
+    verbose: bool,
     resume: bool = False,
 ) -> Answer:
     """Design or simulate a scene in a run folder (collective).
@@ -84,15 +72,15 @@ def run_scene(
         UsageError: The kind of the scene has no such action.
         TorosError: As of `open_run` and of the action.
     """
-    action, names = action_of(scene, name)
-    files = {key: scene.files[key].resolve() for key in names if key in scene.files}
+    taken = files_of(scene, name)
+    action = getattr(scene.config, _ACTIONS[name][0])
+    files = {key: scene.files[key].resolve() for key in taken if key in scene.files}
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
-    text = scene_text(scene.kind, scene.config, files, scene.materials)
-    run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
-    with run:
+    text = scene_text(scene.config, files, scene.materials)
+    with open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
         if resume:
             log.info("the run in %s goes on", folder)
-        found = action(comm, folder, files, verbose=verbose)
+        found: RunResult = action(comm, folder, files, verbose=verbose)
     summary = on_first_rank(comm, lambda: read_content(folder))
     return Answer(f"{found.sentence()}; see {folder}/", summary)
 
@@ -107,7 +95,7 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
     """
     record, text = read_run(comm, folder)
     name = record.inputs.get("command")
-    if text is None or name not in ("design", "simulate"):
+    if text is None or name not in _ACTIONS:
         raise CheckpointError(
             f"the run in {folder} was not made by `toros design` or `toros simulate`. Resume it "
             "by the script that made it."

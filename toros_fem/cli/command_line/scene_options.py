@@ -42,12 +42,7 @@ class SceneCommand(Command):
     TAKES: ClassVar = {"set": "KEY=VALUE"}
 
     def scene(self, comm: MPI.Comm) -> SceneFile:
-        """Read the scene that the options name (collective).
-
-        Raises:
-            SceneError: The file cannot be read, a key or value is wrong, or a file that it names is
-                not there.
-        """
+        """Read the scene that the options name, and look for its files (collective)."""
         from toros_fem.cli.scene_files.reading import read_scene
 
         scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
@@ -80,8 +75,7 @@ class RunCommand(SceneCommand, Progress):
         """Read the scene that the options name, with the metrics that they add (collective).
 
         Raises:
-            SceneError: As of other commands.
-            UsageError: The scene is of no own mesh.
+            UsageError: There are such metrics, and the scene is of no own mesh.
         """
         scene = super().scene(comm)
         if not self.metric:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -52,36 +53,21 @@ class Check(SceneCommand):
             "materials": {role: entry.name for role, entry in scene.materials.items()},
         }
         lines = [f"{scene.path} is in order: {ABOUT[scene.kind.KIND]}."]
-        lines += [
-            f"{role:15s}{entry.name}: {entry.title} ({entry.trust})"
-            for role, entry in scene.materials.items()
-        ]
+        for role, entry in scene.materials.items():
+            lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
         with self.meshes_allowed():
             made = scene_cost(comm, scene.config, scene.files, probing=not self.no_probe)
         if made is None:
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:
-            figures |= _figures(comm, *made)
-            lines += _lines(comm, *made)
+            more = _figures(comm, *made)
+            lines += _lines(*made, more)
+            figures |= more
         return Answer("\n".join(lines), figures)
 
 
 def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:
     seconds = None if tried is None else found.seconds(tried.per_step, tried.triangles)
-    return {
-        "triangles": found.triangles,
-        "largest_triangles": found.largest,
-        "unknowns": found.unknowns,
-        "memory_gib": found.memory / 2**30,
-        "machine_gib": memory_gib(),
-        "ranks": comm.size,
-        "parts": [asdict(part) for part in found.parts],
-        "minutes": None if seconds is None else [end / 60 for end in seconds],
-        "probe": None if tried is None else asdict(tried),
-    }
-
-
-def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
     memory, machine = found.memory / 2**30, memory_gib()
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(
@@ -90,24 +76,38 @@ def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
             memory,
             machine,
         )
+    return {
+        "triangles": found.triangles,
+        "largest_triangles": found.largest,
+        "unknowns": found.unknowns,
+        "memory_gib": memory,
+        "machine_gib": machine,
+        "ranks": comm.size,
+        "parts": [asdict(part) for part in found.parts],
+        "minutes": None if seconds is None else [end / 60 for end in seconds],
+        "probe": None if tried is None else asdict(tried),
+    }
+
+
+def _lines(found: Cost, tried: Probe | None, figures: Mapping[str, Any]) -> list[str]:
+    machine, ranks = figures["machine_gib"], figures["ranks"]
     of = "" if machine is None else f" of {machine:.1f} GiB"
     more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
     lines = [
         f"triangles   about {found.triangles} on the finest mesh{more}",
         f"unknowns    about {found.unknowns} on the finest mesh",
-        f"memory      about {memory:.1f} GiB{of}, to a quarter",
+        f"memory      about {figures['memory_gib']:.1f} GiB{of}, to a quarter",
     ]
     if tried is None:
         return [*lines, "time        not estimated without a probe"]
-    low, high = found.seconds(tried.per_step, tried.triangles)
-    ranks = "1 rank" if comm.size == 1 else f"{comm.size} ranks"
+    low, high = (_duration(60 * minutes) for minutes in figures["minutes"])
     lines += [
-        f"time        {_duration(low)} to {_duration(high)} on {ranks}",
+        f"time        {low} to {high} on {ranks} rank{'s' * (ranks > 1)}",
         f"probe       {tried.newton_steps} Newton steps on {tried.triangles} triangles in "
         f"{tried.seconds:.1f} s; other meshes by the measured growth",
     ]
     for part in found.parts:
-        few, many = (f"{n}" for n in part.newton_steps)
+        few, many = part.newton_steps
         lines.append(f"  {part.name}: {few} to {many} Newton steps on {part.triangles} triangles")
     return lines
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import importlib.util
 import os
@@ -63,6 +64,7 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
     known = versions()
     system = known.pop("platform")
     library = MPI.Get_library_version().strip("\x00").splitlines()[0].strip()
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return {
         "versions": {
             **known,
@@ -80,7 +82,8 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         },
         "orderings": mumps_orderings(),
         "compiler": shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc"),
-        "caches": {str(place): _size(place) for place in _caches()},
+        # Compiled forms, and the compiled calls of CHOLMOD.
+        "caches": {str(home / name): _size(home / name) for name in ("fenics", "toros_fem")},
     }
 
 
@@ -89,30 +92,22 @@ def _version(name: str) -> str | None:
     try:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
-        pass
-    # Some distributions install modules without metadata.
-    return None if importlib.util.find_spec(name) is None else "of unknown version"
+        # Some distributions install modules without metadata.
+        return None if importlib.util.find_spec(name) is None else "of unknown version"
 
 
 def mumps_orderings() -> dict[str, bool]:
-    """Return whether MUMPS takes each of its orderings, tried on a small matrix.
-
-    It is empty without MUMPS.
-    """
+    """Return whether MUMPS takes each of its orderings, tried on a small matrix; {} without it."""
     from petsc4py import PETSc
+    from scipy.sparse import diags
 
     from toros_fem.mechanics.equilibrium.petsc_factor import ORDERINGS
 
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return {}
-    size = 100
-    matrix = PETSc.Mat().createAIJ((size, size), nnz=3, comm=PETSc.COMM_SELF)
-    for row in range(size):
-        matrix.setValues(row, [row], [2.0])
-        if row:
-            matrix.setValues(row, [row - 1], [-1.0])
-            matrix.setValues(row - 1, [row], [-1.0])
-    matrix.assemble()
+    chain = diags([-1.0, 2.0, -1.0], [-1, 0, 1], (100, 100), "csr")
+    csr = (chain.indptr, chain.indices, chain.data)
+    matrix = PETSc.Mat().createAIJ(chain.shape, csr=csr, comm=PETSc.COMM_SELF)
     found = {}
     for code, name in ORDERINGS.items():
         if name == "user":
@@ -130,11 +125,16 @@ def mumps_orderings() -> dict[str, bool]:
     return found
 
 
+def _cores() -> int | None:
+    """Return the number of cores that this process may use; some systems tell all of them."""
+    own = hasattr(os, "sched_getaffinity")
+    return len(os.sched_getaffinity(0)) if own else os.cpu_count()
+
+
 def _blas() -> str:
     """Return the BLAS library that is loaded, or the one that numpy was built for."""
-    maps = Path("/proc/self/maps")
-    if maps.is_file():
-        lines = maps.read_text(encoding="utf-8", errors="replace").splitlines()
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines()
         places = sorted({line.split()[-1] for line in lines if BLAS.search(line)})
         if places:
             return ", ".join(str(Path(place).resolve()) for place in places)
@@ -143,25 +143,12 @@ def _blas() -> str:
     return f"{found.get('name')} {found.get('version')}"
 
 
-def _cores() -> int | None:
-    """Return the number of cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count()
-
-
 def memory_gib() -> float | None:
     """Return the machine's memory in GiB, or None where it is not told."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30)
     except (AttributeError, ValueError, OSError):
         return None
-
-
-def _caches() -> list[Path]:
-    """Return the folders of compiled forms and of the compiled calls of CHOLMOD."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return [home / "fenics", home / "toros_fem"]
 
 
 def _size(folder: Path) -> dict[str, float] | None:
@@ -192,39 +179,33 @@ def _solve(comm: MPI.Comm) -> dict[str, Any]:
 
 
 def _text(figures: dict[str, Any]) -> str:
-    def known(value: Any) -> str:
-        return {True: "yes", False: "no", None: "missing"}.get(value, str(value))
-
-    versions, mpi, blas = figures["versions"], figures["mpi"], figures["blas"]
-    lines = ["versions"]
-    lines += [f"  {name:<12} {known(value)}" for name, value in versions.items()]
-    memory = figures["memory_gib"]
+    mpi, blas, memory = figures["mpi"], figures["blas"], figures["memory_gib"]
     threads = ", ".join(f"{name} = {value or 'not set'}" for name, value in blas["threads"].items())
-    ranks = f"{mpi['ranks']} rank" + "s" * (mpi["ranks"] > 1)
-    lines += [
-        f"platform       {figures['platform']}",
-        f"cores, memory  {figures['cores']}, "
-        + ("unknown" if memory is None else f"{memory:.1f} GiB"),
-        f"MPI            {mpi['library']}; {ranks} now",
-        f"BLAS           {blas['library']}",
-        f"threads        {threads}",
-        f"compiler       {known(figures['compiler'])}",
-        "solvers        " + _list(figures["solvers"]),
-        "orderings      " + _list(figures["orderings"]),
+    rows = [
+        ("platform", figures["platform"]),
+        ("cores, memory", f"{figures['cores']}, {memory:.1f} GiB" if memory else figures["cores"]),
+        ("MPI", f"{mpi['library']}; {mpi['ranks']} rank{'s' * (mpi['ranks'] > 1)} now"),
+        ("BLAS", blas["library"]),
+        ("threads", threads),
+        ("compiler", _known(figures["compiler"])),
+        *((what, _listed(figures[what])) for what in ("solvers", "orderings")),
     ]
     for place, size in figures["caches"].items():
         held = "empty" if size is None else f"{size['files']} files, {size['mb']:.1f} MB"
-        lines.append(f"cache          {place}: {held}")
-    if "tried" in figures:
-        tried = figures["tried"]
-        lines.append(
-            f"tried          {tried['triangles']} triangles: {tried['newton_steps']} Newton steps, "
-            f"{tried['seconds']:.1f} s, {tried['linear_solver']}"
-        )
+        rows.append(("cache", f"{place}: {held}"))
+    if tried := figures.get("tried"):
+        told = f"{tried['triangles']} triangles: {tried['newton_steps']} Newton steps, "
+        rows.append(("tried", f"{told}{tried['seconds']:.1f} s, {tried['linear_solver']}"))
+    lines = [f"  {name:<12} {_known(value)}" for name, value in figures["versions"].items()]
+    lines = ["versions", *lines, *(f"{what:<14} {text}" for what, text in rows)]
     if figures["compiler"] is None:
         lines.append("No C compiler is found: forms that are not in the cache cannot be compiled.")
     return "\n".join(lines)
 
 
-def _list(found: dict[str, bool]) -> str:
-    return ", ".join(f"{name}: {'yes' if value else 'no'}" for name, value in found.items())
+def _listed(found: dict[str, bool]) -> str:
+    return ", ".join(f"{name}: {_known(value)}" for name, value in found.items())
+
+
+def _known(value: Any) -> str:
+    return {True: "yes", False: "no", None: "missing"}.get(value, str(value))

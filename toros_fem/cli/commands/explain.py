@@ -34,21 +34,16 @@ class Explain(Command):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Look the key up in all kinds, or in one (collective: kinds are loaded)."""
-        name = self.key.rpartition(".")[2]
-        kinds = [KINDS[self.kind]] if self.kind else list(KINDS.values())
-        tables = {kind.KIND: {**kind.tables(), **kind.entries()} for kind in kinds}
+        name, every = self.key.rpartition(".")[2], set[str]()
         found: dict[tuple[str, str], dict[str, str]] = {}
-        for kind in kinds:
-            for table, of in tables[kind.KIND].items():
-                if name in of.described():
-                    one = of.described()[name]
+        for kind in [KINDS[self.kind]] if self.kind else KINDS.values():
+            for table, of in {**kind.tables(), **kind.entries()}.items():
+                every |= of.described().keys()
+                if one := of.described().get(name):
                     value = kind().value(name) if table in kind.tables() else one.default
-                    place = found.setdefault((table, one.help), {})
-                    place[kind.KIND] = one.written(value).strip('"')
+                    defaults = found.setdefault((table, one.help), {})
+                    defaults[kind.KIND] = one.written(value).strip('"')
         if not found:
-            every = {
-                k for all_of in tables.values() for o in all_of.values() for k in o.described()
-            }
             raise UsageError(f"toros explain: unknown key {name!r}; {nearest(name, sorted(every))}")
         lines, entries = [], list[dict[str, Any]]()
         for (table, text), defaults in found.items():

@@ -57,7 +57,8 @@ class Export(Command, ManufactureOptions):
         run = self.run.parent if self.run.suffix == ".npz" else self.run
         summary = on_first_rank(comm, lambda: read_content(run))
         # A part of a symmetric skin is simulated; its triangles are the first of the whole.
-        part = read_pattern(comm, run / NAME) if _exists(comm, run / NAME) else stored.pattern
+        there = on_first_rank(comm, (run / NAME).is_file)
+        part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.over(made_as(summary))
         output = self.output or run / FOLDER
         made = printability(stored.pattern, stored.regions, stored.limits)
@@ -83,32 +84,19 @@ class Export(Command, ManufactureOptions):
             if_plotting(draw)
             return manifest
 
-        found: list[dict[str, Any]] = []
-        write_together(comm, output, lambda: found.append(write()))
-        manifest = comm.bcast(found[0] if found else None, root=0)
-        files = [file["name"] for file in manifest["files"]]
+        manifest = write_together(comm, output, write)
+        files, sheets = [file["name"] for file in manifest["files"]], len(manifest["sheets"])
+        others = [MANIFEST, PAGE, "pattern.svg", NAME, "pattern.png", "manufacture.png"]
         figures = {
             "folder": output,
-            "files": [
-                *files,
-                MANIFEST,
-                PAGE,
-                "pattern.svg",
-                NAME,
-                "pattern.png",
-                "manufacture.png",
-            ],
-            "sheets": len(manifest["sheets"]),
+            "files": [*files, *others],
+            "sheets": sheets,
             "print": manifest["print"],
             "manufacture": made.summary(),
         }
-        sheets, mass = len(manifest["sheets"]), manifest["print"]["print_mass_g"]
+        mass = manifest["print"]["print_mass_g"]
         return Answer(
             f"{output}/{PAGE}: {len(files)} machine files of {sheets} sheet{'s' * (sheets > 1)}, "
             f"{mass:.2f} g of print, and how to make it",
             figures,
         )
-
-
-def _exists(comm: MPI.Comm, path: Path) -> bool:
-    return on_first_rank(comm, path.is_file)

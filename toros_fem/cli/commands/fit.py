@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from mpi4py import MPI
 
@@ -106,12 +107,10 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         result = self._material(comm) if self.tile is None else self._moduli(comm, self.tile)
         write_fit(comm, self.output, result)
         text = f"{fit_table(result)}\nsee {self.output}/"
-        figures: dict[str, Any] = {"folder": self.output}
-        if self.tile is None:
-            figures["library"] = self.library
         if self.name is not None:
             text += f"; {self.name} is in {self.library}"
-        return Answer(text, {**figures, **result.summary()})
+        entry = {"library": self.library} if self.tile is None else {}
+        return Answer(text, {"folder": self.output, **entry, **result.summary()})
 
     def _material(self, comm: MPI.Comm) -> FitResult:
         """Return constants, and write them where a name asks for it."""
@@ -128,17 +127,10 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         else:
             strip = ClampedStrip(comm, self.gauge_length, self.width)
             result = fit_material(tests, how, strip)
-
         if self.name is not None and self.library is not None:
-            entry = library_entry(
-                result,
-                self.name,
-                kind=self.kind,
-                with_fabric=self.with_fabric,
-                source=self.source,
-            )
-            path = self.library
-            on_first_rank(comm, lambda: write_material(path, entry))
+            said = {name: getattr(self, name) for name in ("kind", "with_fabric", "source")}
+            entry = library_entry(result, self.name, **said)
+            on_first_rank(comm, partial(write_material, self.library, entry))
         return result
 
     def _moduli(self, comm: MPI.Comm, folder: Path) -> Fitted:
@@ -151,7 +143,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         tile = read_tile(comm, folder)
         # A stress per section needs a thickness; that of a sheet is the same everywhere.
         thickness = tile.composite.reinforcement.thickness
-        tests = on_first_rank(comm, lambda: self._tests(thickness))
+        tests = on_first_rank(comm, partial(self._tests, thickness))
         how = self.over(FitOptions())
         return fit_printed_sheet(comm, tests, tile, self.along, self.across, how)
 
@@ -174,12 +166,8 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         if self.direction is None:
             return tests
         wanted = self.direction.lower()
-        chosen = [
-            replace(test, direction=wanted)
-            for test in tests
-            if (test.direction or wanted) == wanted
-        ]
+        chosen = [test for test in tests if test.direction in ("", wanted)]
         if not chosen:
             known = ", ".join(sorted({repr(test.direction) for test in tests}))
             raise UsageError(f"--direction {wanted!r}: the tests have the directions {known}.")
-        return chosen
+        return [replace(test, direction=wanted) for test in chosen]

@@ -17,11 +17,18 @@ from typing import Any, TextIO, cast
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.errors import RunStoppedError
 from toros_fem.base.mpi import ending_together
 from toros_fem.base.versions import __version__
 from toros_fem.cli.command_line.command import Answer, Command, add_options
-from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code, tell_alone
+from toros_fem.cli.command_line.exit_codes import (
+    DONE,
+    INTERNAL,
+    INTERRUPTED,
+    MEANING,
+    exit_code,
+    tell_alone,
+)
 from toros_fem.cli.command_line.parser import SuggestingParser, UsageError
 from toros_fem.cli.command_line.pipe import OpenPipe
 from toros_fem.cli.commands.check import Check
@@ -49,6 +56,10 @@ COMMANDS: Mapping[str, type[Command]] = MappingProxyType(
     }
 )  # fmt: skip
 ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
+OUTPUT = {
+    "--json": "print the result as JSON on stdout, and all else on stderr; default no",
+    "--quiet": "no progress, only warnings; default no",
+}
 
 
 def run(comm: MPI.Comm, words: Sequence[str]) -> int:
@@ -58,47 +69,54 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         comm: Communicator; its first rank prints.
         words: The words after `toros`.
     """
-    as_json, out = "--json" in words, cast(TextIO, OpenPipe(sys.stdout))
-    name, quiet = next((word for word in words if word in COMMANDS), None), "--quiet" in words
-    free = _stdout_free(as_json=as_json, quiet=quiet)
-    with contextlib.redirect_stdout(out), _spoken(comm, quiet=quiet), free:
-        try:
+    as_json, quiet = "--json" in words, "--quiet" in words
+    out = cast(TextIO, OpenPipe(sys.stdout))
+    with open(os.devnull, "w") as nowhere:
+        # What is printed meanwhile is kept from an answer that a program reads.
+        place = nowhere if quiet else sys.stderr if as_json else out
+        with contextlib.redirect_stdout(place), _spoken(comm, quiet=quiet):
             try:
-                given = vars(_parser(comm).parse_args(list(words)))
-            except SystemExit:  # --help and --version, which are printed now
-                return DONE
-            with ending_together(comm, lambda error: tell_alone(comm, error)):
-                command = COMMANDS[given["command"]]
-                known = command.described()
-                answer = command(**{n: value for n, value in given.items() if n in known})(comm)
-        except TorosError as error:
-            answer = _failed(error)
-        except KeyboardInterrupt as error:
-            answer = _failed(error)
-            if comm.size > 1:
-                print(answer.text, file=sys.stderr, flush=True)
-                comm.Abort(answer.code)  # the other ranks may not know of it
-        except Exception as error:
-            print(f"rank {comm.rank}: {traceback.format_exc()}", file=sys.stderr, flush=True)
-            if comm.size > 1:
-                comm.Abort(INTERNAL)  # the other ranks may wait for this one
-            answer = _failed(error)
+                answer = _answer(comm, words)
+            except (Exception, KeyboardInterrupt) as error:
+                answer = _failed(comm, error)
+    if answer is None:
+        return DONE
     if comm.rank == 0:
+        name = next((word for word in words if word in COMMANDS), None)
         _print(out, name, answer, as_json=as_json)
     return answer.code
 
 
-def _failed(error: BaseException) -> Answer:
+def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
+    """Return what the command answers; None for --help and --version, which are printed here."""
+    try:
+        given = vars(_parser(comm).parse_args(list(words)))
+    except SystemExit:
+        return None
+    with ending_together(comm, lambda error: tell_alone(comm, error)):
+        command = COMMANDS[given["command"]]
+        known = command.described()
+        return command(**{name: value for name, value in given.items() if name in known})(comm)
+
+
+def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
+    """Return the answer of an error; a fault ends all ranks, since others may wait for this one."""
     kind = type(error).__name__
     plain = isinstance(error, UsageError | RunStoppedError)
     text = str(error) if plain else f"{kind}: {error}"
     if isinstance(error, KeyboardInterrupt):
-        text = "stopped"
+        text = told = "stopped"
+    else:
+        told = f"rank {comm.rank}: {''.join(traceback.format_exception(error))}"
+    code = exit_code(error)
+    if code == INTERNAL or (code == INTERRUPTED and comm.size > 1):
+        print(told, file=sys.stderr, flush=True)
+        if comm.size > 1:
+            comm.Abort(code)
     names = {"file": "path", "line": "line", "key": "key"}
-    found = {name: getattr(error, of, None) for name, of in names.items()}
-    places = {name: place for name, place in found.items() if place is not None}
-    figures = {"error": {"type": kind, "message": str(error), **places}}
-    return Answer(text, figures, exit_code(error))
+    places = {name: getattr(error, of, None) for name, of in names.items()}
+    known = {name: place for name, place in places.items() if place is not None}
+    return Answer(text, {"error": {"type": kind, "message": str(error), **known}}, code)
 
 
 def _print(out: TextIO, name: str | None, answer: Answer, *, as_json: bool) -> None:
@@ -143,26 +161,9 @@ def _parser(comm: MPI.Comm) -> SuggestingParser:
         sub.epilog = f"examples:\n{examples}"
         add_options(sub, command)
         group = sub.add_argument_group("output of the command")
-        group.add_argument(
-            "--json",
-            action="store_true",
-            help="print the result as JSON on stdout, and all else on stderr; default no",
-        )
-        group.add_argument(
-            "--quiet", action="store_true", help="no progress, only warnings; default no"
-        )
+        for flag, text in OUTPUT.items():
+            group.add_argument(flag, action="store_true", help=text)
     return parser
-
-
-@contextlib.contextmanager
-def _stdout_free(*, as_json: bool, quiet: bool) -> Iterator[None]:
-    """Keep what is printed meanwhile from stdout: it goes to stderr, or nowhere."""
-    if quiet:
-        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-            yield
-    else:
-        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            yield
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from toros_fem.base.keys import OneOf, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
-from toros_fem.cli.scene_files.materials import KIND_OF, roles_of
+from toros_fem.cli.scene_files.materials import KIND_OF, names_of
 from toros_fem.cli.scene_files.schema import scene_schema
 from toros_fem.cli.scene_files.writing import scene_text, short_scene_text
 from toros_fem.materials.library.files import named, read_library
@@ -63,12 +63,13 @@ class New(Command):
         names = {role: name for role, name in given.items() if name is not None}
         if self.all and names:
             raise UsageError("toros new: --all writes numbers of materials; give no names with it.")
-        if unknown := set(names) - set(roles_of(kind)):
+        if unknown := names.keys() - names_of(kind):
             raise UsageError(f"toros new: scenes of the kind {kind.KIND!r} have no {min(unknown)}.")
         library = read_library(comm=comm) if names else {}
         for role, name in names.items():
             named(library, name, KIND_OF[role])
-        texts = {path: scene_text(kind) if self.all else short_scene_text(kind, names)}
+        whole = scene_text(kind.example(), kind.EXAMPLE_FILES)
+        texts = {path: whole if self.all else short_scene_text(kind, names)}
         if self.schema:
             beside = path.with_suffix(".schema.json")
             texts[path] = f"#:schema ./{beside.name}\n{texts[path]}"

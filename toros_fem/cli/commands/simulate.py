@@ -37,14 +37,12 @@ class Simulate(RunCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate in the run's folder (collective)."""
-        from toros_fem.cli.command_line.running import action_of
+        from toros_fem.cli.command_line.running import files_of
 
         scene = self.scene(comm)
-        _, files = action_of(scene, "simulate")
         if self.pattern is not None:
-            if "pattern" not in files:
-                raise UsageError(
-                    f"toros simulate: scenes of the kind {scene.kind.KIND!r} take no --pattern."
-                )
+            if "pattern" not in files_of(scene, "simulate"):
+                kind = scene.kind.KIND
+                raise UsageError(f"toros simulate: scenes of the kind {kind!r} take no --pattern.")
             scene = replace(scene, files={**scene.files, "pattern": self.pattern})
         return self.run(comm, scene, "simulate")

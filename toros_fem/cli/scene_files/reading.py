@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NoReturn
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, ParameterError, SceneError
-from toros_fem.base.keys import NONE, Key, Table, nearest, plain_value
+from toros_fem.base.keys import Key, Table, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, read_text
-from toros_fem.base.toml_files.lines import Place, line_of
-from toros_fem.cli.scene_files.materials import (
-    FILE,
-    KIND_OF,
-    TABLE,
-    numbers_of,
-    roles_of,
-    values_of,
-)
+from toros_fem.base.toml_files.lines import Place
+from toros_fem.cli.scene_files.layout import FILES, LIBRARY, QUICK, keys_of
+from toros_fem.cli.scene_files.materials import KIND_OF, numbers_of
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
@@ -49,7 +42,7 @@ class SceneFile:
     config: Scene
     files: Mapping[str, Path]
     lines: Mapping[str, int]
-    materials: Mapping[str, LibraryMaterial] = field(default_factory=dict)
+    materials: Mapping[str, LibraryMaterial]
 
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
@@ -103,39 +96,13 @@ def read_scene(
         return read_text(path, "a scene file", SceneError)
 
     found = text() if comm is None else on_first_rank(comm, text)
-    return _Reader(path, found).scene(comm, coarse, [_split(change) for change in changes])
+    return _Reader(path, found).scene(comm, coarse, changes)
 
 
-@dataclass(frozen=True)
-class _Change:
-    """A change "TABLE.KEY=VALUE" of the command line.
-
-    Attributes:
-        text: As it was given.
-        table, key: What it changes; the table may be missing.
-        value: The value, as a file would hold it.
-    """
-
-    text: str
-    table: str
-    key: str
-    value: Any
-
-
-# Where a value is given: a place of the file, or a change.
-_Origin = Place | _Change
-# Values by their keys, each with where it is given.
-_Layer = dict[str, tuple[_Origin, Any]]
-
-
-def _split(change: str) -> _Change:
-    key, equals, text = change.partition("=")
-    table, _, name = key.strip().rpartition(".")
-    if not equals or not name:
-        raise SceneError(
-            f"change {change!r}: write KEY=VALUE, design.seed=3 for instance.", key=name
-        )
-    return _Change(change, table, name, plain_value(text))
+# Stands for the table of keys that the command line changes.
+CHANGED = "--set"
+# Values by their keys.
+_Values = dict[str, Any]
 
 
 class _Reader(Document):
@@ -143,183 +110,148 @@ class _Reader(Document):
 
     Attributes:
         kind: Its kind.
-        sections, homes: Keys of each table that stands once, and the table of each key.
-        origins: Where each value is given.
-        numbers, materials: Values that were given, and materials by their roles.
+        keys: Keys of each table that stands once.
+        homes: The table of each key of the scene.
+        apart: Tables that hold no keys of the scene.
+        changes: Changes of the command line, by the place of the content that they were put to.
     """
 
     def __init__(self, path: Path, text: str) -> None:
         super().__init__(path, text, SceneError)
-        self.kind = self._kind()
-        self.sections = {name: list(of.described()) for name, of in self.kind.tables().items()}
-        if roles := roles_of(self.kind):
-            self.sections[TABLE] = [*roles, *self.sections[TABLE]]
-        self.homes = {key: table for table, keys in self.sections.items() for key in keys}
-        self.origins: dict[str, _Origin] = {}
-        self.numbers: dict[str, Any] = {}
-        self.materials: dict[str, LibraryMaterial] = {}
-        self.library: Mapping[str, LibraryMaterial] = {}
+        self.changes: dict[Place, str] = {}
+        name = self.content.get("kind")
+        if name is None:
+            known = ", ".join(KINDS)
+            self.fail((), f'it names no kind. Begin with kind = "bend", or one of {known}.')
+        if not isinstance(name, str) or name not in KINDS:
+            self.fail(("kind",), f"{name!r} is no kind; {nearest(name, KINDS)}")
+        self.kind = KINDS[name]
+        self.keys = keys_of(self.kind)
+        tables = [table for table in self.keys if table not in (FILES, QUICK)]
+        self.homes = {key: table for table in tables for key in self.keys[table]}
+        self.apart = (FILES, *self.kind.entries())
 
-    def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[_Change]) -> SceneFile:
-        tables = ["kind", *self.sections, *self.kind.entries(), "files", "coarse"]
-        for name, value in self.content.items():
-            word = "table" if isinstance(value, dict | list) else "key"
-            self.require_known((name,), name, tables, word, self.homes)
-        files = self.files(changes)
-        if roles_of(self.kind):
-            path, _ = files.pop(FILE, (None, None))
-            self.library = read_library(*([] if path is None else [path]), comm=comm)
-        of_file, of_quick, over = _Layer(), _Layer(), _Layer()
-        for section, keys in {**self.sections, "coarse": list(self.homes)}.items():
-            layer = of_quick if section == "coarse" else of_file
-            for name, value in self.table(section).items():
-                self.read(layer, (section, name), name, value, keys)
-        for name, of in self.kind.entries().items():
-            of_file[name] = (name,), self.entries(name, of)
-        config = self.updated(self.kind(), of_file)
-        if coarse:
-            config = self.updated(config, of_quick, quick=True)
-        for change in (one for one in changes if one.table != "files"):
-            if change.table in self.kind.entries():
-                now = over.get(change.table, of_file[change.table])[1]
-                over[change.table] = change, self.changed_entry(change, now)
-                continue
-            if change.table:
-                known = [*self.sections, *self.kind.entries(), "files"]
-                self.require_known(change, change.table, known, "table", self.homes)
-            keys = self.sections.get(change.table, list(self.homes))
-            self.read(over, change, change.key, change.value, keys)
-        config = self.updated(config, over)
-        there = {name: path for name, (path, _) in files.items() if path is not None}
-        lines = {name: line for name, (_, line) in files.items() if line is not None}
-        return SceneFile(self.path, self.kind, config, there, lines, self.materials)
-
-    def fail(self, place: _Origin, message: str) -> NoReturn:
+    def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the error of a key of the file, or of a change."""
-        if isinstance(place, _Change):
-            raise SceneError(f"change {place.text!r}: {message}", key=place.key) from None
+        if place in self.changes:
+            text, key = self.changes[place], str(place[-1])
+            raise SceneError(f"change {text!r}: {message}", key=key) from None
         super().fail(place, message)
 
-    def _kind(self) -> type[Scene]:
-        if "kind" not in self.content:
-            known = ", ".join(KINDS)
-            raise SceneError(
-                f'{self.path}: it names no kind. Begin with kind = "bend", or one of {known}.',
-                self.path,
-                key="kind",
-            )
-        name = self.content["kind"]
-        if not isinstance(name, str) or name not in KINDS:
-            self.fail(("kind",), f"{name!r} is no kind; {nearest(str(name), KINDS)}")
-        return KINDS[name]
+    def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[str]) -> SceneFile:
+        """Return the scene, with changes that stand over the file and its quick variant."""
+        entries = self.kind.entries()
+        for name, value in self.content.items():
+            word = "table" if isinstance(value, dict | list) else "key"
+            self.require_known((name,), name, ["kind", *self.keys, *entries], word)
+        for text in changes:
+            self.change(text)
+        self.keys[CHANGED] = self.keys[QUICK]
+        tables = {
+            name: self.table((name,), self.content.get(name, {}), keys)
+            for name, keys in self.keys.items()
+        }
+        files, quick, over = tables[FILES], tables[QUICK], tables[CHANGED]
+        given = {key: tables[at][key] for key, at in self.homes.items() if key in tables[at]}
+        given |= {name: self.rows(name, of) for name, of in entries.items()}
 
-    def table(self, name: str) -> dict[str, Any]:
-        found = self.content.get(name, {})
-        if not isinstance(found, dict):
-            self.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
-        return found
+        own = files.pop(LIBRARY, None)
+        if LIBRARY in self.keys[FILES]:
+            library = read_library(*([] if own is None else [own]), comm=comm)
+            for table, values in (("", given), (QUICK, quick), (CHANGED, over)):
+                self.name_materials(table, values, library)
+        layers = [("", given)]
+        if coarse:
+            layers += [("", self.quick(given)), (QUICK, quick)]
+        config, materials = self.resolved([*layers, (CHANGED, over)])
+        files = {name: path for name, path in files.items() if path is not None}
+        places = [(FILES, name) for name in files if (FILES, name) not in self.changes]
+        lines = {place[1]: self.lines[place] for place in places if place in self.lines}
+        return SceneFile(self.path, self.kind, config, files, lines, materials)
 
-    def require_known(
-        self,
-        place: _Origin,
-        name: str,
-        names: Sequence[str],
-        word: str = "key",
-        homes: Mapping[str, str] = MappingProxyType({}),
-    ) -> None:
-        """Check that a key is known here; the error names the nearest one, or its home."""
-        if name in names:
-            return
-        near = difflib.get_close_matches(name, names, n=1)
-        far = [] if near else difflib.get_close_matches(name, homes, n=1)
-        advice = nearest(name, names)
+    def change(self, text: str) -> None:
+        """Put a change TABLE.KEY=VALUE, whose table may be missing, into the content."""
+        name, equals, value = text.partition("=")
+        table, _, key = name.strip().rpartition(".")
+        if not equals or not key:
+            advice = "write KEY=VALUE, design.seed=3 for instance."
+            raise SceneError(f"change {text!r}: {advice}", key=key)
+        known = [one for one in (*self.keys, *self.kind.entries()) if one != QUICK]
+        at: Place = (table if table in self.apart else CHANGED,)
+        self.changes[*at, key] = text
+        if table:
+            self.require_known((*at, key), table, known, "table")
+        if at == (CHANGED,):
+            self.require_known((*at, key), key, self.keys[table or QUICK])
+        home = self.content.setdefault(str(at[0]), {})
+        if isinstance(home, list):
+            if len(home) != 1:
+                self.fail((*at, key), f"the file has {len(home)} tables {table}; edit it.")
+            at, home = (table, 0), home[0]
+            self.changes[*at, key] = text
+        if isinstance(home, dict):  # otherwise the table is refused
+            home[key] = plain_value(value)
+
+    def advice(self, place: Place, name: str, known: Collection[str]) -> str:
+        """Return the nearest known word, or the table in which a key stands."""
+        homes = {} if place[0] in self.apart else self.homes
+        near, far = (difflib.get_close_matches(name, words, n=1) for words in (known, homes))
         if name in homes:
-            advice = f"it stands in the table [{homes[name]}]."
-        elif far:
-            advice = f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
-        self.fail(place, f"unknown {word} {name!r}; {advice}")
+            return f"it stands in the table [{homes[name]}]."
+        if far and not near:
+            return f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
+        return nearest(name, known)
 
-    def read(
-        self, layer: _Layer, place: _Origin, name: str, value: Any, names: Sequence[str]
-    ) -> None:
-        """Add a value to a layer: in its unit, or the material of a name."""
-        self.require_known(place, name, names, homes=self.homes)
-        if name not in KIND_OF:
-            layer[name] = place, self.value(self.kind.described()[name], place, value)
-        elif not isinstance(value, str):
-            self.fail(place, f"{value!r} must be the name of a material, in quotes.")
-        else:
-            try:
-                layer[name] = place, named(self.library, value, KIND_OF[name])
-            except LibraryError as caught:
-                self.fail(place, str(caught))
-
-    def value(self, key: Key, place: _Origin, value: Any) -> Any:
-        try:
-            return key.read(value)
-        except ParameterError as caught:
-            self.fail(place, str(caught))
-
-    def entries(self, name: str, of: type[Table]) -> tuple[Table, ...]:
-        """Return the entries of a table that may stand several times, as [name] or [[name]]."""
-        given = self.content.get(name, [])
-        tables = [given] if isinstance(given, dict) else given
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
-        found, keys = [], of.described()
-        for k, table in enumerate(tables):
-            at: Place = (name,) if isinstance(given, dict) else (name, k)
-            for key in table:
-                self.require_known((*at, key), key, list(keys))
-            values = {key: self.value(keys[key], (*at, key), v) for key, v in table.items()}
-            try:
-                found.append(of(**values))
-            except ParameterError as caught:
-                self.fail((*at, caught.key or "") if caught.key in table else at, str(caught))
-        return tuple(found)
-
-    def changed_entry(self, change: _Change, now: Sequence[Table]) -> tuple[Table, ...]:
-        """Return the entry of a table that stands once at most, with another value."""
-        of = self.kind.entries()[change.table]
-        self.require_known(change, change.key, list(of.described()))
-        if len(now) > 1:
-            self.fail(change, f"the file has {len(now)} tables {change.table}; edit it.")
-        value = {change.key: self.value(of.described()[change.key], change, change.value)}
-        try:
-            return (now[0].updated(**value) if now else of(**value),)
-        except ParameterError as caught:
-            self.fail(change, str(caught))
-
-    def files(self, changes: Sequence[_Change]) -> dict[str, tuple[Path | None, int | None]]:
-        """Return path and line of each file that is named, or changed; None for none."""
-        known = [*self.kind.files(), *([FILE] if roles_of(self.kind) else [])]
-        given: _Layer = {n: (("files", n), value) for n, value in self.table("files").items()}
-        given |= {one.key: (one, one.value) for one in changes if one.table == "files"}
-        found: dict[str, tuple[Path | None, int | None]] = {}
-        for name, (place, value) in given.items():
-            self.require_known(place, name, known)
-            if not isinstance(value, str) or not value or "\0" in value:
-                self.fail(place, f"{value!r} must be a path, in quotes.")
-            if isinstance(place, _Change):  # relative to the current folder
-                path, line = Path(value), None
-            else:
-                path, line = self.path.parent / value, line_of(self.lines, place)
-            found[name] = (None, None) if value == NONE else (path, line)
+    def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> _Values:
+        """Return the values of the table at a place; paths of the file are relative to it."""
+        found = super().table(at, content, keys)
+        for name, path in found.items():
+            if isinstance(path, Path) and (*at, name) not in self.changes:
+                found[name] = self.path.parent / path
         return found
 
-    def updated(self, config: Scene, layer: _Layer, *, quick: bool = False) -> Scene:
-        """Return a configuration, or its quick variant, with values that may not fit each other."""
-        self.origins |= {name: place for name, (place, _) in layer.items()}
-        values = {name: value for name, (_, value) in layer.items()}
+    def rows(self, name: str, of: type[Table]) -> list[Table]:
+        """Return the tables of a name, which may stand once as [name], or as several [[name]]."""
+        content, found = self.content.get(name, []), list[Table]()
+        listed = [content] if isinstance(content, dict) else content
+        if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
+        for number, one in enumerate(listed):
+            at: Place = (name,) if one is content else (name, number)
+            found.append(self.made(of, at, self.table(at, one, of.described())))
+        return found
+
+    def name_materials(
+        self, table: str, values: _Values, library: Mapping[str, LibraryMaterial]
+    ) -> None:
+        """Put the materials of a library in the place of their names."""
         for role in (role for role in KIND_OF if role in values):
-            self.materials[role] = entry = values.pop(role)
-            for name in values_of(role, entry):  # of an earlier layer
-                self.numbers.pop(name, None)
-        self.numbers |= values
+            try:
+                values[role] = named(library, values[role], KIND_OF[role])
+            except LibraryError as caught:
+                self.fail((table or self.homes[role], role), str(caught))
+
+    def quick(self, given: _Values) -> _Values:
+        """Return what the quick variant of the file's scene changes."""
+        config, _ = self.resolved([("", given)])
+        quick = config.coarse()
+        changed = {key: quick.value(key) for key in config.described()}
+        return {key: value for key, value in changed.items() if value != config.value(key)}
+
+    def resolved(
+        self, layers: Sequence[tuple[str, _Values]]
+    ) -> tuple[Scene, dict[str, LibraryMaterial]]:
+        """Return a scene of values that may not fit each other, and its named materials.
+
+        Args:
+            layers: Values, each over those before, and their table; "" for those of the scene.
+        """
+        default = self.kind()
         try:
-            by_name = numbers_of(self.materials, self.numbers, self.kind())
-            return (config.coarse() if quick else config).updated(**by_name, **values)
+            values, materials = numbers_of(default, [values for _, values in layers])
+            return default.updated(**values), materials
         except ParameterError as caught:
-            if caught.key in self.origins:
-                self.fail(self.origins[caught.key], str(caught))
-            raise SceneError(f"{self.path}: {caught}", self.path, key=caught.key) from None
+            tables = [table for table, values in layers if caught.key in values]
+            home = self.homes.get(str(caught.key))
+            place = () if home is None else ((tables or [""])[-1] or home, str(caught.key))
+            self.fail(place, str(caught))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Table, quoted
+from toros_fem.base.keys import Key, Table, quoted
 from toros_fem.base.scene import Scene
-from toros_fem.cli.scene_files.materials import TABLE, roles_of
+from toros_fem.cli.scene_files.layout import HOLDS, MATERIAL, QUICK
+from toros_fem.cli.scene_files.materials import names_of
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import ABOUT
 
@@ -20,21 +22,16 @@ HEAD = """\
 Values have a unit, as in "5 kPa" or "0.6 mm", or are plain numbers: in SI units, angles in degrees,
 and in per cent where the text says so. "none" leaves a thing out. A key behind # has its default
 value: take the # away to change it. Paths are relative to this file."""
-
-
 SHORT = """\
 These are the keys that a new scene changes. `toros new --all` writes the others too, and `toros
 explain KEY` says what one means. Values have a unit, as in "5 kPa", or are in SI units, angles in
 degrees; "none" leaves a thing out. Paths are relative to this file."""
-
-
 DEFAULTS = {"fabric": "jersey-light", "reinforcement": "tpu-95a-on-jersey"}
 EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dragon-skin-20"}
 
 
 def scene_text(
-    kind: type[Scene],
-    config: Scene | None = None,
+    scene: Scene,
     files: Mapping[str, str | Path] | None = None,
     materials: Mapping[str, LibraryMaterial] | None = None,
 ) -> str:
@@ -44,47 +41,28 @@ def scene_text(
     defaults.
 
     Args:
-        kind: The kind.
-        config: Its numbers; None takes those of the kind's example, with its files.
+        scene: The scene.
         files: Files and folders by name; by default None.
         materials: Materials of the library that the numbers come from, as of `SceneFile`; a comment
             names them. By default none.
 
     Raises:
-        ParameterError: The configuration is not that of the kind, or a file is unknown.
+        ParameterError: A file is unknown.
     """
-    if config is None:
-        config, files = kind.example(), {**kind.EXAMPLE_FILES, **(files or {})}
-    if type(config) is not kind:
-        raise ParameterError(
-            f"config is a {type(config).__name__}; a scene of the kind {kind.KIND!r} has a "
-            f"{kind.__name__}."
-        )
-    unknown = sorted(set(files or {}) - set(kind.files()))
-    if unknown:
-        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files())}.")
-    lines = _opening(kind, HEAD, files or {})
-    keys = config.described()
-    for section, of in config.tables().items():
-        lines += ["", *_comment(of.holds()), f"[{section}]"]
-        if section == TABLE:
-            lines += _materials(config, materials or {})
-        for name in of.described():
-            value, default = config.value(name), kind().value(name)
-            hidden = section not in SHOWN and value == default
-            lines += _comment(keys[name].help)
-            lines.append(f"{'#' * hidden}{name} = {keys[name].written(value)}")
-        if section == "skin":
-            for name, several in config.entries().items():
-                lines += _entries(name, several, getattr(config, name))
-    lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
-    lines.append("[coarse]")
-    quick = config.coarse()
-    lines += [
-        f"#{name} = {keys[name].written(quick.value(name))}"
-        for name in keys
-        if quick.value(name) != config.value(name)
-    ]
+    default, quick, known = type(scene)(), scene.coarse(), scene.described()
+
+    def every(table: str, keys: Sequence[Key]) -> list[str]:
+        lines = _materials(scene, materials or {}) if table == MATERIAL else []
+        for one in keys:
+            value = scene.value(one.name)
+            hidden = table not in SHOWN and value == default.value(one.name)
+            lines += [*_comment(one.help), _line(one, value, hidden=hidden)]
+        return lines
+
+    lines = _text(scene, HEAD, files or {}, every)
+    lines += ["", *_comment(HOLDS[QUICK]), f"[{QUICK}]"]
+    changed = [one for name, one in known.items() if quick.value(name) != scene.value(name)]
+    lines += [_line(one, quick.value(one.name), hidden=True) for one in changed]
     return "\n".join(lines) + "\n"
 
 
@@ -95,43 +73,54 @@ def short_scene_text(kind: type[Scene], names: Mapping[str, str] | None = None) 
         kind: The kind.
         names: Names of materials by their roles; without, those of the default numbers.
     """
-    config = kind.example()
-    lines = _opening(kind, SHORT, kind.EXAMPLE_FILES)
+    scene = kind.example()
     # The default print is one sheet with the default fabric; on another one it is a layer.
-    default = EXAMPLES if "fabric" in (names or {}) else DEFAULTS
-    roles = [role for role in DEFAULTS if role in roles_of(config)]
-    named = {**{role: default[role] for role in roles}, **(names or {})}
-    for section, of in config.tables().items():
-        few = [key for key in of.described().values() if key.name in config.FEW]
-        if few or (section == TABLE and named):
-            lines += ["", *_comment(of.holds()), f"[{section}]"]
-        if section == TABLE:
-            lines += [f"{role} = {quoted(name)}" for role, name in named.items()]
-        for key in few:
-            lines += [*_comment(key.help), f"{key.name} = {key.written(config.value(key.name))}"]
-        if section == "skin":
-            for name, several in config.entries().items():
-                lines += _entries(name, several, getattr(config, name))
-    return "\n".join(lines) + "\n"
+    usual = EXAMPLES if "fabric" in (names or {}) else DEFAULTS
+    named = {role: usual[role] for role in names_of(kind) if role in DEFAULTS} | dict(names or {})
+
+    def few(table: str, keys: Sequence[Key]) -> list[str]:
+        lines = [f"{role} = {quoted(name)}" for role, name in named.items()]
+        lines = lines if table == MATERIAL else []
+        for one in (one for one in keys if one.name in kind.FEW):
+            lines += [*_comment(one.help), _line(one, scene.value(one.name))]
+        return lines
+
+    return "\n".join(_text(scene, SHORT, kind.EXAMPLE_FILES, few)) + "\n"
 
 
-def _opening(kind: type[Scene], text: str, files: Mapping[str, str | Path]) -> list[str]:
-    """Return what a file begins with: its kind and its files, after a comment."""
-    about = ABOUT[kind.KIND]
-    lines = [*_comment(f"{about[0].upper()}{about[1:]}."), *_comment(text), ""]
-    lines.append(f'kind = "{kind.KIND}"')
-    lines += ["", "[files]"] if kind.files() else []
-    for name, text in kind.files().items():
+def _text(
+    scene: Scene,
+    head: str,
+    files: Mapping[str, str | Path],
+    lines_of: Callable[[str, Sequence[Key]], list[str]],
+) -> list[str]:
+    """Return the lines of a file: kind, files, and the tables that have lines.
+
+    Raises:
+        ParameterError: A file is unknown.
+    """
+    about, known = ABOUT[scene.KIND], scene.files()
+    if unknown := sorted(files.keys() - known):
+        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(known)}.")
+    lines = [*_comment(f"{about[0].upper()}{about[1:]}."), *_comment(head), ""]
+    lines += [f'kind = "{scene.KIND}"', *(["", "[files]"] if known else [])]
+    for name, text in known.items():
         path = files.get(name)
-        lines += _comment(text)
-        lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
+        named = f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}"
+        lines += [*_comment(text), named]
+    for table, of in scene.tables().items():
+        if found := lines_of(table, list(of.described().values())):
+            lines += ["", *_comment(of.holds()), f"[{table}]", *found]
+        if table == "skin":
+            for name, several in scene.entries().items():
+                lines += _entries(name, several, getattr(scene, name))
     return lines
 
 
-def _materials(config: Scene, materials: Mapping[str, LibraryMaterial]) -> list[str]:
+def _materials(scene: Scene, materials: Mapping[str, LibraryMaterial]) -> list[str]:
     """Return comments on names of materials: those that numbers come from, or how to name any."""
     if not materials:
-        names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in roles_of(config))
+        names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in names_of(type(scene)))
         return _comment(
             f"Materials may also come by name, in the place of these numbers: {names}. `toros "
             "materials` lists them. A file of your own is named by materials = "
@@ -146,20 +135,22 @@ def _materials(config: Scene, materials: Mapping[str, LibraryMaterial]) -> list[
 
 
 def _entries(name: str, of: type[Table], values: Sequence[Table]) -> list[str]:
-    """Return the tables of a field that holds several configurations."""
+    """Return the tables of a name that may stand several times."""
     lines = ["", *_comment(f"{of.holds()}; one table [{name}], or several [[{name}]]")]
     keys = of.described().values()
     for one in keys:
         lines += _comment(f"{one.name}: {one.help}")
     if not values:
-        lines.append(f"#[{name}]")
-        lines += [f"#{one.name} = {one.written(one.default)}" for one in keys]
+        lines += [f"#[{name}]", *(_line(one, one.default, hidden=True) for one in keys)]
     for value in values:
         lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
-        for one in keys:
-            own = getattr(value, one.name)
-            lines.append(f"{'#' * (own == one.default)}{one.name} = {one.written(own)}")
+        own = ((one, value.value(one.name)) for one in keys)
+        lines += [_line(one, found, hidden=found == one.default) for one, found in own]
     return lines
+
+
+def _line(one: Key, value: Any, *, hidden: bool = False) -> str:
+    return f"{'#' * hidden}{one.name} = {one.written(value)}"
 
 
 def _comment(text: str) -> list[str]:

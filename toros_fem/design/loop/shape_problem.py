@@ -9,11 +9,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
-from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import dot
+from toros_fem.base.mpi import dot, largest
 from toros_fem.base.validation import real_numbers, require_between, require_positive, shown
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import Filter
@@ -165,7 +164,7 @@ class ShapeProblem(DesignProblem[Equilibrium]):
 
     def metrics_of(self, response: Equilibrium) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
-        return self._metrics_at(response.positions)
+        return self.metrics_at(response.positions)
 
     def with_printed_spread(self, printed: Floats, evaluation: Evaluation[Equilibrium]) -> Self:
         """Return the same problem, which knows how far prints of a design are apart.
@@ -198,7 +197,7 @@ class ShapeProblem(DesignProblem[Equilibrium]):
             **{n: found for n, found in zip(names, metrics, strict=True)},
         }
 
-    def _metrics_at(self, owned: Floats) -> dict[str, float]:
+    def metrics_at(self, owned: Floats) -> dict[str, float]:
         """Return the values of all metrics for positions of the owned nodes (collective)."""
         if not self.metrics:
             return {}
@@ -218,7 +217,7 @@ class ShapeProblem(DesignProblem[Equilibrium]):
             changes: δρ̄ at owned triangles, one array for each derivative.
         """
         equilibrium, model = evaluation.equilibrium, self.solver.model
-        state, comm = equilibrium.state, self.skin.comm
+        state = equilibrium.state
         self.solver.tangent_at(equilibrium)
         force = model.residual(state)
         found: dict[str, list[float]] = {metric.key: [] for metric in self.metrics}
@@ -230,16 +229,18 @@ class ShapeProblem(DesignProblem[Equilibrium]):
             else:
                 push = -model.density_variation(state, change)
             motion = self.solver.solve_tangent(push, equilibrium)
-            moved = model.positions(motion)
-            largest = comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
-            step = METRIC_STEP * self.skin.pattern.size / largest if largest > 0 else 1.0
-            ends = [
-                self._metrics_at(equilibrium.positions + sign * step * moved) for sign in (1, -1)
-            ]
-            for key, values in found.items():
-                values.append((ends[0][key] - ends[1][key]) / (2 * step))
+            for key, slope in self.metrics_along(equilibrium, motion).items():
+                found[key].append(slope)
         model.set_density(evaluation.projected)
         return {key: np.array(values) for key, values in found.items()}
+
+    def metrics_along(self, at: Equilibrium, motion: Floats) -> dict[str, float]:
+        """Return the derivatives of all metrics along a motion of the state (collective)."""
+        moved = self.solver.model.positions(motion)
+        way = largest(self.skin.comm, float(np.abs(moved).max(initial=0.0)))
+        step = METRIC_STEP * self.skin.pattern.size / way if way > 0 else 1.0
+        less, more = (self.metrics_at(at.positions + sign * step * moved) for sign in (-1, 1))
+        return {key: (more[key] - less[key]) / (2 * step) for key in more}
 
     def shape_of(self, response: Equilibrium) -> Floats:
         """Return the positions of all assembled vertices, (n, 3), in m (collective)."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import MISSING
-from importlib.resources import as_file, files
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, OutputError, ParameterError
+from toros_fem.base.errors import LibraryError, OutputError
 from toros_fem.base.files import replace_file
 from toros_fem.base.keys import nearest
 from toros_fem.base.mpi import on_first_rank
@@ -20,7 +20,7 @@ from toros_fem.base.toml_files.lines import key_lines
 from toros_fem.base.validation import checked_path, require_kind
 from toros_fem.materials.library.material import LibraryMaterial
 
-WHAT, SHIPPED = "a file of materials", "materials.toml"
+WHAT, SHIPPED = "a file of materials", Path(__file__).with_name("materials.toml")
 HEAD = "# Materials of one's own. Scenes name this file by: materials, in their table [files].\n"
 # Keys of a material in a file, where its name is that of the table.
 KEYS = {name: one for name, one in LibraryMaterial.described().items() if name != "name"}
@@ -37,14 +37,10 @@ def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[st
         LibraryError: A file cannot be read, or a key or value is wrong; with file, line and key.
             It is raised on all ranks.
     """
-    places = [checked_path("path", path, LibraryError) for path in paths]
+    places = [SHIPPED, *(checked_path("path", path, LibraryError) for path in paths)]
 
     def read() -> dict[str, LibraryMaterial]:
-        with as_file(files(__package__) / SHIPPED) as shipped:
-            found = read_materials(shipped)
-        for path in places:
-            found |= read_materials(path)
-        return found
+        return {name: one for path in places for name, one in read_materials(path).items()}
 
     return read() if comm is None else on_first_rank(comm, read)
 
@@ -129,20 +125,12 @@ def material_text(entry: LibraryMaterial) -> str:
     return "\n".join([f"[{entry.name}]", *lines, ""])
 
 
-def _entry(document: Document, name: str, values: Any) -> LibraryMaterial:
-    if not isinstance(values, dict):
-        document.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
-    for key in values:
-        if key not in KEYS:
-            document.fail((name, key), f"unknown key {key!r}; {nearest(key, KEYS)}")
+def _entry(document: Document, name: str, content: Any) -> LibraryMaterial:
+    values = document.table((name,), content, KEYS)
     lacking = [key for key, one in KEYS.items() if one.default is MISSING and key not in values]
     if lacking:
         document.fail((name,), f"it has no {', '.join(lacking)}.")
-    try:
-        given = {key: KEYS[key].read(value) for key, value in values.items()}
-        return LibraryMaterial(name=name, **given)
-    except ParameterError as caught:
-        document.fail((name, caught.key or "") if caught.key in values else (name,), str(caught))
+    return document.made(partial(LibraryMaterial, name=name), (name,), values)
 
 
 def _replaced(text: str, entry: LibraryMaterial) -> str:

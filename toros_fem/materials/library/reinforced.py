@@ -16,11 +16,7 @@ def reinforced(fabric: Material, layer: Material) -> Material:
     with A = Σ Aᵢ, Aᵢ = Eᵢ hᵢ/(1−νᵢ²) and D = Σ Aᵢ hᵢ²/12 + A₁A₂/A · (h₁ + h₂)²/4, the layers
     lying on each other. With equal Poisson's ratios this is classical laminate theory, exactly;
     otherwise Poisson's ratio in bending is that in stretching. Each bound on the stretches is the
-    tighter one of both.
-
-    Args:
-        fabric: The plain fabric.
-        layer: The printed layer alone.
+    tighter one of both. `layer` is the printed layer alone.
     """
     first, second = _stiffnesses(fabric, layer)
     both = first + second
@@ -42,9 +38,6 @@ def print_offset(fabric: Material, layer: Material) -> float:
     """Return the distance in m from the fabric's middle to the neutral plane of `reinforced`.
 
     It is A₂/(A₁ + A₂) · (h₁ + h₂)/2, the `print_offset` of a `Composite` whose print has a side.
-
-    Args:
-        fabric, layer: As of `reinforced`.
     """
     first, second = _stiffnesses(fabric, layer)
     return second / (first + second) * (fabric.thickness + layer.thickness) / 2
@@ -55,7 +48,6 @@ def _stiffnesses(*layers: Material) -> tuple[float, ...]:
     return tuple(m.young * m.thickness / (1 - m.poisson**2) for m in layers)
 
 
-def _tighter(one: float | None, other: float | None) -> float | None:
-    """Return the smaller of two bounds, each of which may be missing."""
-    bounds = [bound for bound in (one, other) if bound is not None]
-    return min(bounds, default=None)
+def _tighter(*bounds: float | None) -> float | None:
+    """Return the smallest of the bounds that there are."""
+    return min((bound for bound in bounds if bound is not None), default=None)

@@ -23,8 +23,7 @@ def table_text(entries: Iterable[LibraryMaterial]) -> str:
     widths = [max(map(len, cells)) for cells in zip(HEADER, *map(row, found), strict=True)]
 
     def line(cells: Sequence[str]) -> str:
-        padded = (f"{cell:{width}}" for cell, width in zip(cells, widths, strict=True))
-        return "  ".join(padded).rstrip()
+        return "  ".join(map(str.ljust, cells, widths)).rstrip()
 
     lines: list[str] = []
     for kind in MATERIAL_KINDS:
@@ -41,10 +40,10 @@ def table_text(entries: Iterable[LibraryMaterial]) -> str:
 
 def material_details(entry: LibraryMaterial) -> str:
     """Return all that is known of a material, as lines for a terminal."""
-    lines = [f"{entry.name}: {entry.title}"]
+    lines, gap = [f"{entry.name}: {entry.title}"], 12 * " "
     for label, text in _cells(entry).items():
         if label != "name":
-            head, gap = f"{label:12s}", 12 * " "
+            head = label.ljust(len(gap))
             lines += textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=gap)
     return "\n".join(lines)
 

@@ -13,10 +13,16 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
-from toros_fem.products.fitting.parameters import Scales, scales_of
+from toros_fem.products.fitting.parameters import scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
-from toros_fem.products.fitting.robust_fit import Model, Solution, remembered, robust_fit
-from toros_fem.products.fitting.samples import Samples, samples_of
+from toros_fem.products.fitting.robust_fit import (
+    Model,
+    Problem,
+    Solution,
+    remembered,
+    robust_fit,
+)
+from toros_fem.products.fitting.samples import samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import tension
@@ -57,18 +63,14 @@ def fit_material(
     """
     options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
-    fit = _Fit(tests, options, _thickness(tests))
+    fit = _Fit(tests, options)
     if strip is None:
-        return fit.result(fit.solve(fit.free, fit.scales.starts), fit.free, 0)
+        return fit.result(fit.free, robust_fit(fit.problem(fit.free), fit.scales.starts))
     require_kind("strip", strip, ClampedStrip, "a ClampedStrip, or None")
     return fit.clamped(strip)
 
 
 def _thickness(tests: Sequence[TensileTest]) -> float:
-    if not isinstance(tests, list | tuple) or not tests:
-        raise ParameterError("tests must be a list of at least one TensileTest.")
-    for test in tests:
-        require_kind("tests", test, TensileTest, "a list of TensileTest")
     heights = [test.thickness for test in tests]
     thickness = float(np.mean(heights))
     if np.ptp(heights) > 0.5 * thickness:
@@ -82,27 +84,28 @@ def _thickness(tests: Sequence[TensileTest]) -> float:
 class _Fit:
     """The fit of some tests, by strips that narrow freely or between clamps."""
 
-    def __init__(self, tests: Sequence[TensileTest], options: FitOptions, thickness: float) -> None:
-        self.options, self.thickness = options, thickness
-        self.samples = samples_of(tests, options)
-        self.scales = scales_of(self.samples)
-        self.free = remembered(partial(free_strips, self.samples, self.scales))
+    def __init__(self, tests: Sequence[TensileTest], options: FitOptions) -> None:
+        self.options, self.samples = options, samples_of(tests, options)
+        self.scales, self.thickness = scales_of(self.samples), _thickness(tests)
+        courses = self.samples.along(self.scales.stiff)
+        coefficients = partial(self.scales.coefficients, course=courses)
+        self.free = remembered(partial(tension, self.samples.strain, coefficients))
 
-    def solve(self, curve: Model, starts: Sequence[Floats]) -> Solution:
-        """Return the fit of a model curve."""
-        problem = self.samples.problem(curve, self.scales.bounds, self.options.loss)
-        return robust_fit(problem, starts)
+    def problem(self, curve: Model) -> Problem:
+        """Return the fit of a model curve to the tests."""
+        return self.samples.problem(curve, self.scales.bounds, self.options.loss)
 
     def clamped(self, strip: ClampedStrip) -> FitResult:
         """Fit and simulate in turns (collective)."""
         top, curve, starts = np.abs(self.samples.stress).max(), self.free, self.scales.starts
         for rounds in range(1, MOST_ROUNDS + 1):
-            solution = on_first_rank(strip.comm, partial(self.solve, curve, starts))
+            solve = partial(robust_fit, self.problem(curve), starts)
+            solution = on_first_rank(strip.comm, solve)
             before, starts = curve(solution.theta)[0][0], [solution.theta]
             curve = self._between_clamps(strip, solution.theta)
             change = np.abs(curve(solution.theta)[0][0] - before).max() / top
             if change <= SAME:
-                found = partial(self.result, solution, curve, rounds)
+                found = partial(self.result, curve, solution, rounds)
                 return on_first_rank(strip.comm, found)
         raise MeasurementError(
             f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by {change:.1%} of "
@@ -112,17 +115,15 @@ class _Fit:
     def _between_clamps(self, strip: ClampedStrip, theta: Floats) -> Model:
         """Return the curve of free strips with what clamps change at some parameters."""
         values = self.scales.values(theta, self.thickness)
-        sheet = Material(values["young"], values["poisson"], self.thickness)
+        ratio = max(values.get("knit_ratio", 1.0), 1.0)
+        young, poisson, c1, c2 = (values[name] for name in ("young", "poisson", "c1", "c2"))
+        sheet = Material(young, poisson, self.thickness, c1, c2)
         factor, shift = np.ones((2, len(self.samples.strain))), 0.0 * self.samples.strain
         for name in dict.fromkeys(self.samples.direction):
             rows = self.samples.along(name)
+            way = "course" if name == self.scales.stiff else "wale"
             factor[0, rows], shift[rows] = strip.correction(
-                sheet,
-                values["c1"],
-                values["c2"],
-                self.samples.strain[rows],
-                knit_ratio=max(values.get("knit_ratio", 1.0), 1.0),
-                direction="course" if name == self.scales.stiff else "wale",
+                sheet, self.samples.strain[rows], knit_ratio=ratio, direction=way
             )
 
         def curve(theta: Floats) -> tuple[Floats, Floats]:
@@ -131,24 +132,23 @@ class _Fit:
 
         return curve
 
-    def result(self, solution: Solution, curve: Model, rounds: int) -> FitResult:
+    def result(self, curve: Model, solution: Solution, rounds: int = 0) -> FitResult:
         """Return the result of a fit, with its intervals."""
-        samples, scales, options = self.samples, self.scales, self.options
-        problem = samples.problem(curve, scales.bounds, options.loss)
+        scales, options, problem = self.scales, self.options, self.problem(curve)
         solution = Solution(solution.theta, solution.sigma, *problem.model(solution.theta))
         if options.intervals == "bootstrap":
-            drawn = bootstrap_draws(problem, solution, samples, options.draws, options.seed)
+            drawn = bootstrap_draws(problem, solution, self.samples, options.draws, options.seed)
         else:
             drawn = hessian_draws(problem, solution, max(options.draws, 4000), options.seed)
         (stress, lateral), _ = curve(solution.theta)
-        low, high = (scales.values(end, self.thickness) for end in scales.bounds)
+        far, near = (scales.values(end, self.thickness) for end in scales.bounds)
         return FitResult(
             estimates=estimates_of(
                 scales.values(solution.theta, self.thickness),
                 scales.values(drawn.T, self.thickness),
-                {name: (high[name], low[name]) for name in ("c1", "c2")},
+                {name: (near[name], far[name]) for name in ("c1", "c2")},
             ),
-            samples=samples,
+            samples=self.samples,
             stress=stress,
             lateral=lateral,
             options=options,
@@ -156,9 +156,3 @@ class _Fit:
             stiff=scales.stiff,
             rounds=rounds,
         )
-
-
-def free_strips(samples: Samples, scales: Scales, theta: Floats) -> tuple[Floats, Floats]:
-    """Return stress and lateral stretch of all points, (2, n), and their derivatives, (2, n, p)."""
-    coefficients = partial(scales.coefficients, course=samples.along(scales.stiff))
-    return tension(samples.strain, coefficients, theta)

@@ -61,7 +61,7 @@ def bootstrap_draws(
         data = (solution.values + _drawn(curves, residuals, rng) for _ in range(draws))
         again = (replace(problem, measured=measured) for measured in data)
         return np.array([minimise(one, theta, sigma)[0] for one in again])
-    test = np.tile(samples.test, 2)[samples.entries]
+    test = samples.test[samples.entries % len(samples.strain)]
     found = []
     for _ in range(draws):
         drawn = np.concatenate([rng.choice(group, len(group)) for group in groups])
@@ -74,10 +74,7 @@ def bootstrap_draws(
 
 
 def _shrinkage(jacobian: Floats) -> Floats:
-    """Return by which factor each residual is smaller than the error that it comes from, √(1 − h).
-
-    h is the leverage of a point: its share in its own fitted value.
-    """
+    """Return each residual over the error that it comes from, √(1 − h), h a point's leverage."""
     basis, size, _ = np.linalg.svd(jacobian, full_matrices=False)
     kept = basis[:, size > 1e-8 * size[0]]
     return np.asarray(np.sqrt(np.maximum(1 - np.sum(kept**2, axis=1), 0.1)))
@@ -86,10 +83,7 @@ def _shrinkage(jacobian: Floats) -> Floats:
 def _drawn(
     curves: Sequence[tuple[Sequence[Ints], float]], residuals: Floats, rng: np.random.Generator
 ) -> Floats:
-    """Return residuals drawn again along each curve, with the correlation of neighbours.
-
-    Each is rₖ = ρ rₖ₋₁ + eₖ; the eₖ are drawn, of each test and kind of value apart.
-    """
+    """Return residuals drawn again along each curve: rₖ = ρ rₖ₋₁ + eₖ, of which eₖ are drawn."""
     out = np.empty_like(residuals)
     for rows_of_tests, rho in curves:
         for rows in rows_of_tests:
@@ -101,16 +95,14 @@ def _drawn(
 
 
 def _curves(samples: Samples) -> list[list[Ints]]:
-    """Return what each curve has in the entries, by its stretch: curves of stress, and others."""
-    count, entries = len(samples.strain), samples.entries
-    point = entries % count
+    """Return the entries of each curve, by its stretch: curves of stress, and lateral ones."""
+    kind, point = np.divmod(samples.entries, len(samples.strain))
     order = np.argsort(samples.strain[point], kind="stable")
-    found = []
-    for kind in (0, 1):
-        rows = order[entries[order] // count == kind]
-        own = [rows[samples.test[point[rows]] == k] for k in range(len(samples.direction))]
-        found.append([one for one in own if len(one)])
-    return found
+    curve = kind * len(samples.direction) + samples.test[point]
+    return [
+        [order[curve[order] == number] for number in np.unique(curve[kind == one])]
+        for one in (0, 1)
+    ]
 
 
 def correlation(curves: Sequence[Floats]) -> float:

@@ -73,7 +73,7 @@ class Scales:
     def coefficients(self, theta: Any, course: Bools) -> Coefficients:
         """Return the coefficients of eq. (1), in N/m, of pulls along and across the courses."""
         young, poisson = np.exp(theta[0]), theta[1]
-        mu, lam = young / (2 * (1 + poisson)), young * poisson / (1 - poisson**2)
+        mu, lam = _lame(young, poisson)
         a, b = theta[2] / self.strain**2, theta[3] / self.z**2
         if self.stiff is None:
             return Coefficients(mu, lam, a, b)
@@ -83,15 +83,21 @@ class Scales:
     def values(self, theta: Floats, thickness: float) -> dict[str, Any]:
         """Return all material constants by their names, in SI units, each as an entry of theta."""
         young, poisson = np.exp(theta[0]) / thickness, theta[1]
+        mu, lam = _lame(young, poisson)
         found = {
             "young": young,
             "poisson": poisson,
-            "mu": young / (2 * (1 + poisson)),
-            "lam": young * poisson / (1 - poisson**2),
+            "mu": mu,
+            "lam": lam,
             "c1": 1 + self.strain / np.sqrt(theta[2]),
             "c2": 1 + self.z / np.sqrt(theta[3]),
         }
         return found if self.stiff is None else {**found, "knit_ratio": np.exp(theta[4])}
+
+
+def _lame(young: Any, poisson: Any) -> tuple[Any, Any]:
+    """Return Lamé's parameters of plane stress, as of `Material`; of complex numbers too."""
+    return young / (2 * (1 + poisson)), young * poisson / (1 - poisson**2)
 
 
 def scales_of(samples: Samples) -> Scales:

@@ -9,7 +9,7 @@ A linear functional g of the positions, as the mean lateral stretch, has dG/dm =
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -43,16 +43,8 @@ class PrintedSheet:
     """A printed sheet that is pulled with different moduli.
 
     Args:
-        skin: The sewn skin of a flat rectangle along x and y.
-        composite: Materials; bending is left out.
+        skin, composite, axis, gauge, options: As of `pull`.
         density: Whether each owned triangle is printed, as densities in [0, 1].
-        axis: 0 to pull along x, 1 along y.
-        gauge: Length in m of the middle that the lateral stretch is averaged over.
-        options: Options of the equilibrium solver.
-
-    Raises:
-        PatternError: The skin is not a flat rectangle along x and y.
-        ParameterError: The gauge is longer than the sheet.
     """
 
     def __init__(
@@ -103,7 +95,7 @@ class PrintedSheet:
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
         machine, comm, result = self._machine(factors), self.skin.comm, None
-        solver, pushed = machine.solver, _TangentTimes(machine.solver.model, self._clamp)
+        solver, pushed = machine.solver, _tangent_times(machine.solver.model, self._clamp)
         values, slopes = np.empty((2, len(strains))), np.empty((2, len(strains), 2))
         for k, strain in enumerate(strains):
             result = machine.solve(self.density, float(strain), result)
@@ -111,7 +103,7 @@ class PrintedSheet:
             positions = self.skin.gather_vertices(result.positions)
             values[0, k] = machine.forces(result)[1, self.axis] / machine.width
             values[1, k] = machine.middle_stretch(positions)[1 - self.axis]
-            follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
+            follow = self._clamp - solver.solve_tangent(pushed(state), result)
             widening = solver.solve_tangent(self._mean, result)
             for j, part in enumerate(self._parts(state)):
                 change = np.asarray(factors[j] * part, dtype=np.float64)
@@ -125,18 +117,16 @@ class PrintedSheet:
         return [other.residual(state) + other.reaction(state) - both for other in self._other]
 
 
-class _TangentTimes:
-    """The tangent of a model times one direction, free and fixed components alike."""
+def _tangent_times(model: SkinModel, direction: Floats) -> Callable[[Floats], Floats]:
+    """Return what gives K c at a state, at owned unknowns, fixed ones too (collective)."""
+    along = fem.Function(model.space)
+    along.x.array[: model.size_local] = direction
+    along.x.scatter_forward()
+    form = compiled(ufl.derivative(model.ufl_forms.residual, model.q, along))
+    buffer = work_vector(model.space)
 
-    def __init__(self, model: SkinModel, direction: Floats) -> None:
-        self._model = model
-        along = fem.Function(model.space)
-        along.x.array[: model.size_local] = direction
-        along.x.scatter_forward()
-        self._form = compiled(ufl.derivative(model.ufl_forms.residual, model.q, along))
-        self._buffer = work_vector(model.space)
+    def at(state: Floats) -> Floats:
+        model.set_state(state)
+        return assembled(form, buffer)
 
-    def at(self, state: Floats) -> Floats:
-        """Return K c at a state, owned unknowns (collective)."""
-        self._model.set_state(state)
-        return assembled(self._form, self._buffer)
+    return at

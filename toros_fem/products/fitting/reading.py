@@ -1,40 +1,40 @@
-"""Tensile tests from CSV files: columns as arrays first, then formulas; faults by their line."""
+"""Tensile tests from CSV files: each row is a point of a test, and faults are told by line."""
 
 from __future__ import annotations
 
 import csv
-import difflib
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.base.toml_files.document import read_text
-from toros_fem.base.units import read_quantity, spelt
+from toros_fem.base.units import read_quantity
 from toros_fem.base.validation import require_positive, shown
 from toros_fem.products.fitting.columns import (
-    ACROSS,
-    ALONG,
+    FORMULAS,
     KINDS,
-    LOADS,
-    PER_WIDTH,
+    LONGEST,
     SIZES,
     WORDS,
-    factor_of,
+    Column,
+    columns_of,
+    pointed,
     split_header,
 )
 from toros_fem.products.fitting.tensile_test import TensileTest
 
 # Largest file in bytes: a machine's test has some thousand rows.
 LARGEST = 50_000_000
-# No sheet is pulled further. A strain without a unit is most likely in % from the second on.
-LARGEST_STRAIN, LARGEST_PLAIN_STRAIN = 15.0, 2.0
+# No sheet is pulled further.
+LARGEST_STRETCH = 16.0
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,15 @@ class Given:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("thickness", "width", "gauge_length"):
-            if getattr(self, name) is not None:
-                require_positive(**{name: getattr(self, name)})
-        for name, unit in self.units.items():
-            factor_of(name, unit)
+        require_positive(**{kind: size for kind, size in self.values.items() if kind in SIZES})
+        for kind, unit in self.units.items():
+            Column(kind, unit)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """What is said, as columns hold it."""
+        said = {name.replace("_", " "): value for name, value in vars(self).items()}
+        return {kind: said[kind] for kind in (*SIZES, "direction") if said[kind] is not None}
 
 
 def read_tensile_tests(
@@ -86,47 +90,37 @@ def read_tensile_tests(
         MeasurementError: A file cannot be read, a line is wrong, or something is missing.
     """
     given = given or Given()
-    found = [test for path in paths for test in _tests(read_table(Path(path), given))]
+    found = [test for path in paths for test in _tests(Path(path), given)]
     if not found:
         raise MeasurementError("no file of a test is given.")
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Columns of a file.
+class _Point(NamedTuple):
+    """A row: specimen and direction, stress per width in N/m; NaN where nothing was measured."""
 
-    Attributes:
-        path: The file.
-        lines: Line of each row in the file, from 1, (n,).
-        columns: Words, and numbers in SI units, by what they are, (n,) each. What is said once for
-            the file fills a column.
-        units: Units of the columns as the file has them; empty where there is none.
-    """
+    test: tuple[str, str]
+    stretch: float
+    stress: float
+    thickness: float
+    lateral: float
 
-    path: Path
-    lines: Ints
-    columns: Mapping[str, Any]
-    units: Mapping[str, str]
 
-    def require(self, fine: Bools, kind: str, values: Floats, why: str) -> None:
-        """Check that all rows are fine; the error names the first other one."""
-        if not fine.all():
-            row = int(np.argmin(fine))
-            with _at(self.path, self.lines[row]):
-                raise ParameterError(f"the {kind} is {values[row]:.6g}; {why}")
-
-    def size(self, kind: str, why: str) -> Floats:
-        """Return a size of each row; `why` says what needs it."""
-        if kind not in self.columns:
-            with _at(self.path, self.lines[0]):
-                raise ParameterError(
-                    f"the {kind} is not known, but {why}: write a line '# {kind} = {SIZES[kind]}', "
-                    f"or give --{kind.replace(' ', '-')}."
-                )
-        values: Floats = self.columns[kind]
-        self.require(values > 0, kind, values, "it must be greater than 0.")
-        return values
+def _tests(path: Path, given: Given) -> list[TensileTest]:
+    """Return the tests of a file."""
+    points = _points(path, given)
+    lines_of: dict[tuple[str, str], list[int]] = {}
+    for line, point in points.items():
+        lines_of.setdefault(point.test, []).append(line)
+    found = []
+    for test, lines in lines_of.items():
+        stretch, stress, heights, lateral = np.array([points[line][1:] for line in lines]).T
+        # The mean of equal numbers may differ from them in the last digit.
+        height = float(heights.mean() if np.ptp(heights) > 0 else heights[0])
+        across = None if np.isnan(lateral).all() else lateral
+        with _at(path, lines[0]):
+            found.append(TensileTest(stretch, stress, height, across, *test))
+    return found
 
 
 @contextmanager
@@ -136,50 +130,45 @@ def _at(path: Path, line: int) -> Iterator[None]:
         yield
     except (ParameterError, csv.Error) as error:
         what = f"the line cannot be split: {error}." if isinstance(error, csv.Error) else error
-        raise MeasurementError(f"{path}, line {line}: {what}", path, int(line)) from None
+        raise MeasurementError(f"{path}, line {line}: {what}", path, line) from None
 
 
-def read_table(path: Path, given: Given) -> Table:
-    """Read the columns of a file, with what the file or the caller says once.
-
-    Raises:
-        MeasurementError: The file is no table of a test, or a cell is no number.
-    """
+def _points(path: Path, given: Given) -> dict[int, _Point]:
+    """Return the points of a file by their lines, from 1."""
     text = read_text(path, "a table of a tensile test", MeasurementError, LARGEST)
     lines = {k: line for k, line in enumerate(re.split("[\r\n]", text), start=1) if line.strip()}
-    filled = [k for k, line in lines.items() if not line.lstrip().startswith("#")]
-    if not filled:
+    table = [k for k, line in lines.items() if not line.lstrip().startswith("#")]
+    if not table:
         raise MeasurementError(f"{path}: there is no table: no line but comments.", path)
-    begin, *places = filled
+    begin, *places = table
     mark = next((one for one in ";\t" if one in lines[begin]), ",")
     once: dict[str, Any] = {"specimen": path.stem, "direction": ""}
     for k in [k for k in lines if k < begin]:
         with _at(path, k):
             once |= _said_once(lines[k], mark)
     with _at(path, begin):
-        cells = _cells(lines[begin], mark)
-        header, width = _header(cells, given), len(cells)
+        header = _cells(lines[begin], mark)
+        columns = columns_of(header, given.units)
         if not places:
             raise ParameterError("the header has no rows of numbers after it.")
-    rows = []
+    found, over = {}, given.values
     for k in places:
         with _at(path, k):
             cells = _cells(lines[k], mark)
-            if len(cells) != width:
-                counts = f"{len(cells)} values, but the header {width} columns"
+            if len(cells) != len(header):
+                counts = f"{len(cells)} values, but the header {len(header)} columns"
                 raise ParameterError(f"the line has {counts}.")
-            rows.append([_value(kind, cells[place].strip(), mark) for place, kind, _ in header])
-    units = {kind: unit for _, kind, unit in header}
-    table = Table(path, np.array(places), _columns(units, rows, once, given), units)
-    for kind in ("strain", "lateral strain"):
-        if units.get(kind) == "":
-            strain = table.columns[kind]
-            advice = f"is it in %? Write '{kind} [%]', or '{kind} [1]' if it is a ratio."
-            table.require(np.abs(strain) <= LARGEST_PLAIN_STRAIN, kind, strain, advice)
-    return table
+            own = {c.holds: c.value(cells[at].strip(), mark) for at, c in columns.items()}
+            filled = {kind: value for kind, value in own.items() if value != ""}
+            found[k] = _point({**once, **filled, **over})
+    return found
 
 
-def _said_once(text: str, mark: str) -> dict[str, float | str]:
+def _cells(line: str, mark: str) -> list[str]:
+    return next(csv.reader([line], delimiter=mark, strict=True))
+
+
+def _said_once(text: str, mark: str) -> dict[str, Any]:
     """Return what a line "# width = 25 mm" says for the whole file; nothing of other comments."""
     name, equals, value = text.strip().lstrip("#").partition("=")
     kind, value = KINDS.get(split_header(name)[0], ""), value.strip()
@@ -188,9 +177,9 @@ def _said_once(text: str, mark: str) -> dict[str, float | str]:
     if kind in WORDS:
         if not value:
             raise ParameterError(f"the {kind} is empty.")
-        return {kind: value[:80]}
+        return {kind: value[:LONGEST]}
     try:
-        size = read_quantity(_pointed(kind, value, mark), "m")
+        size = read_quantity(pointed(kind, value, mark), "m")
     except ParameterError as error:
         raise ParameterError(f"{error} Write '# {kind} = {SIZES[kind]}'.") from None
     if not size > 0:
@@ -198,114 +187,28 @@ def _said_once(text: str, mark: str) -> dict[str, float | str]:
     return {kind: size}
 
 
-def _cells(line: str, mark: str) -> list[str]:
-    return next(csv.reader([line], delimiter=mark, strict=True))
+def _point(row: Mapping[str, Any]) -> _Point:
+    """Return the point of a row, by formulas of its values in SI units."""
 
-
-def _pointed(kind: str, text: str, mark: str) -> str:
-    """Return a number's text with a decimal point; a comma is one where it separates no columns."""
-    if mark == "," and "," in text:
-        raise ParameterError(
-            f"{kind} = {shown(text)} has a comma, which separates the columns here: write a "
-            "decimal point, or separate the columns by semicolons."
-        )
-    return text.replace(",", ".")
-
-
-def _value(kind: str, text: str, mark: str) -> float | str:
-    """Return the finite number of a cell, or its words."""
-    if kind in WORDS:
-        return text[:80]
-    plain = _pointed(kind, text, mark)
-    try:
-        value = float(plain) if "_" not in plain else np.nan
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        what = f"= {shown(text)} is no finite number" if text else "is empty"
-        raise ParameterError(f"{kind} {what}.")
-    return value
-
-
-def _header(cells: Sequence[str], given: Given) -> list[tuple[int, str, str]]:
-    """Return place, kind and unit of the columns that are known."""
-    found: dict[str, tuple[int, str, str]] = {}
-    for place, cell in enumerate(cells):
-        name, unit = split_header(cell)
-        kind = KINDS.get(name, "")
-        if kind in found:
-            raise ParameterError(f"two columns hold the {kind}.")
-        if kind:
-            unit = "" if kind in WORDS else given.units.get(kind, unit)
-            found[kind] = place, kind, spelt(unit)
-            factor_of(*found[kind][1:])
-        elif near := difflib.get_close_matches(name, KINDS, n=1, cutoff=0.8):
-            raise ParameterError(f"unknown column {shown(cell)}; did you mean {near[0]!r}?")
-    for choice, what in ((ALONG, "stretch"), (LOADS, "force"), (ACROSS, "lateral stretch")):
-        same = [kind for kind in found if kind in choice]
-        if len(same) > 1:
-            raise ParameterError(f"{' and '.join(same)} say the same: leave all but one out.")
-        if not same and choice is not ACROSS:
+    def size(kind: str, needed: str) -> float:
+        if kind not in row:
             raise ParameterError(
-                f"no column holds the {what}: one of {', '.join(choice)} is needed; the header has "
-                f"{shown(', '.join(cell.strip() for cell in cells))}."
+                f"the {kind} is not known, but the {needed} needs it: write a line "
+                f"'# {kind} = {SIZES[kind]}', or give --{kind.replace(' ', '-')}."
             )
-    return list(found.values())
+        found: float = row[kind]
+        if found <= 0:
+            raise ParameterError(f"the {kind} is {found:.6g}; it must be greater than 0.")
+        return found
 
-
-def _columns(
-    units: Mapping[str, str],
-    rows: Sequence[Sequence[float | str]],
-    once: Mapping[str, Any],
-    given: Given,
-) -> dict[str, Any]:
-    """Return the columns of all rows in SI units, with those that file or caller say once."""
-    found: dict[str, Any] = {
-        kind: values if kind in WORDS else factor_of(kind, unit) * np.array(values)
-        for (kind, unit), values in zip(units.items(), zip(*rows, strict=True), strict=True)
-    }
-    for kind in SIZES:
-        size = getattr(given, kind.replace(" ", "_"))
-        if size is not None or (kind in once and kind not in found):
-            found[kind] = np.full(len(rows), once[kind] if size is None else size)
-    for kind in WORDS:
-        found.setdefault(kind, [once[kind]] * len(rows))
-    found["specimen"] = [name or once["specimen"] for name in found["specimen"]]
-    if given.direction is not None:
-        found["direction"] = [given.direction] * len(rows)
-    return found
-
-
-def _tests(table: Table) -> list[TensileTest]:
-    """Return the tests of a table, by formulas of its columns."""
-    columns = table.columns
-    if "extension" in columns:
-        stretch = 1 + columns["extension"] / table.size("gauge length", "the extension needs it")
-    else:
-        stretch = columns["stretch"] if "stretch" in columns else 1 + columns["strain"]
-    thickness = table.size("thickness", "the modulus needs it")
-    if "force" in columns:
-        stress = columns["force"] / table.size("width", "the force needs it")
-    else:
-        stress = columns["stress"] * (1.0 if table.units["stress"] in PER_WIDTH else thickness)
-    lateral = columns.get("lateral stretch")
-    if "lateral strain" in columns:
-        lateral = 1 + columns["lateral strain"]
-    elif "lateral width" in columns:
-        lateral = columns["lateral width"] / table.size("width", "the current width needs it")
-    for kind, values in (("stretch", stretch), ("lateral stretch", lateral)):
-        if values is not None:
-            table.require(values > 0, kind, values, "it is positive, 1 at rest.")
-            table.require(values <= 1 + LARGEST_STRAIN, kind, values, "is its unit right?")
-    groups: dict[tuple[str, str], list[int]] = {}
-    for row, name in enumerate(zip(columns["specimen"], columns["direction"], strict=True)):
-        groups.setdefault((name[0], name[1].lower()), []).append(row)
-    found = []
-    for name, rows in groups.items():
-        across = None if lateral is None else lateral[rows]
-        # The mean of equal numbers may differ from them in the last digit.
-        own = thickness[rows]
-        height = float(own.mean() if np.ptp(own) > 0 else own[0])
-        with _at(table.path, table.lines[rows[0]]):
-            found.append(TensileTest(stretch[rows], stress[rows], height, across, *name))
-    return found
+    thickness, told = size("thickness", "modulus"), {"lateral stretch": math.nan}
+    for what, formulas in FORMULAS.items():
+        for kind in formulas.keys() & row.keys():
+            told[what] = formulas[kind](row[kind], partial(size, needed=kind))
+    for kind in ("stretch", "lateral stretch"):
+        if told[kind] <= 0:
+            raise ParameterError(f"the {kind} is {told[kind]:.6g}; it is positive, 1 at rest.")
+        if told[kind] > LARGEST_STRETCH:
+            raise ParameterError(f"the {kind} is {told[kind]:.6g}; is its unit right?")
+    test = row["specimen"], row["direction"].lower()
+    return _Point(test, told["stretch"], told["force"], thickness, told["lateral stretch"])

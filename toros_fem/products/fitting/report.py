@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from pathlib import Path
 
 from mpi4py import MPI
@@ -11,6 +12,8 @@ from toros_fem.base.files import write_json, write_table, write_together
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 from toros_fem.results.writer import if_plotting
+
+COLOURS = ("#1f3a63", "#c8571b", "#4b8b57", "#8a4f9e")
 
 
 def fit_table(result: Fit) -> str:
@@ -41,30 +44,71 @@ def _quality(result: Fit, lacking: str) -> str:
 
 
 def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
-    """Write fit.json, fit.txt, fit.csv and fit.png (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Folder, made if missing.
-        result: The fit, equal on all ranks.
+    """Write fit.json, fit.txt, fit.csv and fit.png into a folder (collective).
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
     folder = Path(folder)
 
-    def draw() -> None:
-        from toros_fem.products.fitting.plot import plot_fit
-
-        plot_fit(folder / "fit.png", result)
-
     def write() -> None:
         write_json(folder / "fit.json", result.summary())
         (folder / "fit.txt").write_text(fit_table(result) + "\n", encoding="utf-8")
-        write_table(folder / "fit.csv", fit_rows(result))
-        if_plotting(draw)
+        write_table(folder / "fit.csv", _rows(result))
+        if_plotting(lambda: plot_fit(folder / "fit.png", result))
 
     write_together(comm, folder, write)
+
+
+def _rows(result: Fit) -> list[dict[str, object]]:
+    """Return measured and fitted values of all points as rows of a table, in SI units."""
+    samples = result.samples
+    columns = {
+        "specimen": [result.specimens[test] for test in samples.test],
+        "direction": [samples.direction[test] for test in samples.test],
+        "stretch": (1 + samples.strain).tolist(),
+        "stress_n_per_m": samples.stress.tolist(),
+        "stress_fitted_n_per_m": result.stress.tolist(),
+        "lateral_stretch": samples.lateral.tolist(),
+        "lateral_stretch_fitted": result.lateral.tolist(),
+    }
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def plot_fit(path: Path, result: Fit) -> None:
+    """Draw stress and lateral stretch beside the data, and the residuals below (one rank)."""
+    import matplotlib.pyplot as plt
+
+    from toros_fem.results.pictures.drawing import DPI
+
+    samples = result.samples
+    shown = [("stress in N/m", samples.stress, result.stress, result.r2_stress)]
+    if result.r2_lateral is not None:
+        shown.append(("lateral stretch", samples.lateral, result.lateral, result.r2_lateral))
+    figure, axes = plt.subplots(
+        2, len(shown), figsize=(1 + 5 * len(shown), 6.5), sharex=True, squeeze=False,
+        height_ratios=[2.4, 1], layout="constrained",
+    )  # fmt: skip
+    for (top, bottom), (label, measured, fitted, r2) in zip(axes.T, shown, strict=True):
+        for name, colour in zip(dict.fromkeys(samples.direction), cycle(COLOURS), strict=False):
+            rows = samples.curve_along(name)
+            stretch, words = 1 + samples.strain[rows], f"{name}, " if name else ""
+            tests = samples.direction.count(name)
+            count = f"{words}measured ({tests} test{'s' if tests > 1 else ''})"
+            dots = {"ls": "", "marker": ".", "ms": 4, "color": colour, "alpha": 0.5}
+            top.plot(stretch, measured[rows], label=count, **dots)
+            top.plot(stretch, fitted[rows], color=colour, lw=1.8, label=f"{words}eq. (1)")
+            bottom.plot(stretch, (measured - fitted)[rows], **dots)
+        bottom.axhline(0.0, color="0.5", lw=0.8)
+        bottom.set(xlabel="stretch", ylabel="measured − fitted")
+        top.set(ylabel=label, title=f"{label.partition(' in ')[0]}, R² = {r2:.4f}")
+        top.legend(frameon=False, fontsize=8)
+        for axis in (top, bottom):
+            axis.grid(alpha=0.3)
+            if result.trusted_to < result.measured_to:  # the fit is not to be trusted there
+                axis.axvspan(result.trusted_to, result.measured_to, color="0.85", zorder=0)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
 
 
 def library_entry(
@@ -111,18 +155,3 @@ def library_entry(
         with_fabric=with_fabric,
         note="; ".join([*notes, _quality(result, "none measured")]),
     )
-
-
-def fit_rows(result: Fit) -> list[dict[str, object]]:
-    """Return measured and fitted values of all points as rows of a table, in SI units."""
-    samples = result.samples
-    columns = {
-        "specimen": [result.specimens[test] for test in samples.test],
-        "direction": [samples.direction[test] for test in samples.test],
-        "stretch": (1 + samples.strain).tolist(),
-        "stress_n_per_m": samples.stress.tolist(),
-        "stress_fitted_n_per_m": result.stress.tolist(),
-        "lateral_stretch": samples.lateral.tolist(),
-        "lateral_stretch_fitted": result.lateral.tolist(),
-    }
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

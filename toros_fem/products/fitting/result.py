@@ -42,14 +42,14 @@ WIDE_POISSON = 0.35
 
 @dataclass(frozen=True)
 class Estimate:
-    """One constant.
+    """One constant, in SI units.
 
     Attributes:
-        value: In SI units.
+        value: The value.
         low, high: Ends of the 95 % interval; `high` is infinite for a bound c₁ or c₂ that the data
             do not reach.
         identified: Whether the data tell it: its interval ends within the bounds of the fit.
-        unit: SI unit; empty for a pure number.
+        unit: Its unit; empty for a pure number.
     """
 
     value: float
@@ -107,21 +107,19 @@ class Fit:
         The mean is taken over twelfths of the range and each direction; what three of its standard
         errors explain is no misfit. The noise is that between neighbouring points.
         """
-        strain, residual = self.samples.strain, self.samples.stress - self.stress
-        part = np.minimum((strain / strain.max() * PARTS).astype(np.int64), PARTS - 1)
-        worst = PARTS
-        for name in set(self.samples.direction):
-            own = np.flatnonzero(self.samples.along(name))
-            own = own[np.argsort(strain[own], kind="stable")]
-            stress = self.samples.stress[own]
+        samples, residual = self.samples, self.samples.stress - self.stress
+        largest, worst = float(samples.strain.max()), PARTS
+        part = np.minimum((samples.strain / largest * PARTS).astype(np.int64), PARTS - 1)
+        for name in set(samples.direction):
+            own = samples.curve_along(name)
+            least = FLOOR * np.abs(samples.stress[own]).max()
             noise = NORMAL_MAD / np.sqrt(2) * np.median(np.abs(np.diff(residual[own])))
             for k in np.unique(part[own]):
-                rows = part[own] == k
-                level = max(stress[rows].mean(), FLOOR * np.abs(stress).max())
-                mean = abs(residual[own][rows].mean()) - 3 * noise / np.sqrt(rows.sum())
-                if mean > MISFIT * level:
+                rows = own[part[own] == k]
+                mean = abs(residual[rows].mean()) - 3 * noise / np.sqrt(len(rows))
+                if mean > MISFIT * max(samples.stress[rows].mean(), least):
                     worst = min(worst, int(k))
-        return 1 + float(strain.max() if worst == PARTS else strain.max() * worst / PARTS)
+        return 1 + (largest if worst == PARTS else largest * worst / PARTS)
 
     @property
     def remarks(self) -> list[str]:
@@ -170,9 +168,7 @@ class Fit:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FitResult(Fit):
-    """Eq. (1) fitted to tensile tests.
-
-    The estimates are young, poisson, mu, lam, c1, c2, and knit_ratio of two directions.
+    """Eq. (1) fitted to tensile tests: young, poisson, mu, lam, c1, c2; knit_ratio of a knit.
 
     Attributes:
         thickness: In m; stresses are per width, so that only E h is measured.
@@ -260,8 +256,7 @@ def estimates_of(
     """
     found = {}
     for name, value in values.items():
-        tails = [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)]
-        low, high = np.percentile(draws[name], tails)
+        low, high = np.percentile(draws[name], [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)])
         low, high = min(low, value), max(high, value)
         identified = name != "poisson" or high - low < WIDE_POISSON
         if name in ranges:

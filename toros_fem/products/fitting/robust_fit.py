@@ -16,7 +16,6 @@ from toros_fem.products.options import LOSSES
 # Values of a model and their derivatives, (n,) and (n, p), of parameters, (p,).
 Model = Callable[[Floats], tuple[Floats, Floats]]
 
-# Losses by their names, as `least_squares` calls them.
 # Residual, in standard deviations, from which a robust loss grows linearly.
 TUNING = 1.5
 # Standard deviation of values of the size 1: at the start, and at least.
@@ -46,12 +45,6 @@ class Problem:
     tolerance: float = 1e-10
 
 
-def remembered(model: Model) -> Model:
-    """Return a model that computes no value twice: values and derivatives are asked for apart."""
-    known = lru_cache(maxsize=8)(lambda theta: model(np.frombuffer(theta)))
-    return lambda theta: known(theta.tobytes())
-
-
 @dataclass(frozen=True, eq=False)
 class Solution:
     """Parameters at the minimum of the loss.
@@ -68,15 +61,16 @@ class Solution:
     jac: Floats
 
 
+def remembered(model: Model) -> Model:
+    """Return a model that computes no value twice: values and derivatives are asked for apart."""
+    known = lru_cache(maxsize=8)(lambda theta: model(np.frombuffer(theta)))
+    return lambda theta: known(theta.tobytes())
+
+
 def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> Solution:
     """Return the fit of the smallest loss from several starts.
 
-    Standard deviations follow from the residuals, and parameters from them, in turns.
-
-    Args:
-        problem: What is fitted to what.
-        starts: Parameters to start from.
-        rounds: How often.
+    Standard deviations follow from the residuals, and parameters from them, in turns: `rounds`.
     """
     sigma: Floats = np.full(len(problem.measured), START)
     tried = [minimise(problem, start, sigma) for start in starts]
@@ -94,10 +88,7 @@ def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> S
 def minimise(problem: Problem, start: Floats, sigma: Floats) -> tuple[Floats, float]:
     """Return the parameters of the smallest loss from a start, and the loss.
 
-    Args:
-        problem: What is fitted to what.
-        start: Parameters.
-        sigma: Standard deviation of each measured value, (n,); an infinite one leaves it out.
+    `sigma` has the standard deviations, (n,); an infinite one leaves a value out.
     """
     low, high = problem.bounds
     found = least_squares(

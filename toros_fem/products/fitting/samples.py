@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import MeasurementError
+from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.validation import require_kind
 from toros_fem.products.fitting.robust_fit import Model, Problem
 from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
 from toros_fem.products.options import FitOptions
@@ -17,9 +18,6 @@ from toros_fem.products.options import FitOptions
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Curves of all tests as they are fitted.
-
-    What is fitted are all stresses over the largest one, then the lateral stretches that were
-    measured: entries of the stacked points, stress upon lateral stretch, (2n,).
 
     Attributes:
         strain: λ₁ − 1 of all points, (n,).
@@ -38,21 +36,22 @@ class Samples:
 
     @property
     def entries(self) -> Ints:
-        """Stacked points that are fitted."""
+        """What was measured, of all stresses and then all lateral stretches, (2n,)."""
         return np.flatnonzero(np.isfinite(np.append(self.stress, self.lateral)))
 
     def along(self, direction: str | None) -> Bools:
         """Return whether each point is of a test along a direction, (n,)."""
         return np.array([one == direction for one in self.direction])[self.test]
 
-    def problem(self, curve: Model, bounds: tuple[Floats, Floats], loss: str) -> Problem:
-        """Return the fit of a model to the points.
+    def curve_along(self, direction: str) -> Ints:
+        """Return the points of the tests along a direction, by their stretch."""
+        rows = np.flatnonzero(self.along(direction))
+        return rows[np.argsort(self.strain[rows], kind="stable")]
 
-        Args:
-            curve: Stress and lateral stretch of all points, (2, n), and their derivatives by the
-                parameters, (2, n, p).
-            bounds: Smallest and largest value of each parameter.
-            loss: Loss of the residuals.
+    def problem(self, curve: Model, bounds: tuple[Floats, Floats], loss: str) -> Problem:
+        """Return the fit of a curve: values of all points, (2, n), and derivatives, (2, n, p).
+
+        Stresses count over the largest one.
         """
         count, entries = len(self.strain), self.entries
         size = np.repeat([float(np.abs(self.stress).max()), 1.0], count)[entries]
@@ -70,38 +69,41 @@ def samples_of(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
     """Return the points that are fitted: one branch, thinned out evenly over the stretch.
 
     Raises:
+        ParameterError: There is no list of tests.
         MeasurementError: A test has too few points above a stretch of 1.
     """
-    parts = [_thinned(test.branch(options.branch), options) for test in tests]
-    lateral = [np.nan * one.stretch if one.lateral is None else one.lateral for one in parts]
+    if not isinstance(tests, list | tuple) or not tests:
+        raise ParameterError("tests must be a list of at least one TensileTest.")
+    for test in tests:
+        require_kind("tests", test, TensileTest, "a list of TensileTest")
+    curves = [_thinned(test, options) for test in tests]
+    stretch, stress, lateral = np.hstack(curves)
     return Samples(
-        np.concatenate([part.stretch for part in parts]) - 1,
-        np.concatenate([part.stress for part in parts]),
-        np.concatenate(lateral),
-        np.repeat(np.arange(len(parts)), [len(part.stretch) for part in parts]),
-        tuple(part.direction for part in parts),
-        tuple(part.specimen for part in parts),
+        stretch - 1,
+        stress,
+        lateral,
+        np.repeat(np.arange(len(tests)), [curve.shape[1] for curve in curves]),
+        tuple(test.direction for test in tests),
+        tuple(test.specimen for test in tests),
     )
 
 
-def _thinned(test: TensileTest, options: FitOptions) -> TensileTest:
+def _thinned(test: TensileTest, options: FitOptions) -> Floats:
+    """Return the curve of a test as it is fitted, (3, n)."""
+    branch = test.branch(options.branch)
     top = np.inf if options.up_to is None else options.up_to
-    rows = np.flatnonzero((test.stretch > 1) & (test.stretch <= top))
+    rows = np.flatnonzero((branch.stretch > 1) & (branch.stretch <= top))
     if len(rows) < FEWEST:
         raise MeasurementError(
             f"specimen {test.specimen!r} has {len(rows)} points with a stretch above 1"
             + ("" if options.up_to is None else f" and up to {top:g}")
             + f" on the branch {options.branch!r}; at least {FEWEST} are needed."
         )
-    kept = test.taken(rows)
+    curve = branch.taken(rows).curve
     if len(rows) <= options.points:
-        return kept
-    x = kept.stretch
+        return curve
+    x = curve[0]
     bins = ((x - x.min()) / np.ptp(x) * options.points).astype(np.int64)
     _, bins = np.unique(np.minimum(bins, options.points - 1), return_inverse=True)
-
-    def mean(values: Floats) -> Floats:
-        return np.asarray(np.bincount(bins, weights=values) / np.bincount(bins))
-
-    across = None if kept.lateral is None else mean(kept.lateral)
-    return replace(kept, stretch=mean(x), stress=mean(kept.stress), lateral=across)
+    sums = np.array([np.bincount(bins, weights=values) for values in curve])
+    return np.asarray(sums / np.bincount(bins))

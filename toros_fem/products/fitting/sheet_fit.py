@@ -83,7 +83,8 @@ def fit_printed_sheet(
             asked for; the options of the result say so.
 
     Raises:
-        MeasurementError: There is no test, or one in another direction.
+        ParameterError: There is no test.
+        MeasurementError: A test is along another direction, or has too few points.
         NoEquilibriumError: The sheet has no equilibrium at one of the strains.
     """
     options = FitOptions() if options is None else options
@@ -114,16 +115,14 @@ def fit_printed_sheet(
 
 
 def _samples(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
-    if not isinstance(tests, list | tuple) or not tests:
-        raise MeasurementError("there is no test of the sheet.")
-    for test in tests:
-        require_kind("tests", test, TensileTest, "a list of TensileTest")
-        if test.direction not in DIRECTIONS:
+    samples = samples_of(tests, options)
+    for specimen, direction in zip(samples.specimen, samples.direction, strict=True):
+        if direction not in DIRECTIONS:
             raise MeasurementError(
-                f"specimen {test.specimen!r} was pulled along {test.direction!r}: a sheet of tiles "
-                "is pulled along 'x' or 'y' of the tile. Name the direction so."
+                f"specimen {specimen!r} was pulled along {direction!r}: a sheet of tiles is pulled "
+                "along 'x' or 'y' of the tile. Name the direction so."
             )
-    return samples_of(tests, options)
+    return samples
 
 
 class _SheetModel:

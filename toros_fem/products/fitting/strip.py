@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -59,8 +59,6 @@ class ClampedStrip:
     def correction(
         self,
         material: Material,
-        c1: float,
-        c2: float,
         strain: Floats,
         *,
         knit_ratio: float = 1.0,
@@ -69,11 +67,8 @@ class ClampedStrip:
         """Return what the clamps change, by simulation (collective).
 
         Args:
-            material: The sheet.
-            c1, c2: Bounds of eq. (1).
+            material, knit_ratio, direction: As of `uniaxial_curve`.
             strain: Strains of the clamps' distance, (n,).
-            knit_ratio: Ratio of a knit.
-            direction: Direction of the pull, "course" or "wale".
 
         Returns:
             The factor on the stress of a free strip, (n,), and the difference of the middle's
@@ -87,13 +82,10 @@ class ClampedStrip:
         skin = sew(self.comm, rectangle(self.comm, self.length, self.width, edge, "crossed"))
         grain = 0.0 if direction == "course" else np.pi / 2
         knit = Knit(knit_ratio, grain) if knit_ratio > 1 else None
-        sheet = replace(material, c1=c1, c2=c2)
-        composite = Composite(sheet, sheet, bending=None, knit=knit)
+        composite = Composite(material, material, bending=None, knit=knit)
         gauge = self.gauge or min(self.width, self.length / 2)
         curve = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge).curve
-        free, lateral = uniaxial_curve(
-            material, c1, c2, 1 + at, knit_ratio=knit_ratio, direction=direction
-        )
+        free, lateral = uniaxial_curve(material, 1 + at, knit_ratio=knit_ratio, direction=direction)
         factor, shift = curve.stress / free, 1 - curve.contraction * at - lateral
         # At rest the factor is that of the smallest strain, and nothing is shifted.
         changes = np.array([[factor[0], *factor], [0.0, *shift]])

@@ -64,16 +64,19 @@ class TensileTest:
             if one is not None and not np.ptp(one) > 0:
                 raise ParameterError(f"{what} is the same at all points.")
 
+    @property
+    def curve(self) -> Floats:
+        """Stretch, stress and lateral stretch, (3, n), which is NaN where it was not measured."""
+        lateral = np.full(len(self.stretch), np.nan) if self.lateral is None else self.lateral
+        return np.array([self.stretch, self.stress, lateral])
+
     def taken(self, rows: Ints) -> TensileTest:
         """Return the test with some of its points, by their numbers."""
         lateral = None if self.lateral is None else self.lateral[rows]
         return replace(self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral)
 
     def branch(self, which: str) -> TensileTest:
-        """Return the points of one branch of the load cycles.
-
-        Args:
-            which: One of `BRANCHES`; "all" takes every point.
+        """Return the points of one of `BRANCHES` of the load cycles; "all" takes every point.
 
         Raises:
             MeasurementError: There is no such branch, or it has fewer than 5 points.

@@ -38,10 +38,6 @@ class Coefficients(NamedTuple):
     across: Any = 0.0
 
 
-def _barrier(e: Any, a: Any) -> Any:
-    return e / (1 - a * e * e)
-
-
 def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
     """Return the stress across the pull, and its derivative by w."""
     z = x + w
@@ -51,18 +47,13 @@ def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
     return stress, slope + c.lam * (1 + c.b * z * z) * joint * joint
 
 
-def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
-    """Return w = λ₂ − 1 at which the stress across the pull vanishes.
+def lateral_strain(x: Floats, c: Coefficients) -> Floats:
+    """Return w = λ₂ − 1, (n,), at which the stress across the pull vanishes; x = λ₁ − 1 < c₁ − 1.
 
     2μ w/(1 − a w²) + k w + λ z/(1 − b z²) = 0 with z = x + w. The left side grows with w, is
     negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed,
     however near the bounds, and Newton's method halves the bracket where it would leave it.
-
-    Args:
-        strain: x = λ₁ − 1, (n,), from 0 to below c₁ − 1.
-        c: Coefficients.
     """
-    x = strain
     low = -x
     high = np.minimum(0.0, (np.inf if c.b == 0 else c.b**-0.5) - x)
     poisson = (c.lam / (2 * c.mu + c.lam)) if c.mu + c.lam > 0 else 0.0
@@ -80,7 +71,8 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
 
 def pulling_stress(x: Any, w: Any, c: Coefficients) -> Any:
     """Return the nominal stress along the pull, in the unit of the coefficients."""
-    return 2 * c.mu * _barrier(x, c.a) + c.along * x + c.lam * _barrier(x + w, c.b)
+    z = x + w
+    return 2 * c.mu * (x / (1 - c.a * x * x)) + c.along * x + c.lam * (z / (1 - c.b * z * z))
 
 
 def tension(
@@ -109,19 +101,12 @@ def tension(
 
 
 def uniaxial_curve(
-    material: Material,
-    c1: float,
-    c2: float,
-    stretch: Floats,
-    *,
-    knit_ratio: float = 1.0,
-    direction: str = "wale",
+    material: Material, stretch: Floats, *, knit_ratio: float = 1.0, direction: str = "wale"
 ) -> tuple[Floats, Floats]:
     """Return stress and lateral stretch of a strip that is free to narrow, eq. (1).
 
     Args:
-        material: The sheet.
-        c1, c2: Bounds of eq. (1).
+        material: The sheet, with both bounds.
         stretch: λ₁, (n,), from 1 to below c₁.
         knit_ratio: Modulus along the courses over that along the wales, as of `Knit`.
         direction: Direction of the pull, "course" or "wale".
@@ -136,9 +121,10 @@ def uniaxial_curve(
     values = checked_floats(
         "stretch", stretch, "finite and of shape (n,)", lambda shape: len(shape) == 1
     )
-    if c1 <= 1 or c2 <= 1 or knit_ratio < 1:
+    c1, c2 = material.c1, material.c2
+    if c1 is None or c2 is None or knit_ratio < 1:
         raise ParameterError(
-            f"c1 = {c1}, c2 = {c2} must be above 1 and knit_ratio = {knit_ratio} at least 1."
+            f"c1 = {c1}, c2 = {c2} must be given and knit_ratio = {knit_ratio} at least 1."
         )
     if len(values) and not (values.min() >= 1 and values.max() < c1):
         raise ParameterError(

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, OutputError
@@ -39,7 +38,7 @@ def tolerances_of_run(
 
     Args:
         comm: Communicator.
-        run: Folder of the design, by `toros design` or a demo.
+        run: Folder of the design.
         scene: What was designed.
         files: Files that the design has taken, by name.
         config: How far what is off; None takes the defaults.
@@ -62,18 +61,21 @@ def tolerances_of_run(
     part = case.pattern
     stored = read_print_polygons(comm, folder)
     skin = part if case.whole is None else case.whole.pattern
-
-    def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
-        on_whole = regions_on(stored.pattern, stored.regions, skin)
-        return part_regions(part, on_whole), _shape(folder)
-
-    regions, near = on_first_rank(comm, polygons)
+    regions = on_first_rank(
+        comm, lambda: part_regions(part, regions_on(stored.pattern, stored.regions, skin))
+    )
+    near = on_first_rank(comm, lambda: _shape(folder))
     problem = scene.problem(comm, case.following(comm, regions), level)
 
-    pressure = summary.entries["pressures_pa"]
     values = {m.key: summary.value(m.key) for m in case.judged}
-    own = {key: value for key, value in values.items() if value is not None}
-    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
+    drawn = Drawn(
+        regions,
+        (stored.pattern, stored.regions),
+        stored.limits,
+        near,
+        summary.entries["pressures_pa"],
+        {key: value for key, value in values.items() if value is not None},
+    )
     return simulated_tolerances(problem, drawn, config)
 
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import dot, largest
+from toros_fem.base.mpi import dot
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.shape_problem import METRIC_STEP
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.load import Load
@@ -26,9 +25,8 @@ class Rate:
     """Derivatives by one quantity.
 
     Attributes:
-        motion: Derivative of the state, at owned unknowns; of a border's motion that of places of
-            the sheet, without what goes along with the mesh.
-        values: Derivatives of objective and metrics, by key.
+        motion: That of the state, at owned unknowns.
+        values: Those of objective and metrics, by key.
     """
 
     motion: Floats
@@ -65,30 +63,17 @@ class TangentRates:
         return self._rate(force)
 
     def by_composite(self, changed: Callable[[float], Composite]) -> Rate:
-        """Return the derivatives by a factor on a part of the materials.
-
-        Args:
-            changed: The materials where that part is multiplied by a factor.
-        """
+        """Return the derivatives by the factor that materials are changed by."""
         force = self._residual(changed(1 + STEP)) - self._residual(changed(1 - STEP))
         return self._rate(np.asarray(force / (2 * STEP)))
 
-    def by_borders(self, less: MovedSkin, more: MovedSkin, step: float) -> Rate:
-        """Return the derivatives by the way of the print's borders, per m.
+    def by_borders(self, less: MovedSkin, more: MovedSkin, density: Floats, step: float) -> Rate:
+        """Return the derivatives by the width of lines, from skins with less and more of it, per m.
 
         They are those of places of the sheet: what goes along with the mesh is left out.
-
-        Args:
-            less, more: The skin with its borders moved by −step and by step.
-            step: Way in m.
         """
-        ends = [skin.residual(self.density_of_all, self.load) for skin in (less, more)]
+        ends = [skin.residual(density, self.load) for skin in (less, more)]
         return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
-
-    @property
-    def density_of_all(self) -> Floats:
-        """Density of all triangles, (t,)."""
-        return self.problem.skin.gather_cells(self.density)
 
     def _residual(self, composite: Composite) -> Floats:
         model = self.problem.solver.like(composite=composite, log=None).model
@@ -98,20 +83,10 @@ class TangentRates:
 
     def _rate(self, force: Floats) -> Rate:
         """Return the derivatives for one of the residual."""
-        problem, equilibrium, comm = self.problem, self.equilibrium, self.problem.comm
+        problem, equilibrium = self.problem, self.equilibrium
         motion = problem.solver.solve_tangent(-force, equilibrium)
-        values = {OBJECTIVE: -dot(comm, self._adjoint, force)}
-        moved = self.model.positions(motion)
-        way = largest(comm, float(np.abs(moved).max(initial=0.0)))
-        step = METRIC_STEP * problem.skin.pattern.size / way if way > 0 else 1.0
-        places = [
-            problem.skin.gather_vertices(equilibrium.positions + sign * step * moved)
-            for sign in (-1, 1)
-        ]
-        for metric in problem.metrics:
-            less, more = (metric.value(problem.skin.pattern, x) for x in places)
-            values[metric.key] = (more - less) / (2 * step)
-        return Rate(motion, values)
+        slope = -dot(problem.comm, self._adjoint, force)
+        return Rate(motion, {OBJECTIVE: slope, **problem.metrics_along(equilibrium, motion)})
 
 
 class MovedSkin:
@@ -142,12 +117,7 @@ class MovedSkin:
         return self.problem.solver.model.scatter(self.unknowns + change)
 
     def residual(self, density: Floats, load: Load) -> Floats:
-        """Return the residual of all unknowns, by original index.
-
-        Args:
-            density: Density of all triangles, (t,).
-            load: The load case.
-        """
+        """Return the residual of all unknowns; the density is that of all triangles, (t,)."""
         model, skin = self.problem.solver.model, self.problem.skin
         model.set_density(density[skin.owned_cells])
         model.set_load(load)
@@ -157,9 +127,6 @@ class MovedSkin:
         """Return where the owned vertices' places before the move are in a shape, (n, 3), in m.
 
         Metrics and objectives sort vertices by their places; so these stay the same ones.
-
-        Args:
-            owned: Positions of the owned nodes.
         """
         skin = self.problem.skin
         positions = skin.gather_vertices(owned)
@@ -184,6 +151,4 @@ class MovedSkin:
 
 def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
     """Return objective and metrics at positions of the owned nodes, by key (collective)."""
-    positions, pattern = problem.skin.gather_vertices(owned), problem.skin.pattern
-    metrics: dict[str, float] = {m.key: m.value(pattern, positions) for m in problem.metrics}
-    return {OBJECTIVE: problem.objective.forward(owned), **metrics}
+    return {OBJECTIVE: problem.objective.forward(owned), **problem.metrics_at(owned)}

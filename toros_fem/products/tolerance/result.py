@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from toros_fem.making.print.printability import Printability
+from toros_fem.measures.figures import NONE
 from toros_fem.measures.metrics import Metric
 
 # What is off, and how it reads where it is less and where it is more.
@@ -31,8 +33,7 @@ class Variant:
         predicted: The same to first order, from the tangent at the skin as drawn.
         notes: What is not as usual, as sentences: lines that vanish or merge, another equilibrium.
         steps: Number of Newton steps.
-        smallest_width, smallest_gap: Thinnest line and gap of the print in m; None where there is
-            none, and where the print is as drawn.
+        made: Lines and gaps of the print; None where it is as drawn.
         areas: Change of the printed area in m², of the polygons and of the mesh; None where the
             print is as drawn.
     """
@@ -43,8 +44,7 @@ class Variant:
     predicted: Mapping[str, float]
     notes: tuple[str, ...] = ()
     steps: int = 0
-    smallest_width: float | None = None
-    smallest_gap: float | None = None
+    made: Printability | None = None
     areas: tuple[float, float] | None = None
 
     @property
@@ -72,7 +72,7 @@ class Tolerances:
         metrics: Numbers that the design is judged by, the most important first.
         nominal: Objective and metrics by key as drawn, on the mesh that follows the print.
         own_mesh: Metrics by key on the mesh of the design; empty if not known.
-        smallest_width, smallest_gap: Thinnest line and gap of the print in m; None without any.
+        drawn: Lines and gaps of the print as drawn.
         pressure: Pressure in Pa.
         variants: All variants, by quantity and change.
         triangles: Number of triangles of the mesh.
@@ -83,8 +83,7 @@ class Tolerances:
     metrics: tuple[Metric, ...]
     nominal: Mapping[str, float]
     own_mesh: Mapping[str, float]
-    smallest_width: float | None
-    smallest_gap: float | None
+    drawn: Printability
     pressure: float
     variants: tuple[Variant, ...]
     triangles: int
@@ -119,12 +118,15 @@ class Tolerances:
         )
 
     @property
+    def worst_of_each(self) -> list[tuple[Metric, Variant]]:
+        """The variant that moves each metric most; empty without variants."""
+        found = [(metric, self.worst(metric.key)) for metric in self.metrics]
+        return [(metric, variant) for metric, variant in found if variant is not None]
+
+    @property
     def worst_sentences(self) -> list[str]:
         """What moves each metric most, as sentences."""
-        found = [(self.worst(metric.key), metric) for metric in self.metrics]
-        return list(
-            dict.fromkeys(self.sentence(variant, m) for variant, m in found if variant is not None)
-        )
+        return list(dict.fromkeys(self.sentence(v, metric) for metric, v in self.worst_of_each))
 
     def report(self) -> str:
         """Return what a reader is told: as drawn, a table of all variants, the worst of them."""
@@ -132,26 +134,15 @@ class Tolerances:
             ", ".join(f"{m.name} {m.formatted(v[m.key], 4)}" for m in self.metrics if m.key in v)
             for v in (self.nominal, self.own_mesh)
         )
-        ways = {"line": self.smallest_width, "gap": self.smallest_gap}
-        thinnest = [f"{k} {_shown_mm(way)} mm" for k, way in ways.items() if way is not None]
+        ways = zip(("line", "gap"), _thinnest(self.drawn).values(), strict=True)
+        thinnest = [f"{name} {way:.2f} mm" for name, way in ways if way is not None]
         rows = [["", "", *(m.name for m in self.metrics), "objective", "line, gap (mm)"]]
-        for v in self.variants:
-            changes = [
-                f"{m.formatted(self.change(v, m.key), sign=True)} "
-                f"[{m.formatted(self.change(v, m.key, predicted=True), sign=True)}]"
-                for m in self.metrics
-            ]
-            change = self.change(v, OBJECTIVE)
-            changes.append("–" if change is None else f"{change:+.2e}".replace("-", "−"))
-            made = [_shown_mm(way) for way in (v.smallest_width, v.smallest_gap)]
-            changes.append(", ".join(made) if v.quantity == "print width" else "")
-            rows.append([v.quantity, v.label, *changes])
         lines = [
             f"As drawn: {drawn} at {self.pressure / 1e3:.2f} kPa, {self.triangles} triangles that "
             f"follow the print; on the mesh of the design {own}.",
             *([f"Thinnest {', '.join(thinnest)}."] if thinnest else []),
             "Changes as simulated [to first order]:",
-            *_aligned(rows),
+            *_aligned([*rows, *map(self._cells, self.variants)]),
             *(f"{v.words}: {note}" for v in self.variants for note in v.notes),
             *self.worst_sentences,
             f"{self.seconds[0]:.1f} s and {self.steps[0]} Newton steps as drawn, "
@@ -159,49 +150,56 @@ class Tolerances:
         ]
         return "\n".join(lines)
 
+    def _cells(self, v: Variant) -> list[str]:
+        """Return the cells of a variant in the table of the report."""
+        changes = [
+            f"{m.formatted(self.change(v, m.key), sign=True)} "
+            f"[{m.formatted(self.change(v, m.key, predicted=True), sign=True)}]"
+            for m in self.metrics
+        ]
+        change = self.change(v, OBJECTIVE)
+        objective = NONE if change is None else f"{change:+.2e}".replace("-", "−")
+        ways = [] if v.made is None else _thinnest(v.made).values()
+        made = ", ".join(NONE if way is None else f"{way:.2f}" for way in ways)
+        return [v.quantity, v.label, *changes, objective, made]
+
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each variant, simulated and predicted, as tables have them."""
         found = []
-        for variant in self.variants:
-            row: dict[str, Any] = {"quantity": variant.quantity, "change": variant.label}
+        for v in self.variants:
+            row: dict[str, Any] = {"quantity": v.quantity, "change": v.label}
             for key in self.nominal:
-                row[key] = variant.values.get(key)
-                row[f"{key}_change"] = self.change(variant, key)
-                row[f"{key}_change_first_order"] = self.change(variant, key, predicted=True)
-            row["smallest_width_mm"] = _mm(variant.smallest_width)
-            row["smallest_gap_mm"] = _mm(variant.smallest_gap)
-            row["newton_steps"] = variant.steps
-            found.append(row)
+                row[key] = v.values.get(key)
+                row[f"{key}_change"] = self.change(v, key)
+                row[f"{key}_change_first_order"] = self.change(v, key, predicted=True)
+            found.append(row | _thinnest(v.made) | {"newton_steps": v.steps})
         return found
 
     def summary(self) -> dict[str, Any]:
         """Return all figures as plain numbers; keys end in their units."""
         rows = self.rows()
-        for row, variant in zip(rows, self.variants, strict=True):
-            row["relative" if variant.quantity != "print width" else "change_m"] = variant.change
-            row["words"], row["notes"] = variant.words, list(variant.notes)
-            if variant.areas is not None:
-                polygons, mesh = variant.areas
+        for row, v in zip(rows, self.variants, strict=True):
+            row["relative" if v.quantity != "print width" else "change_m"] = v.change
+            row["words"], row["notes"] = v.words, list(v.notes)
+            if v.areas is not None:
+                polygons, mesh = v.areas
                 row["printed_area_change_mm2"] = {"polygons": 1e6 * polygons, "mesh": 1e6 * mesh}
-        worst = {}
-        for metric in self.metrics:
-            most = self.worst(metric.key)
-            if most is not None:
-                worst[metric.key] = {
-                    "quantity": most.quantity,
-                    "change": most.label,
-                    "value_change": self.change(most, metric.key),
-                    "sentence": self.sentence(most, metric),
-                }
         return {
             "pressure_pa": self.pressure,
             "nominal": dict(self.nominal),
             "own_mesh": dict(self.own_mesh),
             "targets": {m.key: m.target for m in self.metrics},
-            "smallest_width_mm": _mm(self.smallest_width),
-            "smallest_gap_mm": _mm(self.smallest_gap),
+            **_thinnest(self.drawn),
             "variants": rows,
-            "worst": worst,
+            "worst": {
+                metric.key: {
+                    "quantity": v.quantity,
+                    "change": v.label,
+                    "value_change": self.change(v, metric.key),
+                    "sentence": self.sentence(v, metric),
+                }
+                for metric, v in self.worst_of_each
+            },
             "triangles": self.triangles,
             "newton_steps": {"nominal": self.steps[0], "variants": self.steps[1]},
             "seconds": {"nominal": self.seconds[0], "variants": self.seconds[1]},
@@ -217,9 +215,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cells).rstrip() for cells in zip(*columns, strict=True)]
 
 
-def _mm(width: float | None) -> float | None:
-    return None if width is None else 1e3 * width
-
-
-def _shown_mm(width: float | None) -> str:
-    return "–" if width is None else f"{1e3 * width:.2f}"
+def _thinnest(made: Printability | None) -> dict[str, float | None]:
+    """Return the thinnest line and gap in mm; None where there is none, or no other print."""
+    found = {} if made is None else made.summary()
+    return {key: found.get(key) for key in ("smallest_width_mm", "smallest_gap_mm")}

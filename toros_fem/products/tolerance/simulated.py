@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import require_kind
@@ -17,13 +16,11 @@ from toros_fem.design.loop.problem import Evaluation, Pressure
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.printability import (
-    Printability,
     PrintLimits,
     printability,
     printed_cells,
 )
 from toros_fem.making.print.regions import part_regions
-from toros_fem.making.print.widths import LocalWidth
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -56,26 +53,22 @@ STIFFNESSES = (
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A skin of which one quantity is off, and where its simulation starts.
+    """A skin of which one quantity is off.
 
     Attributes:
-        quantity, amount: What is off, and by how much.
-        way: The same in the unit of the rate.
+        quantity, amount: What is off, and by how much, as of `Variant`.
         rate: Derivatives by the quantity.
         solver: Solver of the skin.
-        density: Density of its owned triangles.
-        starts: States to start from; the first one that bounds and contact admit is taken.
         pressures: In Pa, of each chamber.
+        moved: The skin, if its print's borders have moved; else its mesh is that as drawn.
     """
 
     quantity: str
     amount: float
-    way: float
     rate: Rate
     solver: EquilibriumSolver
-    density: Floats
-    starts: Sequence[Floats]
     pressures: Sequence[float]
+    moved: MovedSkin | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +133,7 @@ def tolerances(
 def simulated_tolerances(
     problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:
-    """Return how a print moves if it is not made as drawn (collective).
-
-    Args:
-        problem: The design problem, on a mesh that follows the print.
-        drawn: The print.
-        config: How far what is off; None takes the defaults.
+    """Return the same of a problem that is on a mesh that follows the print (collective).
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.
@@ -153,14 +141,13 @@ def simulated_tolerances(
     begin = time.perf_counter()
     study = _Study(problem, drawn)
     middle = time.perf_counter()
-    variants = tuple(study.variants(config or ToleranceConfig()))
+    variants = tuple(map(study.variant, study.changes(config or ToleranceConfig())))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
     return Tolerances(
         metrics=problem.metrics,
         nominal=study.nominal,
         own_mesh=drawn.own_mesh,
-        smallest_width=_width(as_drawn.smallest_width),
-        smallest_gap=_width(as_drawn.smallest_gap),
+        drawn=as_drawn,
         pressure=study.equilibrium.pressure,
         variants=variants,
         triangles=len(problem.skin.pattern.panel),
@@ -184,72 +171,41 @@ class _Study:
             cells[skin.owned_cells], start=start, pressure=drawn.pressure
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
+        self.density_of_all = skin.gather_cells(self.density)
         self.nominal = values_at(problem, self.equilibrium.positions)
         self.rates = TangentRates(problem, self.density, self.equilibrium)
 
-    def variants(self, config: ToleranceConfig) -> Iterator[Variant]:
-        """Yield all variants by quantity, from less to more."""
+    def changes(self, config: ToleranceConfig) -> Iterator[Change]:
+        """Yield all changes by quantity, from less to more."""
         if config.width is not None:
             yield from self._widths(config.width)
-        changes = []
         sizes = {"young": config.modulus, "thickness": config.thickness}
         for name, material, part in STIFFNESSES:
             if (size := sizes[part]) is not None:
-                changes.append(self._stiffnesses(name, material, part, size))
+                yield from self._stiffnesses(name, material, part, size)
         if config.pressure_change is not None:
-            changes.append(self._pressures(config.pressure_change))
-        for change in chain(*changes):
-            yield self._solved(change)
+            yield from self._pressures(config.pressure_change)
 
-    def _widths(self, width: float) -> Iterator[Variant]:
-        pattern, density = self.pattern, self.problem.skin.gather_cells(self.density)
-        printed = density > 0.5
+    def _widths(self, width: float) -> Iterator[Change]:
+        pattern, unknowns = self.pattern, self.problem.solver.model.gather(self.equilibrium.state)
+        printed = self.density_of_all > 0.5
         motion = on_first_rank(
             self.comm, lambda: border_motion(pattern, self.drawn.regions, printed, width)
         )
-        model = self.problem.solver.model
-        unknowns = model.gather(self.equilibrium.state)
 
-        def moved(offset: float) -> MovedSkin:
-            flat = pattern.flat_points + offset * motion
-            other = on_first_rank(self.comm, lambda: with_flat_points(pattern, flat))
-            return MovedSkin(self.problem.on(other), pattern, offset * motion, unknowns)
-
-        # A line is wider by twice the way of its borders.
-        step = BORDER_STEP * width / 2
-        rate = self.rates.by_borders(moved(-step), moved(step), step)
-        for factor in (-2, -1, 1, 2):
-            offset = factor * width / 2
-            skin = moved(offset)
-            along = offset * model.gather(rate.motion)
-            here = density[skin.problem.skin.owned_cells]
-            starts, pressures = [skin.state(along), skin.state()], self.equilibrium.pressures
-            solver = skin.problem.solver
-            change = Change(
-                "print width", factor * width, offset, rate, solver, here, starts, pressures
+        def moved(amount: float) -> MovedSkin:
+            way = amount / 2 * motion  # a line is wider by twice the way of its borders
+            other = on_first_rank(
+                self.comm, lambda: with_flat_points(pattern, pattern.flat_points + way)
             )
-            yield self._worn(self._solved(change, skin), skin, offset, printed)
+            return MovedSkin(self.problem.on(other), pattern, way, unknowns)
 
-    def _worn(self, variant: Variant, skin: MovedSkin, offset: float, printed: Bools) -> Variant:
-        """Return a variant with what its lines and gaps have become."""
-        (pattern, regions), limits = self.drawn.whole, self.drawn.limits
-
-        def measure() -> tuple[Printability, list[str], tuple[float, float]]:
-            made = offset_print(pattern, regions, offset, limits.resolution)
-            notes = broken_lines(pattern, regions, made, limits.resolution)
-            polygons = sum(a.area - b.area for a, b in zip(made, regions, strict=True))
-            areas = skin.problem.skin.pattern.areas - self.pattern.areas
-            mesh = float(areas[printed].sum() * (pattern.areas.sum() / self.pattern.areas.sum()))
-            return printability(pattern, made, limits), notes, (polygons, mesh)
-
-        made, notes, areas = on_first_rank(self.comm, measure)
-        return replace(
-            variant,
-            notes=(*notes, *variant.notes),
-            smallest_width=_width(made.smallest_width),
-            smallest_gap=_width(made.smallest_gap),
-            areas=areas,
-        )
+        step = BORDER_STEP * width
+        rate = self.rates.by_borders(moved(-step), moved(step), self.density_of_all, step)
+        for factor in (-2, -1, 1, 2):
+            skin, pressures = moved(factor * width), self.equilibrium.pressures
+            solver = skin.problem.solver
+            yield Change("print width", factor * width, rate, solver, pressures, skin)
 
     def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Change]:
         composite = self.problem.solver.model.composite
@@ -262,41 +218,53 @@ class _Study:
         rate = self.rates.by_composite(changed)
         for amount in (-size, size):
             solver = self.problem.solver.like(composite=changed(1 + amount), log=None)
-            yield self._change(name, amount, rate, solver, self.equilibrium.pressures)
+            yield Change(name, amount, rate, solver, self.equilibrium.pressures)
 
     def _pressures(self, size: float) -> Iterator[Change]:
         rate = self.rates.by_pressure()
         for amount in (-size, size):
             pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
-            yield self._change("pressure", amount, rate, self.problem.solver, pressures)
+            yield Change("pressure", amount, rate, self.problem.solver, pressures)
 
-    def _change(
-        self,
-        name: str,
-        amount: float,
-        rate: Rate,
-        solver: EquilibriumSolver,
-        pressures: Sequence[float],
-    ) -> Change:
-        """Return a change of a quantity by a fraction, on the mesh as drawn."""
-        state = self.equilibrium.state
-        starts = [state + amount * rate.motion, state.copy()]
-        return Change(name, amount, amount, rate, solver, self.density, starts, pressures)
+    def variant(self, c: Change) -> Variant:
+        """Return what a change does, at the places of the skin as drawn."""
+        found = self._solved(c)
+        return found if c.moved is None else self._worn(found, c.moved)
 
-    def _solved(self, c: Change, skin: MovedSkin | None = None) -> Variant:
-        """Return the variant of a change; of a moved skin at the places of the drawn one."""
-        predicted = {k: value + c.way * c.rate.values[k] for k, value in self.nominal.items()}
-        inside = [start for start in c.starts if c.solver.model.admits(start)]
-        start = inside[0] if inside else None
+    def _solved(self, c: Change) -> Variant:
+        """Return the variant of a change, simulated from the motion that the tangent predicts."""
+        predicted = {k: value + c.amount * c.rate.values[k] for k, value in self.nominal.items()}
+        state, along = self.equilibrium.state, c.amount * c.rate.motion
+        density, starts = self.density, [state + along, state.copy()]
+        if c.moved is not None:
+            density = self.density_of_all[c.moved.problem.skin.owned_cells]
+            starts = [c.moved.state(self.problem.solver.model.gather(along)), c.moved.state()]
+        start = next(filter(c.solver.model.admits, starts), None)
         try:
-            found = c.solver.solve(c.density, Load(c.pressures, self.problem.force), start)
+            found = c.solver.solve(density, Load(c.pressures, self.problem.force), start)
         except EquilibriumError as caught:  # raised by all ranks or by none
             return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()
-        places = found.positions if skin is None else skin.before(found.positions)
+        places = found.positions if c.moved is None else c.moved.before(found.positions)
         values = values_at(self.problem, places)
         return Variant(c.quantity, c.amount, values, predicted, notes, found.steps)
 
+    def _worn(self, variant: Variant, skin: MovedSkin) -> Variant:
+        """Return a variant with what its lines and gaps have become."""
+        (pattern, regions), limits = self.drawn.whole, self.drawn.limits
+        printed, own = self.density_of_all > 0.5, self.pattern
 
-def _width(place: LocalWidth | None) -> float | None:
-    return None if place is None else place.width
+        def measure() -> Variant:
+            made = offset_print(pattern, regions, variant.change / 2, limits.resolution)
+            notes = broken_lines(pattern, regions, made, limits.resolution)
+            polygons = sum(a.area - b.area for a, b in zip(made, regions, strict=True))
+            areas = skin.problem.skin.pattern.areas - own.areas
+            mesh = float(areas[printed].sum() * (pattern.areas.sum() / own.areas.sum()))
+            return replace(
+                variant,
+                notes=(*notes, *variant.notes),
+                made=printability(pattern, made, limits),
+                areas=(polygons, mesh),
+            )
+
+        return on_first_rank(self.comm, measure)

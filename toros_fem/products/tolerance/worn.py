@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.array_types import Ints
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import fabric_of
 from toros_fem.meshes.pattern import Pattern
@@ -39,45 +41,29 @@ def broken_lines(
     made: Sequence[BaseGeometry],
     resolution: float,
 ) -> list[str]:
-    """Return what vanishes, parts or merges between a print as drawn and as made, as sentences.
-
-    Args:
-        pattern: The pattern.
-        drawn, made: Print on each panel, polygons in m.
-        resolution: Distance of samples in m, as of `PrintLimits`.
-    """
-    lines, gaps = [0, 0, 0], [0, 0, 0]
+    """Return what vanishes, parts or merges between a print as drawn and as made, as sentences."""
+    lines: Ints = np.zeros(3, dtype=np.int64)
+    gaps: Ints = np.zeros(3, dtype=np.int64)
     for panel, (one, two) in enumerate(zip(drawn, made, strict=True)):
         outline = panel_outline(pattern, panel)
-        _count(one, two, lines)
-        fabric = [fabric_of(region, outline, resolution) for region in (one, two)]
-        _count(fabric[0], fabric[1], gaps)
+        lines += _events(one, two)
+        gaps += _events(*(fabric_of(region, outline, resolution) for region in (one, two)))
     # A ring of print that opens joins the fabric inside to that around it, and the reverse.
-    events = {
-        "line vanishes": lines[0],
-        "line parts": lines[1] + gaps[2],
-        "gap closes": gaps[0],
-        "line touches another": gaps[1] + lines[2],
-    }
-    plural = {
-        "line vanishes": "lines vanish",
-        "line parts": "lines part",
-        "gap closes": "gaps close",
-        "line touches another": "lines touch others",
-    }
-    return [f"{n} {text if n == 1 else plural[text]}." for text, n in events.items() if n]
+    events = (
+        (lines[0], "line vanishes", "lines vanish"),
+        (lines[1] + gaps[2], "line parts", "lines part"),
+        (gaps[0], "gap closes", "gaps close"),
+        (gaps[1] + lines[2], "line touches another", "lines touch others"),
+    )
+    return [f"{n} {one if n == 1 else several}." for n, one, several in events if n]
 
 
-def _count(before: BaseGeometry, after: BaseGeometry, events: list[int]) -> None:
-    """Add the numbers of pieces that vanish, that part and that merge."""
+def _events(before: BaseGeometry, after: BaseGeometry) -> Ints:
+    """Return the numbers of pieces that vanish, that part and that merge, (3,)."""
     one, two = (shapely.get_parts(shape) for shape in (before, after))
     one, two = (parts[shapely.area(parts) > 0] for parts in (one, two))
-    if not len(one) or not len(two):
-        events[0] += len(one)
-        return
     pairs = shapely.STRtree(two).query(one, predicate="intersects")
     shares = shapely.area(shapely.intersection(one[pairs[0]], two[pairs[1]])) > 0
-    here, there = pairs[:, shares]
-    events[0] += len(set(range(len(one))) - set(here.tolist()))
-    events[1] += len(here) - len(set(here.tolist()))
-    events[2] += len(there) - len(set(there.tolist()))
+    here, there = (np.unique(own) for own in pairs[:, shares])
+    count = int(shares.sum())
+    return np.array([len(one) - len(here), count - len(here), count - len(there)])

@@ -19,12 +19,7 @@ CROSS = {**TICK, "marker": "x", "ms": 9}
 
 
 def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> None:
-    """Write tolerance.json, tolerance.csv and tolerance.png (collective).
-
-    Args:
-        comm: Communicator; the first rank writes.
-        folder: Folder for the files, made if missing.
-        found: The variants.
+    """Write tolerance.json, tolerance.csv and tolerance.png into a folder (collective).
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
