@@ -37,6 +37,8 @@ WORDS = {
     Path: "a path",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }  # fmt: skip
+# Units of metrics that are written in another way than those of keys.
+METRIC_UNITS = {None: "ratio", "%": "percent"}
 
 
 @dataclass(frozen=True)
@@ -89,12 +91,13 @@ Count = Annotated[int, In(at_least=1)]
 Number = Annotated[int, In(at_least=0)]
 
 
-def key(default: Any, meaning: str) -> Any:
+def key(default: Any, meaning: str, *, metric: str | None = None) -> Any:
     """Return the dataclass field of a key: its default, and its meaning in one line.
 
-    A default of `dataclasses.MISSING` is none: the value must be given.
+    A default of `dataclasses.MISSING` is none: the value must be given. `metric` names the metric
+    whose target the key holds, in the key's unit.
     """
-    return field(default=default, metadata={"meaning": meaning})
+    return field(default=default, metadata={"meaning": meaning, "metric": metric})
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,7 @@ class Key:
         words: The words that a text may be; empty for free text.
         default: Value where none is given; MISSING where one must be.
         meaning: One line, without unit and bounds.
+        metric: Name of the metric whose target it holds; None for other keys.
     """
 
     name: str
@@ -120,11 +124,18 @@ class Key:
     default: Any
     meaning: str
     several: bool = False
+    metric: str | None = None
 
     @property
     def one(self) -> Key:
         """The key of one of several values."""
         return replace(self, several=False)
+
+    @property
+    def metric_key(self) -> str | None:
+        """Key of the metric whose target it holds, "angle_deg" for instance: of the same unit."""
+        unit = self.within.unit
+        return self.metric and f"{self.metric}_{METRIC_UNITS.get(unit, unit)}"
 
     @property
     def bounds(self) -> str:
@@ -331,7 +342,7 @@ def _keys(table: type[Table]) -> Mapping[str, Key]:
         within = limits if isinstance(limits, In) else In()
         words = limits.words if isinstance(limits, OneOf) else ()
         found[one.name] = Key(
-            one.name, kind, optional, within, words, one.default, one.metadata["meaning"], several
+            one.name, kind, optional, within, words, one.default, several=several, **one.metadata
         )
     return types.MappingProxyType(found)
 

@@ -292,7 +292,7 @@ def _density_parts(config: ActuatorScene, finest: int, ranks: int) -> tuple[Part
                 (DESIGN_STEP[0] * steps, DESIGN_STEP[1] * most),
             )
         )
-    rounds = config.design.corrections if config.TARGETS else 0
+    rounds = config.design.corrections if config.targets() else 0
     more = config.design.level_iterations + 1
     if rounds:
         likely = (DESIGN_STEP[0] * more, DESIGN_STEP[1] * more * rounds)

@@ -163,7 +163,7 @@ def discover(
     misses by far, the next relaxed design asks for more (space mapping, Bandler et al. 1994): it
     costs a fraction of a simulated print. The widths of the lines take away a small miss
     (`mended_widths`). Where a target is in no field of the scene
-    (`TARGETS`), there is one round only.
+    (`targets`), there is one round only.
 
     Args:
         comm: Communicator.
@@ -287,7 +287,7 @@ class _Search:
         made = rounds[-1]
         return (
             made.error < CLOSE
-            or not set(self.aims) <= set(self.scene.TARGETS)
+            or not set(self.aims) <= set(self.scene.targets())
             or (made.printed.evaluation is None and not made.widened)
             or (self.best.round.error < FINE and self.fruitless > 1)
         )
