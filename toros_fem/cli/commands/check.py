@@ -15,7 +15,7 @@ from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.products.kinds import ABOUT
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.cost import Cost, Probe
+    from toros_fem.products.actuators.cost import Cost
 
 log = logging.getLogger(__name__)
 # Part of the machine's memory above which a run is warned of.
@@ -41,8 +41,6 @@ class Check(SceneCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
-        from toros_fem.products.costs import scene_cost
-
         scene = self.scene(comm)
         figures: dict[str, Any] = {
             "file": scene.path,
@@ -57,31 +55,31 @@ class Check(SceneCommand):
             for role, entry in scene.materials.items()
         ]
         with self.meshes_allowed():
-            made = scene_cost(comm, scene.config, scene.files, probing=not self.no_probe)
-        if made is None:
+            cost_of = getattr(scene.config, "expected_cost", None)
+            cost = cost_of and cost_of(comm, scene.files, probing=not self.no_probe)
+        if cost is None:
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:
-            figures |= _figures(comm, *made)
-            lines += _lines(comm, *made)
+            figures |= _figures(cost)
+            lines += _lines(comm, cost)
         return Answer("\n".join(lines), figures)
 
 
-def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:
-    seconds = None if tried is None else found.seconds(tried.per_step, tried.triangles)
+def _figures(found: Cost) -> dict[str, Any]:
     return {
         "triangles": found.triangles,
         "largest_triangles": found.largest,
         "unknowns": found.unknowns,
         "memory_gib": found.memory / 2**30,
         "machine_gib": memory_gib(),
-        "ranks": comm.size,
+        "ranks": found.ranks,
         "parts": [asdict(part) for part in found.parts],
-        "minutes": None if seconds is None else [end / 60 for end in seconds],
-        "probe": None if tried is None else asdict(tried),
+        "minutes": found.seconds and [end / 60 for end in found.seconds],
+        "probe": found.probe and asdict(found.probe),
     }
 
 
-def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
+def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
     memory, machine = found.memory / 2**30, memory_gib()
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(
@@ -97,10 +95,11 @@ def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
         f"unknowns    about {found.unknowns} on the finest mesh",
         f"memory      about {memory:.1f} GiB{of}, to a quarter",
     ]
-    if tried is None:
+    tried, seconds = found.probe, found.seconds
+    if tried is None or seconds is None:
         return [*lines, "time        not estimated without a probe"]
-    low, high = found.seconds(tried.per_step, tried.triangles)
-    ranks = "1 rank" if comm.size == 1 else f"{comm.size} ranks"
+    low, high = seconds
+    ranks = "1 rank" if found.ranks == 1 else f"{found.ranks} ranks"
     lines += [
         f"time        {_duration(low)} to {_duration(high)} on {ranks}",
         f"probe       {tried.newton_steps} Newton steps on {tried.triangles} triangles in "

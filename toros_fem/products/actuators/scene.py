@@ -24,6 +24,7 @@ from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.result import ActuatorResult, Trial
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
@@ -219,6 +220,10 @@ class ActuatorScene(Scene):
         given = files or {}
         scene, pattern = self.with_files(comm, given), given.get("pattern")
         return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
+
+    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+        """Return the cost of a design, by `actuator_cost` (collective)."""
+        return actuator_cost(comm, self.with_files(comm, files), probing=probing)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).
