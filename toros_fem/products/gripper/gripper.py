@@ -33,13 +33,12 @@ from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.gripper.lift import solid
+from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
 from toros_fem.products.gripper.load import GRAVITY, Load, lift
 from toros_fem.products.tables.loads import Contacts, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
 
-ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
 FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same
 TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object

@@ -1,7 +1,4 @@
-"""Object, pictures and frames of a gripper that lifts.
-
-Fingers are computed in a frame of their own: along x from the mount, towards the object along z.
-"""
+"""Object, pictures and frames of a gripper that lifts."""
 
 from __future__ import annotations
 
@@ -25,6 +22,8 @@ from toros_fem.results.frames.record import repeated, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.writer import if_plotting
 
+# Directions of a finger's frame: from the mount to the tip, and towards the object.
+ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 # Rays on which a body's surface is found, over its size: it lies no further out.
 FARTHEST = 2.0
 # Half the width of the post and its distance from the object in pictures, over the object's size.

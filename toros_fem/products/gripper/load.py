@@ -30,7 +30,7 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
 from toros_fem.meshes.topology import normals
 from toros_fem.products.actuators.result import ActuatorResult
-from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, write_lift
+from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
 from toros_fem.results.frames.record import repeated
 
 if TYPE_CHECKING:  # a scene is lifted here, and says so
@@ -137,11 +137,11 @@ class Grip:
         limit, end = wanted.slip_limit, wanted.lift_distance or 0.0
         near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
         far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
-        depths, down = [*near, *far[far > limit]], self.scene.leg.along
+        depths = [*near, *far[far > limit]]
 
         def path() -> Iterator[PullPoint]:
             closed, points = self.closing.solve(owned, pressures, start=start), list[PullPoint]()
-            for point in pull_out(self.pulling, owned, pressures, depths, down, closed.positions):
+            for point in pull_out(self.pulling, owned, pressures, depths, ALONG, closed.positions):
                 points.append(point)
                 yield point
                 if point.depth >= limit and self.slip(points) is not None:

@@ -53,4 +53,4 @@ class BendScene(TubeScene):
         """Return half the tube, or the whole, and its target."""
         asked = self.target
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
-        return self.tip_case(comm, level, deform, [bend_metric(asked.angle)], self.skin.planes)
+        return self.tube_case(comm, level, deform, [bend_metric(asked.angle)], self.skin.planes)

@@ -46,4 +46,4 @@ class BendTwistScene(SectionTubeScene):
         twisted = twist(np.radians(asked.twist), length)
         bent = bend(np.radians(asked.angle), length, neutral=asked.neutral)
         metrics = [bend_metric(asked.angle), twist_metric(asked.twist)]
-        return self.section_case(comm, level, compose(twisted, bent), metrics)
+        return self.tube_case(comm, level, compose(twisted, bent), metrics)

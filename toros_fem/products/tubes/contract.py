@@ -55,4 +55,4 @@ class ContractScene(SectionTubeScene):
         """Return half the tube, or the whole, and its target."""
         asked = self.target.contraction
         metrics = [shortening_metric(asked), twist_metric(None)]
-        return self.section_case(comm, level, contract(1 - asked / 100), metrics, self.skin.planes)
+        return self.tube_case(comm, level, contract(1 - asked / 100), metrics, self.skin.planes)

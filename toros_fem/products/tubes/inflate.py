@@ -106,21 +106,14 @@ class InflateScene(Scene):
         *,
         verbose: bool = False,
     ) -> RunResult:
-        """Inflate the tube and write curve, fields and pictures (collective).
-
-        Args:
-            comm: Communicator.
-            output: Folder for the results.
-            files: It takes none.
-            verbose: Whether to print every Newton step.
-        """
+        """Inflate the tube and write curve, fields and pictures; it takes no files (collective)."""
         begin, planes = time.perf_counter(), self.planes
         solver, density = self.solver(comm, verbose=verbose)
         owned, pattern = density[solver.skin.owned_cells], solver.skin.pattern
         metrics = [metric.of_whole(planes) for metric in METRICS]
         path = PathResult(
             pattern,
-            list(trace(solver, owned, self.pressures.tolist(), metrics)),
+            list(trace(solver, owned, [*map(float, self.pressures)], metrics)),
             density,
             METRICS,
             mirrored(pattern, planes),

@@ -23,6 +23,7 @@ from toros_fem.measures.metrics import (
     shortening,
     twist_angle,
 )
+from toros_fem.measures.shape import Part
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.mirror import mirrored, require_symmetric_map
@@ -69,7 +70,7 @@ class SymmetricTube(Tube):
 
 @dataclass(frozen=True)
 class TubeScene(ActuatorScene):
-    """A designed tube."""
+    """A designed tube whose shape counts."""
 
     skin: Tube = Tube()
     objective: TipWeights = TipWeights()
@@ -92,7 +93,14 @@ class TubeScene(ActuatorScene):
         around = float(np.pi * self.skin.diameter / LEAST_AROUND)
         return min(around, self.skin.length / LEAST_ALONG)
 
-    def tip_case(
+    def part(self, pattern: Pattern) -> Part:
+        """Return the objective of a whole tube: all its vertices count, those of the tip more."""
+        plate = pattern.vertices_of(TIP)
+        # The ring and not the plate, which bulges.
+        ring = np.intersect1d(plate, pattern.vertices_of(WALL))
+        return self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
+
+    def tube_case(
         self,
         comm: MPI.Comm,
         level: Level,
@@ -100,9 +108,7 @@ class TubeScene(ActuatorScene):
         metrics: Sequence[Metric],
         planes: tuple[int, ...] = (),
     ) -> Case:
-        """Return a tube along z whose whole shape counts; its base is held, its caps are printed.
-
-        All vertices have a target position; those of the end plate count more than the rest.
+        """Return a tube along z whose base is held and whose caps are printed (collective).
 
         Args:
             comm: Communicator.
@@ -117,23 +123,6 @@ class TubeScene(ActuatorScene):
             ParameterError: A size is too large for the tube, or the knit is not symmetric.
             TargetError: The target is not symmetric.
         """
-        case = self._clamped(comm, level, deform, metrics, planes)
-        pattern = mirrored(case.pattern, planes).pattern
-        plate = pattern.vertices_of(TIP)
-        # The ring and not the plate, which bulges.
-        ring = np.intersect1d(plate, pattern.vertices_of(WALL))
-        part = self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
-        return replace(case, parts=[part])
-
-    def _clamped(
-        self,
-        comm: MPI.Comm,
-        level: Level,
-        deform: Deformer,
-        metrics: Sequence[Metric],
-        planes: tuple[int, ...],
-    ) -> Case:
-        """Return the case of a tube whose objective is still to be chosen."""
         assert level.edge_length is not None
         pattern = self.skin.pattern(comm, level.edge_length, planes)
         require_symmetric_map(pattern.points, planes, deform)
@@ -142,6 +131,7 @@ class TubeScene(ActuatorScene):
         watched = [] if length.key in {metric.key for metric in metrics} else [length]
         return replace(
             self.loaded(pattern, deform(pattern.points), supports, planes),
+            parts=[self.part(mirrored(pattern, planes).pattern)],
             metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
             passive=_printed_caps(pattern),
             parts_of_whole=True,
@@ -150,35 +140,25 @@ class TubeScene(ActuatorScene):
 
 @dataclass(frozen=True)
 class SectionTubeScene(TubeScene):
-    """A tube that may swell freely: its cross-sections count."""
+    """A designed tube that may swell freely."""
 
     objective: SectionWeights = SectionWeights()
     # From noise, densities of these tubes end in traps.
     design: Designing = Designing(start="relaxed", corrections=6)
 
-    def section_case(
-        self,
-        comm: MPI.Comm,
-        level: Level,
-        deform: Deformer,
-        metrics: Sequence[Metric],
-        planes: tuple[int, ...] = (),
-    ) -> Case:
-        """Return the tube of `tip_case` with an objective of cross-sections only.
+    def part(self, pattern: Pattern) -> Part:
+        """Return the objective of a whole tube: positions and orientations of its cross-sections.
 
-        Their positions and orientations have a target; the skin may swell freely. With an axial
-        weight of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight`
-        times as much as the mean over all other cross-sections. Arguments and errors are those of
-        `tip_case`.
+        With an axial weight of 0 it may also lengthen and shorten. The position of the tip counts
+        `tip_weight` times as much as the mean over all other cross-sections.
         """
-        case = self._clamped(comm, level, deform, metrics, planes)
-        pattern, count = mirrored(case.pattern, planes).pattern, self.objective.cross_sections
-        labels = label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count)
-        return replace(case, parts=[self.objective.sections_part(pattern, labels, 2)])
+        wall, count = pattern.vertices_of(WALL), self.objective.cross_sections
+        labels = label_cross_sections(pattern, wall, (0, 0, 1), count)
+        return self.objective.sections_part(pattern, labels, 2)
 
 
 def bend_metric(target: float) -> Metric:
-    """Return the bend angle of a tube's tip in degrees, by `measures.bend_angle`."""
+    """Return the bend angle of a tube's tip in degrees, by `bend_angle`."""
     return Metric("angle", "deg", target, _in_degrees(bend_angle))
 
 

@@ -78,7 +78,7 @@ class TwistScene(SectionTubeScene):
         asked, length = self.target, self.skin.length
         deform, metrics = twist(np.radians(asked.twist), length), [twist_metric(asked.twist)]
         if not asked.keep_length:
-            return self.updated(axial_weight=0.0).section_case(comm, level, deform, metrics)
+            return self.updated(axial_weight=0.0).tube_case(comm, level, deform, metrics)
         deform = compose(deform, contract(asked.length_ratio))
         metrics.append(length_metric(asked.length_ratio))
-        return self.section_case(comm, level, deform, metrics)
+        return self.tube_case(comm, level, deform, metrics)

@@ -329,7 +329,7 @@ class WalkerScene(ActuatorScene):
             if self.star.directions[k, 1] > 0
         ]
         density = printed[: len(half.triangles)].astype(np.float64)[skin.owned_cells]
-        levels = (np.asarray(pressures) * gait.pressure_fractions).tolist()
+        levels = [[*map(float, row)] for row in np.asarray(pressures) * gait.pressure_fractions]
         points, failure = until_failure(
             trace(solver, density, levels, legs, start[skin.owned_vertices])
         )
