@@ -28,7 +28,7 @@ class LegWeights(Orientation):
 
     cross_sections: Count = key(6, "number of cross-sections of a leg or finger")
     centreline_weight: Factor = key(
-        0.02, "weight of its centre line over that of the cross-sections' orientation"
+        0.02, "weight of the centre line of a leg or finger over that of its orientation"
     )
 
 

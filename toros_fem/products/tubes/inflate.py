@@ -187,13 +187,12 @@ class InflationResult(RunResult):
 
     def sentence(self) -> str:
         """Return it in a sentence."""
-
-        def told(state: TracePoint) -> str:
-            radius, length = (state.metrics[metric.key] for metric in METRICS)
-            at = f"{state.result.pressure / 1e3:g} kPa"
-            return f"{radius:.0f} % and length {length:.0f} % at {at}"
-
+        (radius, length, at), (last_radius, last_length, end) = (
+            (*(state.metrics[one.key] for one in METRICS), state.result.pressure / 1e3)
+            for state in (self.half, self.path.points[-1])
+        )
         return (
-            f"radius {told(self.half)}, {told(self.path.points[-1])}: above, the radius grows by "
+            f"radius {radius:.0f} % and length {length:.0f} % at {at:g} kPa, {last_radius:.0f} % "
+            f"and {last_length:.0f} % at {end:g} kPa: above, the radius grows by "
             f"{100 * self.growth_ratio:.0f} % of its growth below"
         )
