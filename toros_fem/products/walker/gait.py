@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
@@ -183,19 +183,20 @@ class Walk:
             measured: Who measured the stride, and it in m; None for none.
         """
         distances = [point.result.smallest_distance for point in self.points]
-        return GaitFigures(
+        found = GaitFigures(
             self.gait.names,
             tuple(full),
             failure,
             len(self.points),
-            stride_mm=1e3 * self.stride if self.complete else None,
-            slip_mm=1e3 * self.slip if self.complete else None,
             measured_stride_mm=None if measured is None else 1e3 * measured[1],
             smallest_distance_mm=1e3 * min(d for d in distances if d is not None),
             foot_lift_mm=1e3 * float(self.feet[:, :, 2].max()),
             supplied_energy_j=self.supplied_energy,
-            lost_energy_j=self.lost_energy if self.complete else None,
         )
+        if not self.complete:
+            return found
+        stride, slip, lost = 1e3 * self.stride, 1e3 * self.slip, self.lost_energy
+        return replace(found, stride_mm=stride, slip_mm=slip, lost_energy_j=lost)
 
 
 def flat_on_ground(

@@ -219,14 +219,14 @@ class WalkerScene(ActuatorScene):
             if self.pressure.design_pressure:  # of both chambers, for the gait
                 in_leg = centroids @ directions[0] > star.root
                 apart = Chambers(("body", "leg"), in_leg.astype(np.int64))
-        foot = self.skin.foot_length
+        foot, passive = self.skin.foot_length, None
+        if foot is not None:
+            passive = np.where(self.reach(centroids) > star.reach - foot, 1.0, np.nan)
         return replace(
             self.loaded(pattern, target, rest_on_body(pattern, star.body_radius, (0, 1)), (0, 1)),
             parts=[sections],
             metrics=(metric,),
-            passive=None
-            if foot is None
-            else np.where(self.reach(centroids) > star.reach - foot, 1.0, np.nan),
+            passive=passive,
             # The top is to stretch; without this hint the start does not tell up from down.
             start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
             chambers=apart,
