@@ -129,7 +129,6 @@ def test_stride(pinned: Callable[..., None]) -> None:
     gait = Gait(walking.CHAMBERS, np.array([[1.0, 1, 1], [0.4, 0.4, 0.4]]), 1)
     full = 3 * [config.pressure.pressure]
     walk, failure = config.follow(MPI.COMM_SELF, gait, half, printed, full)
-    assert walk is not None
     figures = {
         "failure": failure,
         "stride in m": walk.stride,

@@ -52,7 +52,6 @@ class Tilted(TubeScene):
 def test_other_targets() -> None:
     assert Tilted.of(seed=5).asked({"angle_deg": 36.0}) == Tilted.of(seed=5, angle=36.0)
     assert Tilted().asked({}) == Tilted()
-    # The unit of a metric is that of its key, so that no other metric is taken for it.
     assert Tilted.targets() == {"angle_deg": "angle", "share_percent": "share"}
     with pytest.raises(errors.ParameterError, match="target of 'angle_mm'; known are angle_deg"):
         Tilted().asked({"angle_mm": 1.0})
