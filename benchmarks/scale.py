@@ -104,7 +104,7 @@ def _made(edge: float) -> tuple[Any, Any, float, Any, float]:
     comm, config = MPI.COMM_SELF, _config(edge)
     target = bend(np.pi, config.skin.length)
     level = config.finest_level
-    case, mesh = cpu(lambda: config.tip_case(comm, level, target, [bend_metric(180.0)]))
+    case, mesh = cpu(lambda: config.tube_case(comm, level, target, [bend_metric(180.0)]))
     problem, setup = cpu(lambda: config.problem(comm, case, level))
     return config, case, mesh, problem, setup
 

@@ -29,7 +29,7 @@ from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.paths.pull_out import largest_force, pull_out
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.meshes import curl, finger, mirrored, plane_centroids
-from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
+from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.gripper.lift import LiftShape, write_lift
 
 parser = argparse.ArgumentParser(description="Design a gripper, and let it lift a sphere.")
@@ -68,7 +68,9 @@ ball, ground = rigid_sphere("object", RADIUS, body.centre), tf.Ground((0, 0, bod
 contact = tf.Contact(ground, bodies=[ball], self_contact=False)
 # Upwards, and towards the sphere's axis as far as friction makes use of it.
 up, needed = FRICTION * np.array(TOWARD) - ALONG, 4 * MASS * GRAVITY / (2 * FINGERS)
-sizes, tip = contact.sizes(composite), tip_angle_metric(0.0, ALONG, TOWARD, ROOT, outer_count=3)
+sizes, leg = contact.sizes(composite), Leg(ALONG, TOWARD, ROOT)
+tip = leg.angle_metric(0.0, outer_count=3)
+weights = LegWeights(orientation_length=0.02, cross_sections=4, centreline_weight=0.05)
 gap = tf.Metric("gap", "mm", 0.0, lambda of, x: 1e3 * mean_gap(body, of, x, strip))
 case = tf.Case(
     pattern,
@@ -78,7 +80,7 @@ case = tf.Case(
     pressure_bounds=(1e3, 15e3),
     composite=composite,
     parts=[
-        leg_cross_sections(pattern, ALONG, ROOT, 4, 0.05, orientation_length=0.02),
+        leg.sections(pattern, weights),
         lambda nodes, _: GapObjective(nodes, body, strip.astype(float), factor=5.0),
         lambda nodes, _: HoldingObjective(nodes, contact, sizes, supports.fixed, up, needed),
     ],

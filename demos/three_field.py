@@ -62,7 +62,7 @@ class ThreeFieldScene(TubeScene):
         """Return the tube and its target."""
         asked = self.target
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
-        return self.tip_case(comm, level, deform, [bend_metric(asked.angle)])
+        return self.tube_case(comm, level, deform, [bend_metric(asked.angle)])
 
 
 def variants(config: ThreeFieldScene) -> dict[str, ThreeFieldScene]:

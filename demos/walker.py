@@ -27,7 +27,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.meshes import Star, mirrored, plane_centroids, stand, walker
-from toros_fem.products.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.walker.gait import Gait, flat_on_ground, walk_of, write_gait
 from toros_fem.products.walker.walker import chambers
 
@@ -57,9 +57,8 @@ edge, radius, foot = (2.8e-3, 4.3e-3, 15e-3) if given.coarse else (1.8e-3, 2.75e
 pattern = walker(comm, edge, star, planes=(0, 1))
 along = np.append(star.directions[0], 0.0)
 bent = stand(np.radians(ANGLE), 0.03, directions=star.directions[:1], root=star.root)
-sections = leg_cross_sections(
-    pattern, along, star.root, count=6, centreline_weight=0.02, orientation_length=0.03
-)
+leg = Leg(along, (0.0, 0.0, -1.0), star.root)
+weights = LegWeights(cross_sections=6, centreline_weight=0.02, orientation_length=0.03)
 composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
 case = tf.Case(
     pattern,
@@ -67,8 +66,8 @@ case = tf.Case(
     supports=rest_on_body(pattern, star.body_radius, (0, 1)),
     pressure=PRESSURE,
     composite=composite,
-    parts=[sections],
-    metrics=[tip_angle_metric(ANGLE, along, (0.0, 0.0, -1.0), star.root)],
+    parts=[leg.sections(pattern, weights)],
+    metrics=[leg.angle_metric(ANGLE)],
     passive=np.where(plane_centroids(pattern) @ along[:2] > star.reach - foot, 1.0, np.nan),
     # The top is to stretch; without this hint the start does not tell up from down.
     start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
@@ -122,8 +121,9 @@ gait = Gait(("body", "front", "rear"), np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0
 density = printed.cells[: len(half.triangles)].astype(float)[skin.owned_cells]
 pressures = [list(PRESSURE * row) for row in gait.pressure_fractions]
 points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
-walk = walk_of(points, whole, star.directions, height, sizes.thickness / 2 + sizes.distance)
-write_gait(comm, given.output, gait, walk, points, (whole, printed.regions))
+touching = sizes.thickness / 2 + sizes.distance
+walk = walk_of(gait, points, whole, star.directions, height, touching)
+write_gait(comm, given.output, walk, printed.regions)
 if comm.rank == 0:
     angle = summary["figures"][0]["value"]
     print(f"legs by {angle:.1f}° of {ANGLE:g}° as printed; a stride of {1e3 * walk.stride:.1f} mm")

@@ -21,8 +21,8 @@ from benchmarks.stability.drawn import draw
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import plane_centroids, walker
-from toros_fem.meshes.mirror import mirrored
 from toros_fem.products.gripper import gripper
+from toros_fem.products.gripper.load import grip_of
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.walker import walker as walking
 from toros_fem.products.walker.gait import Gait
@@ -125,13 +125,11 @@ def test_stride(pinned: Callable[..., None]) -> None:
     pytest.importorskip("ipctk")
     config = walking.WalkerScene.of(edge_length=7e-3, pressure=10e3)
     half = walker(MPI.COMM_SELF, config.skin.edge_length, config.star, planes=(1,))
-    whole = mirrored(half, (1,))
-    reach = (plane_centroids(whole.pattern) @ config.star.directions.T).max(axis=1)
-    printed = (whole.pattern.panel == whole.pattern.panel_index("bottom")) & (reach > 0.02)
+    reach = config.reach(plane_centroids(half))
+    printed = (half.panel == half.panel_index("bottom")) & (reach > 0.02)
     gait = Gait(walking.CHAMBERS, np.array([[1.0, 1, 1], [0.4, 0.4, 0.4]]), 1)
-    points, walk, failure = walking.follow_gait(
-        MPI.COMM_SELF, config, gait, half, whole, printed, 3 * [config.pressure.pressure]
-    )
+    full = 3 * [config.pressure.pressure]
+    walk, failure = config.follow(MPI.COMM_SELF, gait, half, printed, full)
     figures = {
         "failure": failure,
         "stride in m": walk.stride,
@@ -140,8 +138,8 @@ def test_stride(pinned: Callable[..., None]) -> None:
         "touching": walk.touching.astype(float),
         "energy supplied in J": walk.supplied_energy,
         "energy lost in J": walk.lost_energy,
-        "smallest distances in m": [p.result.smallest_distance for p in points],
-        "Newton steps": [p.result.steps for p in points],
+        "smallest distances in m": [p.result.smallest_distance for p in walk.points],
+        "Newton steps": [p.result.steps for p in walk.points],
     }
     pinned("decisions/stride", figures, rel=1e-5, small=1e-9)
 
@@ -156,13 +154,12 @@ def test_lift(pinned: Callable[..., None]) -> None:
     problem = problem_of(MPI.COMM_SELF, config)
     pattern = problem.skin.pattern
     density = (pattern.panel == pattern.panel_index("top")).astype(np.float64)
-    grip = gripper._grip(MPI.COMM_SELF, problem, config)
-    made = gripper._lifted(grip, density, [15e3], config)
+    made = grip_of(MPI.COMM_SELF, problem, config).pull(density, [15e3], None)
     figures = {
         "depths in m": [point.depth for point in made.points],
         "forces in N": [point.force for point in made.points],
         "normal forces in N": [float(point.normals.sum()) for point in made.points],
         "Newton steps": [point.result.steps for point in made.points],
-        "figures": vars(gripper._figures(made, grip, config)),
+        "figures": vars(made.figures),
     }
     pinned("decisions/lift", figures, rel=1e-5, small=1e-9)

@@ -37,6 +37,8 @@ WORDS: Mapping[type, str] = {
     Path: "a path in quotes",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }
+# Units of metrics that are written in another way than those of keys.
+METRIC_UNITS = {None: "ratio", "%": "percent"}
 
 
 @dataclass(frozen=True)
@@ -86,12 +88,13 @@ Count = Annotated[int, In(at_least=1)]
 Number = Annotated[int, In(at_least=0)]
 
 
-def key(default: Any, meaning: str) -> Any:
+def key(default: Any, meaning: str, *, metric: str | None = None) -> Any:
     """Return the dataclass field of a key: its default, and its meaning in one line.
 
-    A default of `dataclasses.MISSING` is none: the value must be given.
+    A default of `dataclasses.MISSING` is none: the value must be given. `metric` names the metric
+    whose target the key holds, in the key's unit.
     """
-    return field(default=default, metadata={"meaning": meaning})
+    return field(default=default, metadata={"meaning": meaning, "metric": metric})
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ class Key:
         within: Unit and bounds of a number.
         words: The words that a text may be; empty for free text.
         several: Whether it holds a tuple of values of its kind.
+        metric: Name of the metric whose target it holds; None for other keys.
     """
 
     name: str
@@ -117,11 +121,18 @@ class Key:
     within: In = In()
     words: tuple[str, ...] = ()
     several: bool = False
+    metric: str | None = None
 
     @property
     def one(self) -> Key:
         """The key of one of several values."""
         return replace(self, several=False)
+
+    @property
+    def metric_key(self) -> str | None:
+        """Key of the metric whose target it holds, "angle_deg" for instance: of the same unit."""
+        unit = self.within.unit
+        return self.metric and f"{self.metric}_{METRIC_UNITS.get(unit, unit)}"
 
     @property
     def help(self) -> str:
@@ -339,4 +350,5 @@ def _key(table: str, one: Field[Any], hint: Any) -> Key:
         within=limits if isinstance(limits, In) else In(),
         words=limits.words if isinstance(limits, OneOf) else (),
         several=several,
+        metric=one.metadata.get("metric"),
     )

@@ -108,7 +108,7 @@ def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     config = SectionTubeScene.of(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
     target = bend(np.radians(60), 0.06, neutral=0.01)
     level = config.finest_level
-    case = config.section_case(alone, level, target, [bend_metric(60.0)], (1,))
+    case = config.tube_case(alone, level, target, [bend_metric(60.0)], (1,))
     corners = case.pattern.corners[case.pattern.cells_of("wall")]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])

@@ -1,9 +1,8 @@
 """Configuration of an actuator: what is left out by None, and what follows from the numbers."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import pytest
 
@@ -41,21 +40,21 @@ def test_pressure_bounds() -> None:
 class TiltedTarget(Table):
     """A target."""
 
-    angle: Annotated[float, In("deg", above=0)] = key(30.0, "angle of the target")
+    angle: Annotated[float, In("deg", above=0)] = key(30.0, "an angle", metric="angle")
+    share: Annotated[float, In("%", below=100)] = key(5.0, "a part", metric="share")
 
 
 @dataclass(frozen=True)
 class Tilted(TubeScene):
     target: TiltedTarget = TiltedTarget()
 
-    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
-
 
 def test_other_targets() -> None:
     assert Tilted.of(seed=5).asked({"angle_deg": 36.0}) == Tilted.of(seed=5, angle=36.0)
     assert Tilted().asked({}) == Tilted()
-    with pytest.raises(errors.ParameterError, match="target of 'twist_deg'; known are angle_deg"):
-        Tilted().asked({"twist_deg": 1.0})
+    assert Tilted.targets() == {"angle_deg": "angle", "share_percent": "share"}
+    with pytest.raises(errors.ParameterError, match="target of 'angle_mm'; known are angle_deg"):
+        Tilted().asked({"angle_mm": 1.0})
     with pytest.raises(errors.ParameterError, match="target of 'angle_deg'; known are none"):
         TubeScene().asked({"angle_deg": 1.0})
     with pytest.raises(errors.ParameterError, match="angle = -1.0 deg"):

@@ -1,5 +1,7 @@
 """Cost of a design before it runs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.designs import case_of
@@ -10,7 +12,9 @@ from toros_fem.meshes import triangle_limit
 from toros_fem.products.actuators.cost import (
     Cost,
     Part,
-    cost,
+    Probe,
+    _density_parts,
+    actuator_cost,
     probe,
     probe_level,
     require_affordable_meshes,
@@ -32,34 +36,32 @@ def test_the_probe_has_a_coarse_mesh() -> None:
 
 
 def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
-    made = sized(alone, SMALL, probe_level(SMALL))
-    found = cost(SMALL, made, alone.size)
+    found = actuator_cost(alone, SMALL, probing=False)
     pattern = case_of(alone, SMALL).pattern
     assert found.triangles == pytest.approx(len(pattern.panel), rel=0.07)
     unknowns = 3 * len(pattern.points) + len(pattern.edges.ends)
     assert found.unknowns == pytest.approx(unknowns, rel=0.1)
     assert found.largest == 4 * found.triangles
-    assert cost(SMALL.updated(estimate_error=False), made, 1).memory < found.memory
-    assert cost(SMALL, made, 2).memory > cost(SMALL, made, 1).memory
+    without = actuator_cost(alone, SMALL.updated(estimate_error=False), probing=False)
+    assert without.memory < found.memory < replace(found, ranks=2).memory
 
 
 def test_parts_of_a_design(alone: MPI.Comm) -> None:
-    made = sized(alone, SMALL, probe_level(SMALL))
-    parts = {part.name: part for part in cost(SMALL, made, 1).parts}
+    parts = {part.name: part for part in actuator_cost(alone, SMALL, probing=False).parts}
     first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
     assert second.triangles == pytest.approx(4 * first.triangles, rel=0.01)
     assert first.newton_steps[0] > SMALL.design.iterations
-    longer = cost(SMALL.updated(iterations=2 * SMALL.design.iterations), made, 1)
+    more = SMALL.updated(iterations=2 * SMALL.design.iterations)
+    longer = actuator_cost(alone, more, probing=False)
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
-    config = contract.ContractScene()
-    lines = cost(config, sized(alone, config, probe_level(config)), 1)
+    lines = actuator_cost(alone, contract.ContractScene(), probing=False)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
 
 
 def test_time_grows_with_the_mesh_and_the_steps() -> None:
     def seconds(triangles: int, steps: int) -> tuple[float, float]:
         part = Part("design", triangles, (steps, 2 * steps))
-        return Cost(triangles, triangles, 0, 0.0, (part,)).seconds(0.1, 1000)
+        return Cost(triangles, triangles, 0, 1, (part,), Probe(1000, 10, 1.0)).seconds
 
     none = seconds(1000, 0)
     low, high = np.subtract(seconds(1000, 50), none)
@@ -71,7 +73,8 @@ def test_time_grows_with_the_mesh_and_the_steps() -> None:
 
 
 def test_a_probe_makes_real_steps(alone: MPI.Comm) -> None:
-    tried = probe(alone, SMALL, SMALL.case(alone, probe_level(SMALL)))
+    level = probe_level(SMALL)
+    tried = probe(SMALL.problem(alone, SMALL.case(alone, level), level), seed=1)
     assert tried.newton_steps > 5
     assert tried.per_step == tried.seconds / tried.newton_steps > 0
     assert alone.allgather(tried) == [tried] * alone.size
@@ -91,14 +94,13 @@ def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
         area = caught.value.area
     assert area == pytest.approx(np.pi * 0.02 * 0.07 / 2)
     other = SMALL.updated(edge_length=2e-3)
-    found = sized(alone, other, other.finest_level)
-    assert found.area == pytest.approx(area, rel=0.02)
+    found, _ = sized(alone, other, other.finest_level)
+    assert found == pytest.approx(area, rel=0.02)
 
 
-def test_starts_are_shared_out_over_the_ranks(alone: MPI.Comm) -> None:
-    made = sized(alone, SMALL, SMALL.finest_level)
+def test_starts_are_shared_out_over_the_ranks() -> None:
     steps = [
-        cost(SMALL.updated(starts=starts), made, ranks).parts[0].newton_steps
+        _density_parts(SMALL.updated(starts=starts), 1000, ranks)[0].newton_steps
         for starts, ranks in ((1, 1), (4, 1), (4, 2), (3, 2))
     ]
     one, four, shared, uneven = np.array(steps)[:, 0]

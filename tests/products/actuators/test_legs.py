@@ -1,5 +1,7 @@
 """Legs of two panels: their angle, cross-sections, tips and supports."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -9,15 +11,14 @@ from toros_fem import errors
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import WALKER, Pattern, stand, walker
 from toros_fem.products.actuators.legs import (
-    leg_cross_sections,
-    leg_vertices,
+    Leg,
+    LegWeights,
     rest_on_body,
-    tip_angle_metric,
     tip_positions,
 )
 
 ALONG = np.append(WALKER.directions[0], 0.0)
-DOWN = (0.0, 0.0, -1.0)
+LEG = Leg(ALONG, (0.0, 0.0, -1.0), WALKER.root)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def robot(alone: MPI.Comm) -> Pattern:
 
 @pytest.mark.parametrize("degrees", [-40.0, 0.0, 90.0, 200.0])
 def test_measured_angle_of_a_leg(quarter: Pattern, degrees: float) -> None:
-    metric = tip_angle_metric(degrees, ALONG, DOWN, WALKER.root)
+    metric = LEG.angle_metric(degrees)
     assert (metric.key, metric.target) == ("angle_deg", degrees)
     bent = stand(np.radians(degrees), 0.03, directions=[ALONG[:2]], root=WALKER.root)
     # The outer third continues straight.
@@ -42,24 +43,21 @@ def test_measured_angle_of_a_leg(quarter: Pattern, degrees: float) -> None:
 def test_part_of_a_leg_by_which_its_angle_is_measured(quarter: Pattern) -> None:
     """A leg that bends all along has turned further at its end."""
     bent = stand(1.0, 0.08, directions=[ALONG[:2]], root=WALKER.root)(quarter.points)
-    found = [
-        tip_angle_metric(0.0, ALONG, DOWN, WALKER.root, outer_count=count).measure(quarter, bent)
-        for count in (2, 4, 8)
-    ]
+    found = [LEG.angle_metric(0.0, outer_count=count).measure(quarter, bent) for count in (2, 4, 8)]
     assert found[0] > found[1] + 2 > found[2] + 4
     with pytest.raises(errors.ParameterError, match="outer_count = 12 must be"):
-        tip_angle_metric(0.0, ALONG, DOWN, WALKER.root, outer_count=12)
+        LEG.angle_metric(0.0, outer_count=12)
 
 
 def test_cross_sections_of_a_leg(quarter: Pattern) -> None:
-    found = leg_cross_sections(quarter, ALONG, WALKER.root, 5, 0.1, 0.03)
+    found = LEG.sections(quarter, LegWeights(cross_sections=5, centreline_weight=0.1))
     assert set(np.unique(found.labels)) == {-1, 0, 1, 2, 3, 4}
     inside = quarter.points @ ALONG > WALKER.root
     assert np.array_equal(found.labels >= 0, inside)
     assert found.position_weights.sum() == pytest.approx(3 * 0.1)
     assert found.orientation_weights == pytest.approx(5 * (0.03 / quarter.size) ** 2)
     with pytest.raises(errors.ParameterError, match=r"no vertex lies beyond root = 1.0 m"):
-        leg_vertices(quarter, ALONG, 1.0)
+        replace(LEG, root=1.0).labels(quarter, 5)
 
 
 def test_tips_are_the_ends_of_the_legs(robot: Pattern) -> None:

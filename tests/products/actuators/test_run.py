@@ -37,7 +37,7 @@ class Bent(TubeScene):
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """The whole tube."""
         deform = bend(np.radians(45), 0.08, neutral=0.01)
-        return self.tip_case(comm, level, deform, [bend_metric(45.0)])
+        return self.tube_case(comm, level, deform, [bend_metric(45.0)])
 
 
 SHORT = Bent.of(

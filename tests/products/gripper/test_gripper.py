@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.products.gripper import gripper as demo
+from toros_fem.products.gripper.load import Lifted, LiftFigures
 
 SMALL = demo.GripperScene.of(edge_length=4e-3)
 
@@ -23,7 +24,7 @@ def test_target_goes_around_the_object(alone: MPI.Comm, shape: str) -> None:
     assert gap.target == 0.0
     # Nowhere where it is to touch is the target farther from the box than at its ends.
     begin, end = config.touching(config.skin.edge_length)
-    touching = demo.touching_vertices(case.pattern, config, config.skin.edge_length)
+    touching = config.touching_vertices(case.pattern, config.skin.edge_length)
     assert touching.any()
     bound = 0.2 if shape == "sphere" else 1.1 * farthest(config, (end - begin) / 2) + 0.2
     assert gap.measure(case.pattern, case.goal) < bound
@@ -63,7 +64,7 @@ def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
 def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     case = case_of(alone, SMALL)
     assert case.contact is not None
-    touching = demo.touching_vertices(case.pattern, SMALL, SMALL.skin.edge_length)
+    touching = SMALL.touching_vertices(case.pattern, SMALL.skin.edge_length)
     x, y, _ = case.pattern.points[touching].T
     assert np.all(x > SMALL.bend_start)
     assert np.all(np.abs(y) < SMALL.skin.finger_width / 6)
@@ -98,8 +99,8 @@ def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
 
 
 def test_a_lift_without_equilibrium_is_told() -> None:
-    failed, none = demo.LiftFigures(failure="no equilibrium"), demo.LiftFigures()
-    load = demo.Load(0.1, 0.3, 3, failed, none)
+    failed, none = LiftFigures(failure="no equilibrium"), LiftFigures()
+    load = Lifted(0.1, 0.3, 3, failed, none)
     assert load.words == "100 g are not lifted: no equilibrium"
-    dropped = replace(load, printed=demo.LiftFigures(held_mass_kg=0.05))
+    dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
     assert dropped.words == "100 g are dropped, at most 50 g are held"

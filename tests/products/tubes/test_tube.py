@@ -30,7 +30,7 @@ def prism(alone: MPI.Comm) -> Pattern:
 def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
     """A small turn about y costs what `orientation_length` says, wherever the ring is."""
     config = TubeScene.of(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
-    case = config.tip_case(alone, config.finest_level, lambda points: points, [])
+    case = config.tube_case(alone, config.finest_level, lambda points: points, [])
     pattern = case.pattern
     shape: Any = case.parts[0]
     area, angle = pattern.vertex_areas, 1e-3
@@ -48,7 +48,7 @@ def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
 
 def test_caps_are_printed_and_the_wall_is_designed(alone: MPI.Comm) -> None:
     config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
-    case = config.tip_case(alone, config.finest_level, lambda points: points, [])
+    case = config.tube_case(alone, config.finest_level, lambda points: points, [])
     wall = case.pattern.panel == case.pattern.panel_index("wall")
     assert np.array_equal(np.isnan(case.passive), wall)
     assert np.all(case.passive[~wall] == 1.0)
@@ -62,7 +62,7 @@ def test_cross_section_case(alone: MPI.Comm) -> None:
         length=0.06, edge_length=3e-3, cross_sections=4, axial_weight=0.25, tip_weight=3.0
     )
     level = config.finest_level
-    case = config.section_case(alone, level, twist(1.0, 0.06), [twist_metric(60.0)])
+    case = config.tube_case(alone, level, twist(1.0, 0.06), [twist_metric(60.0)])
     found: Any = case.parts[0]
     assert found.labels.max() == 4, "the tip is a cross-section of its own"
     wall = case.pattern.vertices_of("wall")
@@ -93,9 +93,9 @@ def test_length_is_watched(alone: MPI.Comm) -> None:
     """Once, also where it has a target."""
     config = SectionTubeScene.of(**SHORT)  # type: ignore[arg-type]
     level, deform = config.finest_level, twist(1.0, 0.06)
-    case = config.section_case(alone, level, deform, [twist_metric(60.0)])
+    case = config.tube_case(alone, level, deform, [twist_metric(60.0)])
     assert [(m.key, m.target) for m in case.metrics] == [("twist_deg", 60), ("length_ratio", None)]
-    kept = config.section_case(alone, level, deform, [length_metric(1.0)])
+    kept = config.tube_case(alone, level, deform, [length_metric(1.0)])
     assert [(m.key, m.target) for m in kept.metrics] == [("length_ratio", 1.0)]
 
 
@@ -119,9 +119,9 @@ def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
     config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
     oblique = SectionTubeScene.of(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
-        oblique.section_case(alone, oblique.finest_level, lambda points: points, [], (1,))
+        oblique.tube_case(alone, oblique.finest_level, lambda points: points, [], (1,))
     with pytest.raises(errors.TargetError, match="not symmetric about y = 0"):
-        config.tip_case(alone, config.finest_level, twist(1.0, 0.06), [], (1,))
+        config.tube_case(alone, config.finest_level, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
         plain_tube(alone, config.skin, (0, 1), seams="hinged")
     assert plain_planes("hinged") == (1,)

@@ -77,7 +77,7 @@ def test_pressures_of_body_and_leg_are_designed(alone: MPI.Comm) -> None:
 def test_ground_and_pads(alone: MPI.Comm, feet: str) -> None:
     config = SMALL.updated(feet=feet, pad_friction=0.1)
     pattern = walker(alone, 6e-3, SMALL.star)
-    contact = demo.contact_of(pattern, config, -0.03)
+    contact = config.contact_on(pattern, -0.03)
     assert contact.grounds[0].point == (0.0, 0.0, -0.03)
     assert contact.friction == 0.8
     if feet == "nonslip":

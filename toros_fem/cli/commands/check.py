@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -16,7 +15,7 @@ from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.products.kinds import ABOUT
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.cost import Cost, Probe
+    from toros_fem.products.actuators.cost import Cost
 
 log = logging.getLogger(__name__)
 # Part of the machine's memory above which a run is warned of.
@@ -42,8 +41,6 @@ class Check(SceneCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Read the scene, and find its cost (collective)."""
-        from toros_fem.products.costs import scene_cost
-
         scene = self.scene(comm)
         figures: dict[str, Any] = {
             "file": scene.path,
@@ -56,19 +53,32 @@ class Check(SceneCommand):
         for role, entry in scene.materials.items():
             lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
         with self.meshes_allowed():
-            made = scene_cost(comm, scene.config, scene.files, probing=not self.no_probe)
-        if made is None:
+            cost_of = getattr(scene.config, "expected_cost", None)
+            cost = cost_of and cost_of(comm, scene.files, probing=not self.no_probe)
+        if cost is None:
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:
-            more = _figures(comm, *made)
-            lines += _lines(*made, more)
-            figures |= more
+            figures |= _figures(cost)
+            lines += _lines(comm, cost)
         return Answer("\n".join(lines), figures)
 
 
-def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:
-    seconds = None if tried is None else found.seconds(tried.per_step, tried.triangles)
-    memory, machine = found.memory / 2**30, memory_gib()
+def _figures(found: Cost) -> dict[str, Any]:
+    return {
+        "triangles": found.triangles,
+        "largest_triangles": found.largest,
+        "unknowns": found.unknowns,
+        "memory_gib": found.memory / 2**30,
+        "machine_gib": memory_gib(),
+        "ranks": found.ranks,
+        "parts": [asdict(part) for part in found.parts],
+        "minutes": found.seconds and [end / 60 for end in found.seconds],
+        "probe": found.probe and asdict(found.probe),
+    }
+
+
+def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
+    memory, machine, ranks = found.memory / 2**30, memory_gib(), found.ranks
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(
             "about %.1f GiB are needed, and this machine has %.1f GiB: take longer edges, or leave "
@@ -76,31 +86,17 @@ def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]
             memory,
             machine,
         )
-    return {
-        "triangles": found.triangles,
-        "largest_triangles": found.largest,
-        "unknowns": found.unknowns,
-        "memory_gib": memory,
-        "machine_gib": machine,
-        "ranks": comm.size,
-        "parts": [asdict(part) for part in found.parts],
-        "minutes": None if seconds is None else [end / 60 for end in seconds],
-        "probe": None if tried is None else asdict(tried),
-    }
-
-
-def _lines(found: Cost, tried: Probe | None, figures: Mapping[str, Any]) -> list[str]:
-    machine, ranks = figures["machine_gib"], figures["ranks"]
     of = "" if machine is None else f" of {machine:.1f} GiB"
     more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
     lines = [
         f"triangles   about {found.triangles} on the finest mesh{more}",
         f"unknowns    about {found.unknowns} on the finest mesh",
-        f"memory      about {figures['memory_gib']:.1f} GiB{of}, to a quarter",
+        f"memory      about {memory:.1f} GiB{of}, to a quarter",
     ]
-    if tried is None:
+    tried, seconds = found.probe, found.seconds
+    if tried is None or seconds is None:
         return [*lines, "time        not estimated without a probe"]
-    low, high = (_duration(60 * minutes) for minutes in figures["minutes"])
+    low, high = map(_duration, seconds)
     lines += [
         f"time        {low} to {high} on {ranks} rank{'s' * (ranks > 1)}",
         f"probe       {tried.newton_steps} Newton steps on {tried.triangles} triangles in "

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+
+P = TypeVar("P")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,3 +56,13 @@ def measured_point(
     positions = skin.gather_vertices(result.positions)
     values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
     return TracePoint(pressure, positions, values, result)
+
+
+def until_failure(path: Iterator[P]) -> tuple[list[P], str]:
+    """Return the points of a path, and why it ends early; empty where it does not (collective)."""
+    points: list[P] = []
+    try:
+        points.extend(path)
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        return points, str(caught)
+    return points, ""

@@ -261,7 +261,7 @@ class Designer(Job):
         """
         scene, problem = self.scene, _problem(result)
         aims = aims_of(problem.metrics)
-        free = {key: aim for key, aim in aims.items() if key in scene.TARGETS}
+        free = {key: aim for key, aim in aims.items() if key in scene.targets()}
 
         def close(attempt: Attempt) -> bool:
             return largest_error(attempt.metrics, aims) < CLOSE and attempt.clean

@@ -133,7 +133,7 @@ def discover(job: Job) -> Discovery:
     The relaxed design is laid as lines, which are simulated as printed. Where the print misses by
     far, the next relaxed design asks for more (space mapping, Bandler et al. 1994): it costs a
     fraction of a simulated print. The widths of the lines take away a small miss
-    (`mended_widths`). Where a target is in no field of the scene (`TARGETS`), there is one round.
+    (`mended_widths`). Where a target is in no field of the scene (`targets`), there is one round.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -206,7 +206,7 @@ class _Search:
         last, best = rounds[-1], _best(rounds)
         return (
             last.error < CLOSE
-            or not set(self.aims) <= set(self.job.scene.TARGETS)
+            or not set(self.aims) <= set(self.job.scene.targets())
             or (last.printed.evaluation is None and not last.widened)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
         )

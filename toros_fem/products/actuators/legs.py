@@ -3,104 +3,98 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Count, Factor, key
 from toros_fem.base.validation import require_between
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections, section_vertices
 from toros_fem.measures.metrics import Metric, turn_angle
-from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.tables.loads import Orientation
 
 # Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
 CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4
 
 
-def leg_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
-    """Return the vertices that lie beyond `root` along a direction in the assembled skin.
+@dataclass(frozen=True)
+class LegWeights(Orientation):
+    """What counts in the objective."""
 
-    In a star these belong to one leg only if `along` is its direction and `root` is where it
-    begins.
-
-    Args:
-        pattern: The pattern.
-        along: Unit vector, (3,).
-        root: Distance from the origin along it, in m.
-
-    Raises:
-        ParameterError: There is none.
-    """
-    found = np.flatnonzero(pattern.points @ np.asarray(along, dtype=np.float64) > root)
-    if len(found) == 0:
-        raise ParameterError(
-            f"no vertex lies beyond root = {root} m along {along!r}. Give a smaller root, or "
-            "another direction."
-        )
-    return found
+    cross_sections: Count = key(6, "number of cross-sections of a leg or finger")
+    centreline_weight: Factor = key(
+        0.02, "weight of the centre line of a leg or finger over that of its orientation"
+    )
 
 
-def leg_cross_sections(
-    pattern: Pattern,
-    along: npt.ArrayLike,
-    root: float,
-    count: int,
-    centreline_weight: float,
-    orientation_length: float,
-) -> CrossSections:
-    """Return cross-sections of a leg or finger: their orientations count, positions less.
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """Where a leg or finger lies in the assembled skin, and where it bends to.
 
-    Args:
-        pattern: The pattern.
-        along: Unit vector along the leg, (3,).
-        root: Where it begins, in m along that.
-        count: Number of cross-sections.
-        centreline_weight: Weight of the centre line over that of the orientations.
-        orientation_length: A tip turned by 0.1 rad costs as much as a skin displaced by a tenth of
-            this length, in m.
-    """
-    vertices = leg_vertices(pattern, along, root)
-    labels = label_cross_sections(pattern, vertices, along, count, border=False)
-    orientation = np.full(count, count * (orientation_length / pattern.size) ** 2)
-    return CrossSections(labels, np.full((count, 3), centreline_weight / count), orientation)
+    In a star its vertices are those of one leg only if `along` is its direction and `root` is where
+    it begins.
 
-
-def tip_angle_metric(
-    target: float,
-    along: npt.ArrayLike,
-    toward: npt.ArrayLike,
-    root: float,
-    name: str = "angle",
-    outer_count: int = OUTER_CROSS_SECTIONS,
-) -> Metric:
-    """Return the angle in degrees by which the outer part of a leg or finger has turned.
-
-    It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
-    come before it. The part should be one that the target leaves straight.
-
-    Args:
-        target: Target angle in degrees.
+    Attributes:
         along, toward: Unit vectors, (3,): along the leg, and the direction that it bends towards.
-        root: Where the leg begins, in m along `along`.
-        name: Name of the metric.
-        outer_count: Number of twelfths of the leg that the outer part has.
-
-    Raises:
-        ParameterError: The outer part is not 1 to 11 twelfths of the leg.
+        root: Where it begins, in m from the origin along `along`.
     """
-    require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
 
-    def measure(pattern: Pattern, positions: Floats) -> float:
-        vertices = leg_vertices(pattern, along, root)
-        labels = label_cross_sections(pattern, vertices, along, CROSS_SECTIONS, border=False)
-        first_outer = CROSS_SECTIONS - outer_count
-        inner = section_vertices(labels)[:first_outer]
-        outer = np.flatnonzero(labels >= first_outer)
-        return float(np.degrees(turn_angle(pattern, positions, [*inner, outer], along, toward)))
+    along: npt.ArrayLike
+    toward: npt.ArrayLike
+    root: float
 
-    return Metric(name, "deg", target, measure)
+    def labels(self, pattern: Pattern, count: int) -> Ints:
+        """Return the cross-section of each vertex of a pattern, (n,), of so many; −1 before `root`.
+
+        Raises:
+            ParameterError: No vertex lies beyond `root`.
+        """
+        found = np.flatnonzero(pattern.points @ np.asarray(self.along) > self.root)
+        if len(found) == 0:
+            raise ParameterError(
+                f"no vertex lies beyond root = {self.root} m along {self.along!r}. Give a smaller "
+                "root, or another direction."
+            )
+        return label_cross_sections(pattern, found, self.along, count, border=False)
+
+    def sections(self, pattern: Pattern, weights: LegWeights) -> CrossSections:
+        """Return cross-sections of a pattern whose orientations count, and their positions less."""
+        count = weights.cross_sections
+        positions = np.full((count, 3), weights.centreline_weight / count)
+        orientation = np.full(count, count * (weights.orientation_length / pattern.size) ** 2)
+        return CrossSections(self.labels(pattern, count), positions, orientation)
+
+    def angle_metric(
+        self, target: float, name: str = "angle", outer_count: int = OUTER_CROSS_SECTIONS
+    ) -> Metric:
+        """Return the angle in degrees by which the outer part has turned.
+
+        It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
+        come before it. The part should be one that the target leaves straight.
+
+        Args:
+            target: Target angle in degrees.
+            name: Name of the metric.
+            outer_count: Number of twelfths of the leg that the outer part has.
+
+        Raises:
+            ParameterError: The outer part is not 1 to 11 twelfths of the leg.
+        """
+        require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            labels, first_outer = self.labels(pattern, CROSS_SECTIONS), CROSS_SECTIONS - outer_count
+            outer = np.flatnonzero(labels >= first_outer)
+            sections = [*section_vertices(labels)[:first_outer], outer]
+            turned = turn_angle(pattern, positions, sections, self.along, self.toward)
+            return float(np.degrees(turned))
+
+        return Metric(name, "deg", target, measure)
 
 
 def tip_positions(
@@ -133,19 +127,15 @@ def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -
     """
     bottom = pattern.vertices_of("bottom")
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-
-    def nearest(point: tuple[float, float]) -> int:
-        distance = np.linalg.norm(pattern.points[bottom, :2] - point, axis=1)
-        return int(bottom[np.argmin(distance)])
-
-    fixed[nearest((0, 0)), 2] = True
+    centre, ahead, aside = (
+        bottom[np.argmin(np.linalg.norm(pattern.points[bottom, :2] - point, axis=1))]
+        for point in ((0, 0), (reach, 0), (0, reach))
+    )
+    fixed[centre, 2] = True
     if 0 not in symmetry:
-        fixed[nearest((0, 0)), 0] = fixed[nearest((reach, 0)), 2] = True
+        fixed[centre, 0] = fixed[ahead, 2] = True
     if 1 not in symmetry:
-        fixed[nearest((0, 0)), 1] = fixed[nearest((0, reach)), 2] = True
+        fixed[centre, 1] = fixed[aside, 2] = True
     if not symmetry:
-        fixed[nearest((reach, 0)), 1] = True
-    found = Supports(fixed)
-    for axis in symmetry:
-        found |= symmetry_plane(pattern, axis)
-    return found
+        fixed[ahead, 1] = True
+    return Supports(fixed) | symmetry_planes(pattern, symmetry)

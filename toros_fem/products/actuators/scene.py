@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.length_scale import LengthScale
@@ -21,13 +22,17 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.metrics import Measurement
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import design_actuator
+from toros_fem.products.actuators.result import ActuatorResult, Trial
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
-from toros_fem.results.result import RunResult
+from toros_fem.results.result import RunResult, write_summary
 
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
@@ -110,8 +115,6 @@ class ActuatorScene(Scene):
                 )
 
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
-    # Field that holds the target of a metric, by the metric's key.
-    TARGETS: ClassVar[Mapping[str, str]] = {}
     # Measured values of the metrics, which are drawn beside the curves.
     MEASURED: ClassVar[tuple[Measurement, ...]] = ()
 
@@ -129,6 +132,11 @@ class ActuatorScene(Scene):
             values["print_edge_length"] = min(values["print_edge_length"], *wider.laid_widths)
         return self.updated(**values)
 
+    @classmethod
+    def targets(cls) -> Mapping[str, str]:
+        """Return the key that holds the target of a metric, by the metric's key."""
+        return {one.metric_key: name for name, one in cls.described().items() if one.metric_key}
+
     def asked(self, targets: Mapping[str, float]) -> Self:
         """Return the scene of other targets.
 
@@ -138,11 +146,12 @@ class ActuatorScene(Scene):
         Raises:
             ParameterError: No field holds the target of a metric, or its value is out of bounds.
         """
+        keys = self.targets()
         for metric in targets:
-            if metric not in self.TARGETS:
-                known = ", ".join(self.TARGETS) or "none"
+            if metric not in keys:
+                known = ", ".join(keys) or "none"
                 raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
-        return self.updated(**{self.TARGETS[metric]: value for metric, value in targets.items()})
+        return self.updated(**{keys[metric]: value for metric, value in targets.items()})
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with what its files hold (collective).
@@ -177,7 +186,17 @@ class ActuatorScene(Scene):
             TorosError: As of `design_actuator`.
         """
         scene = self.with_files(comm, files or {})
-        return design_actuator(comm, output, scene, verbose=verbose)
+        made = design_actuator(comm, output, scene, verbose=verbose)
+        trial = scene.trial(comm, Path(output), made)
+        if trial is None:
+            return made
+        found = replace(made, trial=trial)
+        write_summary(comm, output, found)
+        return found
+
+    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
+        """Simulate what the print is for, beyond its curve, and write the files of this."""
+        return None
 
     def run_simulation(
         self,
@@ -202,6 +221,10 @@ class ActuatorScene(Scene):
         scene, pattern = self.with_files(comm, given), given.get("pattern")
         return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
 
+    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+        """Return the cost of a design, by `actuator_cost` (collective)."""
+        return actuator_cost(comm, self.with_files(comm, files), probing=probing)
+
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).
 
@@ -209,6 +232,29 @@ class ActuatorScene(Scene):
             TorosError: Numbers do not fit each other.
         """
         raise NotImplementedError(f"{type(self).__name__} has no case.")
+
+    def loaded(
+        self,
+        pattern: Pattern,
+        target: Floats,
+        supports: Supports,
+        planes: tuple[int, ...] = (),
+    ) -> Case:
+        """Return a case of the scene's sheets under its pressure, on a part cut at planes.
+
+        Raises:
+            ParameterError: The knit is not symmetric about the planes.
+        """
+        self.require_symmetric_knit(planes)
+        return Case(
+            pattern,
+            target,
+            supports,
+            self.pressure.pressure,
+            self.pressure.bounds,
+            self.material.composite,
+            symmetry=planes,
+        )
 
     def problem(
         self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False

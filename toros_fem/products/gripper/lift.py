@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Floats
 from toros_fem.base.files import write_together
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
@@ -22,6 +22,8 @@ from toros_fem.results.frames.record import repeated, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.writer import if_plotting
 
+# Directions of a finger's frame: from the mount to the tip, and towards the object.
+ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 # Rays on which a body's surface is found, over its size: it lies no further out.
 FARTHEST = 2.0
 # Half the width of the post and its distance from the object in pictures, over the object's size.
@@ -35,8 +37,7 @@ class LiftShape:
 
     Attributes:
         title: What is shown.
-        positions: Positions of the vertices of one whole finger, (n, 3), in m, in its own frame:
-            along x from the mount, towards the object along z.
+        positions: Positions of the vertices of one whole finger in its frame, (n, 3), in m.
         sunk: Distance in m by which the object has moved down, seen from the mounts.
         raised: Distance in m by which the mounts have moved up.
     """
@@ -47,16 +48,11 @@ class LiftShape:
     raised: float
 
 
-def solid(body: Body, name: str = "object") -> RigidBody:
-    """Return a sphere, or a box with rounded edges, as a rigid body.
-
-    Args:
-        body: Its shape and place.
-        name: Its name.
-    """
+def solid(body: Body) -> RigidBody:
+    """Return a sphere, or a box with rounded edges, as a rigid body."""
     if body.shape == "sphere":
-        return rigid_sphere(name, body.size / 2, body.centre)
-    ball = rigid_sphere(name, 1.0)
+        return rigid_sphere("object", body.size / 2, body.centre)
+    ball = rigid_sphere("object", 1.0)
     rays = ball.points / np.linalg.norm(ball.points, axis=1)[:, None]
     low: Floats = np.zeros(len(rays))
     high: Floats = np.full(len(rays), FARTHEST * body.size)
@@ -64,7 +60,7 @@ def solid(body: Body, name: str = "object") -> RigidBody:
         middle = (low + high) / 2
         outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
         low, high = np.where(outside, low, middle), np.where(outside, middle, high)
-    return RigidBody(name, body.centre + low[:, None] * rays, ball.triangles)
+    return RigidBody("object", body.centre + low[:, None] * rays, ball.triangles)
 
 
 def write_lift(
@@ -77,8 +73,6 @@ def write_lift(
     fingers: int,
 ) -> None:
     """Write frames, and pictures of all fingers around the object (collective).
-
-    The fingers hang down along their own x; their own z points to the object's axis.
 
     Args:
         comm: Communicator.
@@ -93,53 +87,44 @@ def write_lift(
     Raises:
         OutputError: A file cannot be written.
     """
+    axis, ball, post = float(body.centre[2]), body.triangles, _post(body)
+    angles = 2 * np.pi * np.arange(fingers) / fingers
+    every, prints = repeated(pattern, regions, fingers)
+    first = len(every.points)
+
+    def fingers_of(shape: LiftShape) -> Floats:
+        up = [0.0, 0.0, shape.raised]
+        return np.concatenate([in_room(shape.positions, axis, angle) + up for angle in angles])
+
+    def object_of(shape: LiftShape) -> Floats:
+        return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
+
+    def draw() -> None:
+        from toros_fem.results.pictures.shape_plot import plot_shapes
+
+        solids = [ball + first, post.triangles + first + len(body.points)]
+        cells = np.concatenate([every.triangles, *solids])
+        none, shapes, densities = np.full(len(cells), np.nan), [], []
+        for density, row in rows:
+            for shape in row:
+                x = np.concatenate([fingers_of(shape), object_of(shape), post.points])
+                shapes.append((shape.title, x))
+                densities.append(np.append(np.tile(density, fingers), none)[: len(cells)])
+        plot_shapes(folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1]))
+        closed = rows[-1][1][0]
+        side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
+        plot_shapes(
+            folder / "finger.png",
+            np.concatenate([pattern.triangles, ball + len(pattern.points)]),
+            [("one finger, from the side", side)],
+            np.append(np.zeros(len(pattern.triangles)), none[: len(ball)]),
+            printed=cut_triangles(pattern, regions),
+        )
 
     def write() -> None:
-        axis, count = float(body.centre[2]), len(pattern.points)
-        around = 2 * np.pi * np.arange(fingers) / fingers
-        post, faces = _post(body)
-
-        def fingers_of(shape: LiftShape) -> Floats:
-            up = [0.0, 0.0, shape.raised]
-            return np.concatenate([in_room(shape.positions, axis, a) + up for a in around])
-
-        def object_of(shape: LiftShape) -> Floats:
-            return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
-
-        cells = np.concatenate(
-            [pattern.triangles + k * count for k in range(fingers)]
-            + [body.triangles + fingers * count, faces + fingers * count + len(body.points)]
-        )
-        other = np.full(len(body.triangles) + len(faces), np.nan)
-        shapes = [
-            (shape.title, np.concatenate([fingers_of(shape), object_of(shape), post]))
-            for _, row in rows
-            for shape in row
-        ]
-        densities = [
-            np.append(np.tile(density, fingers), other) for density, row in rows for _ in row
-        ]
-        closed, last = rows[-1][1][0], rows[-1][1][-1]
-        three, prints = repeated(pattern, regions, fingers)
-        room = in_room(body.points, axis, 0.0) + [0.0, 0.0, last.raised - last.sunk]
-        skin = ShownSkin(three, regions=prints, body=(room, body.triangles))
+        last = rows[-1][1][-1]
+        skin = ShownSkin(every, regions=prints, body=(object_of(last), ball))
         write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
-        side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
-
-        def draw() -> None:
-            from toros_fem.results.pictures.shape_plot import plot_shapes
-
-            plot_shapes(
-                folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1])
-            )
-            plot_shapes(
-                folder / "finger.png",
-                np.concatenate([pattern.triangles, body.triangles + count]),
-                [("one finger, from the side", side)],
-                np.append(np.zeros(len(pattern.triangles)), other[: len(body.triangles)]),
-                printed=cut_triangles(pattern, regions),
-            )
-
         if_plotting(draw)
 
     write_together(comm, folder, write)
@@ -160,21 +145,14 @@ def in_room(points: Floats, axis: float, angle: float) -> Floats:
 
 
 def from_room(points: Floats, axis: float) -> Floats:
-    """Return points of the room in the frame of the finger at the angle 0, as of `in_room`.
-
-    Args:
-        points: Points, (n, 3), in m.
-        axis: Distance in m of the object's axis from the flat finger.
-    """
+    """Return points of the room in the frame of the finger at the angle 0, as of `in_room`."""
     x, y, z = points.T
     return np.column_stack([-z, -y, axis - x])
 
 
-def _post(body: RigidBody) -> tuple[Floats, Ints]:
-    """Return the corners of a post below the object in the room, and its triangles."""
+def _post(body: RigidBody) -> RigidBody:
+    """Return a post below the object, in the room."""
     low, high = body.points.min(axis=0), body.points.max(axis=0)
     size = float((high - low).max())
-    top = -high[0] - BELOW * size
     half = np.array([POST * size, POST * size, size / 2])
-    post = rigid_box("post", 2 * half, (0.0, 0.0, top - half[2]))
-    return post.points, post.triangles
+    return rigid_box("post", 2 * half, (0.0, 0.0, -high[0] - BELOW * size - half[2]))

@@ -28,18 +28,25 @@ from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.targets import Deformer
-from toros_fem.meshes.topology import half_edges
+from toros_fem.meshes.topology import half_edges, lengths
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.targets import (
+    BendAngle,
+    Shortening,
+    TwistAngle,
+    bend_key,
+    shortening_key,
+    twist_key,
+)
 from toros_fem.products.tables.unwrapping import Unwrapping
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
 SYMMETRIES = (*COMPONENTS[:-1], "auto")
-COUNTED = ("shape", "cross-sections")
 METRICS = ("distance", "angle", "twist", "shortening")
 # Filter radius over the mean edge length, where none is given.
 FILTER_EDGES = 1.5
@@ -74,13 +81,9 @@ class Plain(Region):
 class Deformed(Table):
     """Shape that is asked for."""
 
-    bend: Annotated[float, In("deg", at_least=-720, at_most=720)] | None = key(
-        None, "bend angle of the target"
-    )
-    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] | None = key(
-        None, "twist of the target, positive if counter-clockwise seen from the tip"
-    )
-    shorten: Annotated[float, In("%", below=100)] | None = key(None, "shortening of the target")
+    bend: BendAngle | None = bend_key(None)
+    twist: TwistAngle | None = twist_key(None)
+    shorten: Shortening | None = shortening_key(None)
     neutral: Place | None = key(
         None,
         "distance of the line that keeps its length from the axis, towards the inner side; none "
@@ -97,9 +100,9 @@ class Deformed(Table):
 
     @property
     def asked(self) -> dict[str, float]:
-        """What is given of the metrics of a target, by their names, in deg and %."""
-        values = {"angle": self.bend, "twist": self.twist, "shortening": self.shorten}
-        return {name: value for name, value in values.items() if value is not None}
+        """What is given of the targets of metrics, by the names of these, in deg and %."""
+        values = {one.metric: self.value(name) for name, one in self.described().items()}
+        return {name: value for name, value in values.items() if name and value is not None}
 
     def of_body(self, body: Pattern | Surface) -> BodyAxis:
         """Return the axis of a whole body."""
@@ -116,12 +119,9 @@ class Deformed(Table):
                 "there is no target: give bend, twist or shorten, or a target file of the deformed "
                 "mesh."
             )
-        return axis.deformer(
-            np.radians(self.bend or 0.0),
-            np.radians(self.twist or 0.0),
-            (self.shorten or 0.0) / 100,
-            axis.half_width if self.neutral is None else self.neutral,
-        )
+        bend, twist = np.radians(self.bend or 0.0), np.radians(self.twist or 0.0)
+        neutral = axis.half_width if self.neutral is None else self.neutral
+        return axis.deformer(bend, twist, (self.shorten or 0.0) / 100, neutral)
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class OwnWeights(SectionWeights):
         ParameterError: A metric is unknown.
     """
 
-    counted: Annotated[str, OneOf(COUNTED)] = key(
+    counted: Annotated[str, OneOf(("shape", "cross-sections"))] = key(
         "shape", "what counts: the whole shape, or cross-sections only, which may swell freely"
     )
     metrics: str | None = key(
@@ -172,6 +172,19 @@ class OwnWeights(SectionWeights):
             return None
         return tuple(dict.fromkeys(map(str.strip, self.metrics.split(","))))
 
+    def part(self, whole: Pattern, axis: BodyAxis) -> Part:
+        """Return the objective of a whole body: its shape or its cross-sections."""
+        if self.counted == "cross-sections":
+            labels, along = axis.labels(whole, self.cross_sections), np.argmax(np.abs(axis.along))
+            return self.sections_part(whole, labels, int(along), border=axis.flat_tip)
+        if not (self.tip_weight or self.orientation_length):
+            return ShapePart()
+        tip = axis.tip(whole)
+        area, points = whole.vertex_areas[tip], whole.points[tip]
+        arm = points - np.average(points, axis=0, weights=area)
+        radius = np.sqrt(np.average((arm**2).sum(axis=1), weights=area))
+        return self.shape_part(whole, tip, tip, float(radius))
+
 
 @dataclass(frozen=True)
 class OwnDesigning(Designing):
@@ -188,8 +201,7 @@ class OwnSkin:
 
     Attributes:
         pattern: Panels and seams on the mesh of the file, or of its part at the planes.
-        target: Target positions of its vertices, (n, 3), in m; None where the configuration
-            describes the target.
+        target: Target positions of its vertices, (n, 3), in m; None where the scene tells it.
         planes: Axes of the symmetry planes that it is cut at.
     """
 
@@ -202,26 +214,26 @@ class OwnSkin:
         """The whole skin on the mesh of the file."""
         return mirrored(self.pattern, self.planes).pattern
 
-    def refined(self, times: int) -> tuple[Pattern, Floats | None]:
-        """Return pattern and target after each triangle was divided into four so often."""
-        pattern, target = self.pattern, self.target
+    def refined(self, times: int) -> OwnSkin:
+        """Return the same skin after each triangle was divided into four so often."""
+        skin = self
         for _ in range(times):
-            finer = refine(pattern)
-            pattern, target = finer.pattern, None if target is None else finer.at_vertices(target)
-        return pattern, target
+            finer = refine(skin.pattern)
+            target = None if skin.target is None else finer.at_vertices(skin.target)
+            skin = replace(skin, pattern=finer.pattern, target=target)
+        return skin
 
     def goal(self, whole: Pattern) -> Floats:
         """Return the target of the file on the whole skin, refined as this one is, (n, 3)."""
         times = round(np.log(len(whole.panel) / len(self.whole.panel)) / np.log(4))
-        part, target = self.refined(times)
-        assert target is not None
-        return mirrored(part, self.planes).at_vertices(target)
+        skin = self.refined(times)
+        assert skin.target is not None
+        return mirrored(skin.pattern, self.planes).at_vertices(skin.target)
 
     @property
     def edge_length(self) -> float:
         """Mean edge length of the mesh of the file in m."""
-        points, ends = self.pattern.points, half_edges(self.pattern.triangles)
-        return float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
+        return float(lengths(self.pattern.points, half_edges(self.pattern.triangles)).mean())
 
 
 @dataclass(frozen=True)
@@ -237,26 +249,20 @@ class OwnMeshScene(ActuatorScene):
     metric: tuple[Measured, ...] = ()
     design: OwnDesigning = OwnDesigning()
 
-    KIND: ClassVar[str] = "own-mesh"
-    DESIGN_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET}
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {**MESH, **TARGET, **FILES}
-    EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {"mesh": "my.stl"}
-    COARSE: ClassVar[Mapping[str, float]] = {
+    KIND: ClassVar = "own-mesh"
+    DESIGN_FILES: ClassVar = {**MESH, **TARGET}
+    SIMULATION_FILES: ClassVar = {**MESH, **TARGET, **FILES}
+    EXAMPLE_FILES: ClassVar = {"mesh": "my.stl"}
+    COARSE: ClassVar = {
         "iterations": 1 / 2,
         "constrained_iterations": 1 / 2,
         "corrections": 1 / 3,
         "polish_iterations": 1 / 2,
     }
-    FEW: ClassVar[tuple[str, ...]] = (
+    FEW: ClassVar = (
         "bend", "twist", "shorten", "axis", "toward", "scale", "cuts", "symmetry", "pressure",
         "design_pressure", "seed",
     )  # fmt: skip
-
-    TARGETS: ClassVar[Mapping[str, str]] = {
-        "angle_deg": "bend",
-        "twist_deg": "twist",
-        "shortening_percent": "shorten",
-    }
 
     # What the files hold, once they are read.
     read: OwnSkin | None = field(default=None, repr=False, compare=False, metadata=NO_TABLE)
@@ -292,51 +298,6 @@ class OwnMeshScene(ActuatorScene):
             radius = FILTER_EDGES * skin.edge_length / 2.0**self.skin.refinements
         return replace(self.updated(filter_radius=radius), read=skin)
 
-    def case(self, comm: MPI.Comm, level: Level) -> Case:
-        """Return the case of the skin on its mesh, refined as the level says.
-
-        Args:
-            comm: Communicator; not used, since all ranks have the whole skin.
-            level: How often its triangles are divided.
-
-        Raises:
-            ParameterError: A region holds nothing, nothing is held, or there is no target, or two.
-            PanelError: There is no panel of a name.
-        """
-        del comm
-        skin, goal = self.own_skin, self.objective
-        pattern = skin.refined(level.refinements)[0]
-        whole = mirrored(pattern, skin.planes).pattern
-        axis = self.target.of_body(skin.whole)
-        target = _target(self, skin, axis)
-        if goal.counted == "cross-sections":
-            labels = axis.labels(whole, goal.cross_sections)
-            along = int(np.argmax(np.abs(axis.along)))
-            part: Part = goal.sections_part(whole, labels, along, border=axis.flat_tip)
-        elif goal.tip_weight or goal.orientation_length:
-            tip = axis.tip(whole)
-            area = whole.vertex_areas[tip]
-            arm = whole.points[tip] - np.average(whole.points[tip], axis=0, weights=area)
-            radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area)))
-            part = goal.shape_part(whole, tip, tip, radius)
-        else:
-            part = ShapePart()
-        metrics = judged_by(self.metric, axis, _metrics(self, axis, target))
-        hinged = self.material.seams == "hinged"
-        return Case(
-            pattern,
-            target(whole)[: len(pattern.points)],  # those of the part come first
-            _supports(self, pattern) | symmetry_planes(pattern, skin.planes, hinged=hinged),
-            self.pressure.pressure,
-            self.pressure.bounds,
-            self.material.composite,
-            parts=[part],
-            metrics=[metric.of_whole(skin.planes) for metric in metrics],
-            passive=_passive(self, pattern),
-            symmetry=skin.planes,
-            parts_of_whole=True,
-        )
-
     @property
     def own_skin(self) -> OwnSkin:
         """What the files hold.
@@ -347,6 +308,92 @@ class OwnMeshScene(ActuatorScene):
         if self.read is None:
             raise ParameterError("the mesh is not read yet: call with_files first.")
         return self.read
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return the case of the skin on its mesh, refined as the level says.
+
+        Raises:
+            ParameterError: A region holds nothing, nothing is held, or there is no target, or two.
+            PanelError: There is no panel of a name.
+        """
+        del comm  # all ranks have the whole skin
+        skin, hinged = self.own_skin, self.material.seams == "hinged"
+        pattern = skin.refined(level.refinements).pattern
+        whole, axis = mirrored(pattern, skin.planes).pattern, self.target.of_body(skin.whole)
+        goal = self._goal(axis)
+        supports = self._supports(pattern) | symmetry_planes(pattern, skin.planes, hinged=hinged)
+        target = goal(whole)[: len(pattern.points)]  # those of the part come first
+        metrics = judged_by(self.metric, axis, self._metrics(axis, goal))
+        return replace(
+            self.loaded(pattern, target, supports, skin.planes),
+            parts=[self.objective.part(whole, axis)],
+            metrics=[metric.of_whole(skin.planes) for metric in metrics],
+            passive=self._passive(pattern),
+            parts_of_whole=True,
+        )
+
+    def _goal(self, axis: BodyAxis) -> Callable[[Pattern], Floats]:
+        """Return the target positions of the vertices of the whole pattern, or of a refined one."""
+        skin = self.own_skin
+        if skin.target is None:
+            deform = self.target.deformer(axis)
+            return lambda whole: deform(whole.points)
+        for name in self.targets().values():
+            if (value := self.target.value(name)) is not None:
+                raise ParameterError(
+                    f"there are two targets: a file, and {name} = {value:g}. Leave one out."
+                )
+        return skin.goal
+
+    def _supports(self, pattern: Pattern) -> Supports:
+        if not self.held:
+            raise ParameterError(
+                'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
+            )
+        fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+        for held in self.held:
+            columns = np.array([letter in held.components for letter in "xyz"])
+            fixed |= held.vertices(pattern)[:, None] & columns
+        if fixed.all():
+            raise ParameterError(
+                "held holds every vertex, so that nothing can move. Check its unit: a plain number "
+                "is in m."
+            )
+        return Supports(fixed)
+
+    def _passive(self, pattern: Pattern) -> Floats | None:
+        """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
+        if not (self.printed or self.plain):
+            return None
+        found = np.full(len(pattern.panel), np.nan)
+        for region in self.printed:
+            found[region.cells(pattern)] = 1.0
+        for bare in self.plain:
+            cells = bare.cells(pattern)
+            if (found[cells] == 1).any():
+                raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
+            found[cells] = 0.0
+        if not np.isnan(found).any():
+            raise ParameterError("printed and plain leave nothing to design; make them smaller.")
+        return found
+
+    def _metrics(self, axis: BodyAxis, goal: Callable[[Pattern], Floats]) -> list[Metric]:
+        """Return the metrics of the objective, their targets measured on one that is a file."""
+        asked, skin, found = self.target.asked, self.own_skin, []
+        of_target = (*asked, "distance") if self.objective.counted == "shape" else tuple(asked)
+
+        def off(pattern: Pattern, positions: Floats) -> float:
+            return 1e3 * distance(pattern, positions, goal(pattern))
+
+        for name in self.objective.metric_names or of_target:
+            if name == "distance":
+                found.append(Metric("distance", "mm", 0.0, off, 1e3 * axis.length))
+                continue
+            metric = axis.metric(name, asked.get(name))
+            if skin.target is not None:
+                metric = replace(metric, target=metric.measure(skin.whole, goal(skin.whole)))
+            found.append(metric)
+        return found
 
     @property
     def _most_levels(self) -> int:
@@ -404,9 +451,32 @@ class OwnMeshScene(ActuatorScene):
         edge = self.own_skin.edge_length / 2.0**refinements
         return replace(self._of_lines(edge), edge_length=None, refinements=refinements)
 
+    def require_symmetric(self, body: Surface | Pattern, goal: Floats | None, axis: int) -> None:
+        """Check that a body, its regions, its knit and its target are symmetric about a plane.
+
+        Args:
+            body: The whole body.
+            goal: Target positions of its vertices, (n, 3), in m; None where the scene tells it.
+            axis: Normal of the plane, 0 for x, …
+
+        Raises:
+            TorosError: One is not; the message names it.
+        """
+        self.require_symmetric_knit((axis,))
+        if isinstance(body, Surface):
+            require_symmetric(body, axis)
+        for name in ("held", "printed", "plain"):
+            for region in getattr(self, name):
+                region.require_symmetric(name, body.points, axis)
+        if goal is None:
+            deform = self.target.deformer(self.target.of_body(body))
+            require_symmetric_map(body.points, (axis,), deform)
+        elif isinstance(body, Surface):
+            require_symmetric(replace(body, points=goal), axis, "the target")
+
 
 def read_skin(
-    comm: MPI.Comm, scene: OwnMeshScene, mesh: Path | str, target: Path | str | None = None
+    comm: MPI.Comm, scene: OwnMeshScene, mesh: Path, target: Path | None = None
 ) -> OwnSkin:
     """Read a mesh, cut it into flat panels, and read its target (collective).
 
@@ -419,28 +489,27 @@ def read_skin(
     Raises:
         TorosError: A file cannot be read, or does not fit, or is not symmetric.
     """
-    path, given, symmetry = Path(mesh), target and Path(target), scene.skin.symmetry
+    symmetry = scene.skin.symmetry
     axes = tuple(map("xyz".index, symmetry)) if symmetry not in (None, "auto") else ()
-    if comm.bcast(path.is_dir()):
-        path = path / NAME
-    if path.suffix == ".npz":
-        pattern = read_pattern(comm, path)
+    if comm.bcast(mesh.is_dir()):
+        mesh = mesh / NAME
+    if mesh.suffix == ".npz":
+        pattern = read_pattern(comm, mesh)
         if axes and not len(pattern.free_edges):
             raise ParameterError(
                 f"symmetry = {symmetry!r} needs the mesh file, or the pattern of a part that was "
-                f"cut there: {path} is that of a whole skin.",
+                f"cut there: {mesh} is that of a whole skin.",
                 "symmetry",
             )
-        goal = from_mesh(comm, given, pattern) if given else None
+        goal = from_mesh(comm, target, pattern) if target else None
         for axis in axes:
-            _require_symmetric(scene, mirrored(pattern, axes).pattern, goal, axis)
+            scene.require_symmetric(mirrored(pattern, axes).pattern, goal, axis)
         return OwnSkin(pattern, goal, axes)
-    surface = scene.skin.surface(comm, path)
-    goal = from_copy(comm, path, given, surface, scene.skin.scale) if given else None
-    found = []
+    surface, found = scene.skin.surface(comm, mesh), []
+    goal = from_copy(comm, mesh, target, surface, scene.skin.scale) if target else None
     for axis in range(3) if symmetry == "auto" else axes:
         try:
-            _require_symmetric(scene, surface, goal, axis)
+            scene.require_symmetric(surface, goal, axis)
         except (ParameterError, SurfaceError, TargetError) as error:
             if symmetry != "auto":
                 raise
@@ -450,93 +519,3 @@ def read_skin(
     part = cut_at_planes(surface, found)
     pattern = straightened(scene.skin.unwrapped(comm, part.surface).pattern, found)
     return OwnSkin(pattern, None if goal is None else part.at_vertices(goal), tuple(found))
-
-
-def _require_symmetric(
-    scene: OwnMeshScene, body: Surface | Pattern, goal: Floats | None, axis: int
-) -> None:
-    """Check that a body, its regions and its target are symmetric about a plane.
-
-    Raises:
-        TorosError: One is not; the message names it.
-    """
-    scene.require_symmetric_knit((axis,))
-    if isinstance(body, Surface):
-        require_symmetric(body, axis)
-    for name in ("held", "printed", "plain"):
-        for region in getattr(scene, name):
-            region.require_symmetric(name, body.points, axis)
-    if goal is None:
-        deform = scene.target.deformer(scene.target.of_body(body))
-        require_symmetric_map(body.points, (axis,), deform)
-    elif isinstance(body, Surface):
-        require_symmetric(replace(body, points=goal), axis, "the target")
-
-
-def _target(scene: OwnMeshScene, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
-    """Return the target positions of the vertices of the whole pattern, or of a refined one."""
-    if skin.target is None:
-        deform = scene.target.deformer(axis)
-        return lambda whole: deform(whole.points)
-    for name in ("bend", "twist", "shorten"):
-        if (value := scene.target.value(name)) is not None:
-            raise ParameterError(
-                f"there are two targets: a file, and {name} = {value:g}. Leave one out."
-            )
-    return skin.goal
-
-
-def _supports(scene: OwnMeshScene, pattern: Pattern) -> Supports:
-    if not scene.held:
-        raise ParameterError(
-            'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
-        )
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    for held in scene.held:
-        columns = np.array([letter in held.components for letter in "xyz"])
-        fixed |= held.vertices(pattern)[:, None] & columns
-    if fixed.all():
-        raise ParameterError(
-            "held holds every vertex, so that nothing can move. Check its unit: a plain number is "
-            "in m."
-        )
-    return Supports(fixed)
-
-
-def _passive(scene: OwnMeshScene, pattern: Pattern) -> Floats | None:
-    """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
-    if not (scene.printed or scene.plain):
-        return None
-    found = np.full(len(pattern.panel), np.nan)
-    for region in scene.printed:
-        found[region.cells(pattern)] = 1.0
-    for bare in scene.plain:
-        cells = bare.cells(pattern)
-        if (found[cells] == 1).any():
-            raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
-        found[cells] = 0.0
-    if not np.isnan(found).any():
-        raise ParameterError("printed and plain leave nothing to design; make them smaller.")
-    return found
-
-
-def _metrics(
-    scene: OwnMeshScene, axis: BodyAxis, target: Callable[[Pattern], Floats]
-) -> list[Metric]:
-    """Return the metrics of the objective, their targets measured on one that comes as a file."""
-    asked, names, found = scene.target.asked, scene.objective.metric_names, []
-    if names is None:
-        names = (*asked, *(["distance"] if scene.objective.counted == "shape" else []))
-
-    def off(pattern: Pattern, positions: Floats) -> float:
-        return 1e3 * distance(pattern, positions, target(pattern))
-
-    for name in names:
-        if name == "distance":
-            found.append(Metric("distance", "mm", 0.0, off, 1e3 * axis.length))
-            continue
-        metric, skin = axis.metric(name, asked.get(name)), scene.own_skin
-        if skin.target is not None:
-            metric = replace(metric, target=metric.measure(skin.whole, target(skin.whole)))
-        found.append(metric)
-    return found

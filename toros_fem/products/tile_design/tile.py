@@ -15,7 +15,7 @@ the result.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -26,8 +26,10 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes import tile
 from toros_fem.meshes.tile import KINDS
+from toros_fem.meshes.triangle_limit import require_affordable
+from toros_fem.products.actuators.cost import Cost, Part, probe
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
@@ -153,6 +155,32 @@ class TileScene(TileDesignScene):
         found = TileRun(case, result, measured, printed_tile, self, dict(reporter.seconds))
         write_tile_results(comm, output, found)
         return found
+
+    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+        """Return the cost of the design, probed on the mesh of the starts (collective).
+
+        Raises:
+            MeshSizeError: The mesh of the prints would have more triangles than the limit.
+        """
+        require_affordable(self.skin.size**2, self.skin.edge_length / 2)
+        case, design = tile_case(comm, self), self.design
+        assert case.coarse is not None
+        assert case.fine is not None
+        coarse, own, fine = (of.pattern for of in (case.coarse, case.tile, case.fine))
+        rounds, finish = design.corrections, 2 * design.finish_iterations + 2
+        trials = 2 * (design.starts * design.trial_iterations + design.draft_iterations)
+        most = 2 * (finish + rounds * (design.correction_iterations + 1))
+        parts = (
+            Part("random starts", len(coarse.panel), (3 * trials, 12 * trials)),
+            Part("design and corrections", len(own.panel), (3 * finish, 10 * most)),
+            Part("prints", len(fine.panel), (20, 60 * (1 + rounds))),
+        )
+        tried = None
+        if probing:
+            problem = tile_problem(comm, replace(case, tile=case.coarse), self)
+            tried = probe(problem, design.seed)
+        unknowns = 3 * len(own.points)
+        return Cost(len(own.panel), len(fine.panel), unknowns, comm.size, parts, tried)
 
 
 def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> np.ndarray:

@@ -7,32 +7,27 @@ counts as much as all the rest. The target is symmetric about y = 0, so half the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, Place, Table, key
+from toros_fem.base.keys import Place, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
-
-# Fig. 8b of the paper: the printed skin, inflated.
-MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 
 
 @dataclass(frozen=True)
 class BendTarget(Table):
     """Shape that is asked for."""
 
-    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
-        180.0, "bend angle of the target"
-    )
+    angle: BendAngle = bend_key(180.0)
     neutral: Place = key(
         0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
@@ -48,23 +43,14 @@ class BendScene(TubeScene):
     # (docs/optimisation.md).
     design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
 
-    KIND: ClassVar[str] = "bend"
-    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
-    FEW: ClassVar[tuple[str, ...]] = (
-        "angle",
-        "neutral",
-        "length",
-        "diameter",
-        "pressure",
-        "design_pressure",
-        "seed",
-    )
-
-    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
+    KIND: ClassVar = "bend"
+    FEW: ClassVar = (
+        "angle", "neutral", "length", "diameter", "pressure", "design_pressure", "seed",
+    )  # fmt: skip
+    MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""
         asked = self.target
         deform = bend(np.radians(asked.angle), self.skin.length, neutral=asked.neutral)
-        planes = () if self.skin.whole else (1,)
-        return self.tip_case(comm, level, deform, [bend_metric(asked.angle)], planes)
+        return self.tube_case(comm, level, deform, [bend_metric(asked.angle)], self.skin.planes)

@@ -5,34 +5,27 @@ The positions and orientations of cross-sections and of the tip count; the skin 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, key
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing
 from toros_fem.products.tables.steps import Lines
+from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
-from toros_fem.products.tubes.tube import (
-    SectionTubeScene,
-    bend_metric,
-    twist_metric,
-)
+from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
 
 
 @dataclass(frozen=True)
 class BendTwistTarget(BendTarget):
     """Shape that is asked for."""
 
-    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
-        60.0, "twist of the target, positive if counter-clockwise seen from the tip"
-    )
+    twist: TwistAngle = twist_key(60.0)
 
 
 @dataclass(frozen=True)
@@ -44,25 +37,13 @@ class BendTwistScene(SectionTubeScene):
     # Few lines would answer to a correction by leaps.
     lines: Lines = Lines(share_weight=3e-3)
 
-    KIND: ClassVar[str] = "bend-twist"
-    FEW: ClassVar[tuple[str, ...]] = (
-        "angle",
-        "twist",
-        "neutral",
-        "length",
-        "diameter",
-        "pressure",
-        "seed",
-    )
-
-    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
+    KIND: ClassVar = "bend-twist"
+    FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""
         asked, length = self.target, self.skin.length
-        deform = compose(
-            twist(np.radians(asked.twist), length),
-            bend(np.radians(asked.angle), length, neutral=asked.neutral),
-        )
+        twisted = twist(np.radians(asked.twist), length)
+        bent = bend(np.radians(asked.angle), length, neutral=asked.neutral)
         metrics = [bend_metric(asked.angle), twist_metric(asked.twist)]
-        return self.section_case(comm, level, deform, metrics)
+        return self.tube_case(comm, level, compose(twisted, bent), metrics)

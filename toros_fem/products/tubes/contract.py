@@ -6,19 +6,19 @@ that all of them stay perpendicular to it. Half the tube is designed, by symmetr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, Table, key
+from toros_fem.base.keys import Table
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Designing, Lines
+from toros_fem.products.tables.targets import Shortening, shortening_key
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
     SymmetricTube,
@@ -26,15 +26,12 @@ from toros_fem.products.tubes.tube import (
     twist_metric,
 )
 
-# Fig. 8c of the paper: the printed skin, inflated.
-MEASURED = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
-
 
 @dataclass(frozen=True)
 class ContractTarget(Table):
     """Shape that is asked for."""
 
-    contraction: Annotated[float, In("%", below=100)] = key(8.0, "shortening of the target")
+    contraction: Shortening = shortening_key(8.0)
 
 
 @dataclass(frozen=True)
@@ -49,18 +46,13 @@ class ContractScene(SectionTubeScene):
     # Bending of thin lines between their crossings needs two triangles across.
     lines: Lines = Lines(print_edge_length=0.5e-3)
 
-    KIND: ClassVar[str] = "contract"
-    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
-    FEW: ClassVar[tuple[str, ...]] = ("contraction", "length", "diameter", "pressure", "seed")
-
-    COARSE: ClassVar[Mapping[str, float]] = {
-        **SectionTubeScene.COARSE,
-        "print_edge_length": 9 / 5,
-    }
-    TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
+    KIND: ClassVar = "contract"
+    FEW: ClassVar = ("contraction", "length", "diameter", "pressure", "seed")
+    COARSE: ClassVar = {**SectionTubeScene.COARSE, "print_edge_length": 9 / 5}
+    MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""
-        asked, planes = self.target.contraction, () if self.skin.whole else (1,)
+        asked = self.target.contraction
         metrics = [shortening_metric(asked), twist_metric(None)]
-        return self.section_case(comm, level, contract(1 - asked / 100), metrics, planes)
+        return self.tube_case(comm, level, contract(1 - asked / 100), metrics, self.skin.planes)

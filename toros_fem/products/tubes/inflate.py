@@ -21,6 +21,8 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
+from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
+from toros_fem.products.actuators.cost import Cost, Part, Probe
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
@@ -33,6 +35,8 @@ METRICS = (
 )
 # First pressure of a tension field over the last one.
 SLACK = 0.01
+# Edges around the tube of a probe, at least, and along it.
+PROBE_AROUND, PROBE_ALONG = 36, 6
 
 
 @dataclass(frozen=True)
@@ -65,15 +69,14 @@ class InflateScene(Scene):
     material: SkinSheets = SkinSheets()
     pressure: Curve = Curve()
 
-    KIND: ClassVar[str] = "inflate"
-    COARSE: ClassVar[Mapping[str, float]] = {"edge_length": 2.0, "levels": 0.5}
-    FEW: ClassVar[tuple[str, ...]] = (
-        "length",
-        "diameter",
-        "pressure",
-        "highest_pressure",
-        "levels",
-    )
+    KIND: ClassVar = "inflate"
+    COARSE: ClassVar = {"edge_length": 2.0, "levels": 0.5}
+    FEW: ClassVar = ("length", "diameter", "pressure", "highest_pressure", "levels")
+
+    @property
+    def planes(self) -> tuple[int, ...]:
+        """Symmetry planes that the tube is cut at."""
+        return () if self.skin.whole else plain_planes(self.material.seams)
 
     @property
     def pressures(self) -> Floats:
@@ -82,10 +85,18 @@ class InflateScene(Scene):
         asked = self.pressure
         first = 0.0 if self.material.wrinkling is None else SLACK * asked.highest_pressure
         levels = np.linspace(first, asked.highest_pressure, asked.levels + 1)
-        near = np.isclose(levels, asked.pressure, rtol=1e-9, atol=0.0)
-        if near.any():
-            return np.asarray(levels, dtype=np.float64)
-        return np.sort(np.append(levels, asked.pressure)).astype(np.float64)
+        if not np.isclose(levels, asked.pressure, rtol=1e-9, atol=0.0).any():
+            levels = np.sort(np.append(levels, asked.pressure))
+        return levels.astype(np.float64)
+
+    def solver(self, comm: MPI.Comm, *, verbose: bool = False) -> tuple[EquilibriumSolver, Floats]:
+        """Return the solver of the tube, and the density of all triangles, (t,) (collective)."""
+        pattern, supports, density = plain_tube(
+            comm, self.skin, self.planes, seams=self.material.seams
+        )
+        log = print_step(comm) if verbose else None
+        skin = sew(comm, pattern)
+        return EquilibriumSolver(skin, self.material.composite, supports, log=log), density
 
     def run_simulation(
         self,
@@ -95,26 +106,14 @@ class InflateScene(Scene):
         *,
         verbose: bool = False,
     ) -> RunResult:
-        """Inflate the tube and write curve, fields and pictures (collective).
-
-        Args:
-            comm: Communicator.
-            output: Folder for the results.
-            files: It takes none.
-            verbose: Whether to print every Newton step.
-        """
-        begin, seams = time.perf_counter(), self.material.seams
-        planes = () if self.skin.whole else plain_planes(seams)
-        pattern, supports, density = plain_tube(comm, self.skin, planes, seams=seams)
-        skin = sew(comm, pattern)
-        log = print_step(comm) if verbose else None
-        solver = EquilibriumSolver(skin, self.material.composite, supports, log=log)
-        levels = self.pressures
+        """Inflate the tube and write curve, fields and pictures; it takes no files (collective)."""
+        begin, planes = time.perf_counter(), self.planes
+        solver, density = self.solver(comm, verbose=verbose)
+        owned, pattern = density[solver.skin.owned_cells], solver.skin.pattern
         metrics = [metric.of_whole(planes) for metric in METRICS]
-        points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
         path = PathResult(
             pattern,
-            points,
+            list(trace(solver, owned, [*map(float, self.pressures)], metrics)),
             density,
             METRICS,
             mirrored(pattern, planes),
@@ -126,6 +125,30 @@ class InflateScene(Scene):
         found = InflationResult(path, self.pressure.pressure)
         write_summary(comm, output, found)
         return found
+
+    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+        """Return the cost of the curve, probed by one equilibrium of a coarser tube (collective).
+
+        Raises:
+            MeshSizeError: The mesh would have more triangles than the limit.
+        """
+        sizes, levels = self.skin, self.pressure.levels
+        around, edge = np.pi * sizes.diameter, sizes.edge_length
+        area = around * (sizes.length + sizes.diameter / 2) / 2 ** len(self.planes)
+        require_affordable(area, edge)
+        triangles = round(expected_triangles(area, edge))
+        tried = None
+        if probing:
+            longest = min(around / PROBE_AROUND, sizes.length / PROBE_ALONG)
+            solver, density = self.updated(edge_length=max(edge, longest)).solver(comm)
+            begin = time.perf_counter()
+            found = solver.solve(density[solver.skin.owned_cells], self.pressure.pressure)
+            seconds = comm.bcast(time.perf_counter() - begin)
+            tried = Probe(len(density), found.steps, seconds)
+        # A closed surface has half as many vertices as triangles, and three edges for two of them.
+        unknowns = round((3.0 if self.material.bending == "midedge" else 1.5) * triangles)
+        parts = [Part("pressures", triangles, (4 * levels, 15 * levels))]
+        return Cost(triangles, triangles, unknowns, comm.size, parts, tried)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,21 +166,16 @@ class InflationResult(RunResult):
     @property
     def growth_ratio(self) -> float:
         """Growth of the radius above that pressure, over its growth below."""
-        first, half, last = (
-            point.metrics["radius_percent"]
-            for point in (self.path.points[0], self.half, self.path.points[-1])
-        )
+        states = (self.path.points[0], self.half, self.path.points[-1])
+        first, half, last = (state.metrics["radius_percent"] for state in states)
         return (last - half) / (half - first)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Radius and length at the highest pressure, and at that of the saturation."""
         at = self.half.metrics
-        names = ("radius", "length")
-        return (
-            *self.path.figures,
-            *(Figure(f"{n}_when_saturated", "percent", at[f"{n}_percent"]) for n in names),
-        )
+        saturated = (Figure(f"{one.name}_when_saturated", one.unit, at[one.key]) for one in METRICS)
+        return (*self.path.figures, *saturated)
 
     def entries(self) -> dict[str, Any]:
         """Return how the radius grows, inputs and cost."""
@@ -169,11 +187,12 @@ class InflationResult(RunResult):
 
     def sentence(self) -> str:
         """Return it in a sentence."""
-        at, last = self.half, self.path.points[-1]
+        (radius, length, at), (last_radius, last_length, end) = (
+            (*(state.metrics[one.key] for one in METRICS), state.result.pressure / 1e3)
+            for state in (self.half, self.path.points[-1])
+        )
         return (
-            f"radius {at.metrics['radius_percent']:.0f} % and length "
-            f"{at.metrics['length_percent']:.0f} % at {at.result.pressure / 1e3:g} kPa, "
-            f"{last.metrics['radius_percent']:.0f} % and {last.metrics['length_percent']:.0f} % at "
-            f"{last.result.pressure / 1e3:g} kPa: above, the radius grows by "
+            f"radius {radius:.0f} % and length {length:.0f} % at {at:g} kPa, {last_radius:.0f} % "
+            f"and {last_length:.0f} % at {end:g} kPa: above, the radius grows by "
             f"{100 * self.growth_ratio:.0f} % of its growth below"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
@@ -23,6 +23,7 @@ from toros_fem.measures.metrics import (
     shortening,
     twist_angle,
 )
+from toros_fem.measures.shape import Part
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.mirror import mirrored, require_symmetric_map
@@ -33,10 +34,10 @@ from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
 # Number of edges around the tube on the coarsest of several meshes: from one with 11 the bend came
-# out with lines twice as wide, and T half as large again.
-LEAST_AROUND = 18
-# The same along a tube that is short.
-LEAST_ALONG = 6
+# out with lines twice as wide, and T half as large again. The same along a tube that is short.
+LEAST_AROUND, LEAST_ALONG = 18, 6
+# A length that is off by so much counts like a twist or an angle that is not there at all.
+LENGTH_SCALE = 0.2
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,10 @@ class Tube(Table):
         "unstructured", "mesh of the wall"
     )
 
+    def pattern(self, comm: MPI.Comm, edge: float, planes: tuple[int, ...]) -> Pattern:
+        """Return the tube with edges of a length in m, cut at planes (collective)."""
+        return cylinder(comm, self.length, self.diameter, edge, mesh=self.mesh, planes=planes)
+
 
 @dataclass(frozen=True)
 class SymmetricTube(Tube):
@@ -57,19 +62,20 @@ class SymmetricTube(Tube):
 
     whole: bool = key(False, "simulate the whole tube and not its part between the planes")
 
-
-# A length that is off by so much counts like a twist or an angle that is not there at all.
-LENGTH_SCALE = 0.2
+    @property
+    def planes(self) -> tuple[int, ...]:
+        """Planes of symmetry that the tube is cut at: y = 0, or none."""
+        return () if self.whole else (1,)
 
 
 @dataclass(frozen=True)
 class TubeScene(ActuatorScene):
-    """A designed tube."""
+    """A designed tube whose shape counts."""
 
     skin: Tube = Tube()
     objective: TipWeights = TipWeights()
 
-    COARSE: ClassVar[Mapping[str, float]] = {
+    COARSE: ClassVar = {
         "edge_length": 2.0,
         "filter_radius": 88 / 43,
         "iterations": 2 / 3,
@@ -87,7 +93,14 @@ class TubeScene(ActuatorScene):
         around = float(np.pi * self.skin.diameter / LEAST_AROUND)
         return min(around, self.skin.length / LEAST_ALONG)
 
-    def tip_case(
+    def part(self, pattern: Pattern) -> Part:
+        """Return the objective of a whole tube: all its vertices count, those of the tip more."""
+        plate = pattern.vertices_of(TIP)
+        # The ring and not the plate, which bulges.
+        ring = np.intersect1d(plate, pattern.vertices_of(WALL))
+        return self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
+
+    def tube_case(
         self,
         comm: MPI.Comm,
         level: Level,
@@ -95,9 +108,7 @@ class TubeScene(ActuatorScene):
         metrics: Sequence[Metric],
         planes: tuple[int, ...] = (),
     ) -> Case:
-        """Return a tube along z whose whole shape counts; its base is held, its caps are printed.
-
-        All vertices have a target position; those of the end plate count more than the rest.
+        """Return a tube along z whose base is held and whose caps are printed (collective).
 
         Args:
             comm: Communicator.
@@ -112,51 +123,42 @@ class TubeScene(ActuatorScene):
             ParameterError: A size is too large for the tube, or the knit is not symmetric.
             TargetError: The target is not symmetric.
         """
-        case = _clamped(comm, self, level, deform, metrics, planes)
-        pattern = mirrored(case.pattern, planes).pattern
-        plate = pattern.vertices_of(TIP)
-        # The ring and not the plate, which bulges.
-        ring = np.intersect1d(plate, pattern.vertices_of(WALL))
-        part = self.objective.shape_part(pattern, plate, ring, self.skin.diameter / 2)
-        return replace(case, parts=[part])
+        assert level.edge_length is not None
+        pattern = self.skin.pattern(comm, level.edge_length, planes)
+        require_symmetric_map(pattern.points, planes, deform)
+        supports = _supports(pattern, planes, self.material.seams)
+        length = length_metric(None)
+        watched = [] if length.key in {metric.key for metric in metrics} else [length]
+        return replace(
+            self.loaded(pattern, deform(pattern.points), supports, planes),
+            parts=[self.part(mirrored(pattern, planes).pattern)],
+            metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
+            passive=_printed_caps(pattern),
+            parts_of_whole=True,
+        )
 
 
 @dataclass(frozen=True)
 class SectionTubeScene(TubeScene):
-    """A tube that may swell freely: its cross-sections count."""
+    """A designed tube that may swell freely."""
 
     objective: SectionWeights = SectionWeights()
     # From noise, densities of these tubes end in traps.
     design: Designing = Designing(start="relaxed", corrections=6)
 
-    def section_case(
-        self,
-        comm: MPI.Comm,
-        level: Level,
-        deform: Deformer,
-        metrics: Sequence[Metric],
-        planes: tuple[int, ...] = (),
-    ) -> Case:
-        """Return the tube of `tip_case` with an objective of cross-sections only.
+    def part(self, pattern: Pattern) -> Part:
+        """Return the objective of a whole tube: positions and orientations of its cross-sections.
 
-        Their positions and orientations have a target; the skin may swell freely. With an axial
-        weight of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight`
-        times as much as the mean over all other cross-sections.
-
-        Args:
-            comm, level, deform, metrics, planes: As of `tip_case`.
-
-        Raises:
-            ParameterError, TargetError: As of `tip_case`.
+        With an axial weight of 0 it may also lengthen and shorten. The position of the tip counts
+        `tip_weight` times as much as the mean over all other cross-sections.
         """
-        case = _clamped(comm, self, level, deform, metrics, planes)
-        pattern, count = mirrored(case.pattern, planes).pattern, self.objective.cross_sections
-        labels = label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count)
-        return replace(case, parts=[self.objective.sections_part(pattern, labels, 2)])
+        wall, count = pattern.vertices_of(WALL), self.objective.cross_sections
+        labels = label_cross_sections(pattern, wall, (0, 0, 1), count)
+        return self.objective.sections_part(pattern, labels, 2)
 
 
 def bend_metric(target: float) -> Metric:
-    """Return the bend angle of a tube's tip in degrees, by `measures.bend_angle`."""
+    """Return the bend angle of a tube's tip in degrees, by `bend_angle`."""
     return Metric("angle", "deg", target, _in_degrees(bend_angle))
 
 
@@ -176,28 +178,21 @@ def length_metric(target: float | None) -> Metric:
 
 
 def plain_tube(
-    comm: MPI.Comm,
-    config: Tube,
-    planes: tuple[int, ...] = (),
-    *,
-    seams: str = Bending.seams,
+    comm: MPI.Comm, sizes: Tube, planes: tuple[int, ...] = (), *, seams: str = Bending.seams
 ) -> tuple[Pattern, Supports, Floats]:
-    """Return the tube without reinforcement of its wall.
+    """Return a tube with a plain wall: pattern, supports, and density of all triangles, (t,).
 
     Args:
         comm: Communicator.
-        config: Sizes.
+        sizes: Its sizes.
         planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
         seams: How seams carry moments, as of `Bending`.
-
-    Returns:
-        Pattern, supports, and the density of all triangles, (t,).
 
     Raises:
         ParameterError: A size is too large for the tube; or seams are hinged, so that the plane
             x = 0 is none of symmetry.
     """
-    pattern = _tube(comm, config, config.edge_length, planes)
+    pattern = sizes.pattern(comm, sizes.edge_length, planes)
     density = np.nan_to_num(_printed_caps(pattern), nan=0.0)
     return pattern, _supports(pattern, planes, seams), density
 
@@ -211,47 +206,15 @@ def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
     return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
 
 
-def _tube(comm: MPI.Comm, sizes: Tube, edge: float, planes: tuple[int, ...]) -> Pattern:
-    return cylinder(comm, sizes.length, sizes.diameter, edge, mesh=sizes.mesh, planes=planes)
-
-
-def _clamped(
-    comm: MPI.Comm,
-    scene: TubeScene,
-    level: Level,
-    deform: Deformer,
-    metrics: Sequence[Metric],
-    planes: tuple[int, ...],
-) -> Case:
-    """Return a tube clamped at its base, without any weights."""
-    assert level.edge_length is not None
-    scene.require_symmetric_knit(planes)
-    pattern = _tube(comm, scene.skin, level.edge_length, planes)
-    require_symmetric_map(pattern.points, planes, deform)
-    length = length_metric(None)
-    watched = [] if length.key in {metric.key for metric in metrics} else [length]
-    return Case(
-        pattern,
-        deform(pattern.points),
-        _supports(pattern, planes, scene.material.seams),
-        scene.pressure.pressure,
-        scene.pressure.bounds,
-        scene.material.composite,
-        metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
-        passive=_printed_caps(pattern),
-        symmetry=planes,
-        parts_of_whole=True,
-    )
-
-
 def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
     """Return supports at the base and in the planes."""
-    if seams != "continuous" and 0 in planes:
+    hinged = seams != "continuous"
+    if hinged and 0 in planes:
         raise ParameterError(
             f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
             "Give planes = (1,), or make the seams continuous."
         )
-    return clamp(pattern, [BASE]) | symmetry_planes(pattern, planes, hinged=seams != "continuous")
+    return clamp(pattern, [BASE]) | symmetry_planes(pattern, planes, hinged=hinged)
 
 
 def _printed_caps(pattern: Pattern) -> Floats:

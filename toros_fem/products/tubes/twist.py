@@ -6,42 +6,36 @@ skin may swell freely. It may lengthen too, unless it is asked to keep its lengt
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Factor, In, Length, Positive, Table, key
+from toros_fem.base.keys import Length, Positive, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Lines
-from toros_fem.products.tubes.tube import (
-    SectionTubeScene,
-    length_metric,
-    twist_metric,
-)
+from toros_fem.products.tables.targets import TwistAngle, twist_key
+from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist_metric
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
 HELICES = 0.78
-# Fig. 8d of the paper: the printed skin, inflated.
-MEASURED = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 
 
 @dataclass(frozen=True)
 class TwistTarget(Table):
     """Shape that is asked for."""
 
-    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
-        300.0, "twist of the target, positive if counter-clockwise seen from the tip"
+    twist: TwistAngle = twist_key(300.0)
+    keep_length: bool = key(
+        False, "let the tube keep its length, or have the one given; else axial_weight is 0"
     )
-    keep_length: bool = key(False, "let the tube keep its length, or have the one given")
     length_ratio: Positive = key(
-        1.0, "length of the target over that of the tube, if the length is kept"
+        1.0, "length of the target over that of the tube, if the length is kept", metric="length"
     )
 
 
@@ -54,61 +48,37 @@ class TwistLines(Lines):
 
 
 @dataclass(frozen=True)
-class TwistWeights(SectionWeights):
-    """What counts in the objective."""
-
-    axial_weight: Factor = key(
-        60.0,
-        "weight of the cross-sections' positions along the axis over that across, if the length is "
-        "kept",
-    )
-
-
-@dataclass(frozen=True)
 class TwistScene(SectionTubeScene):
     """The twisting tube."""
 
     target: TwistTarget = TwistTarget()
     pressure: Pressing = Pressing(pressure=15e3)
-    objective: TwistWeights = TwistWeights()
+    objective: SectionWeights = SectionWeights(axial_weight=60.0)
     lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
 
-    KIND: ClassVar[str] = "twist"
-    MEASURED: ClassVar[tuple[Measurement, ...]] = MEASURED
-    FEW: ClassVar[tuple[str, ...]] = (
-        "twist",
-        "keep_length",
-        "length",
-        "diameter",
-        "pressure",
-        "seed",
-    )
-
-    COARSE: ClassVar[Mapping[str, float]] = {
+    KIND: ClassVar = "twist"
+    FEW: ClassVar = ("twist", "keep_length", "length", "diameter", "pressure", "seed")
+    COARSE: ClassVar = {
         **SectionTubeScene.COARSE,
         "axial_width": 4 / 3,
         "print_edge_length": 18 / 13,
     }
-    TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
+    MEASURED: ClassVar = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 
     @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
-        first, second = self.lines.widths
         if not self.target.keep_length:
-            return first, second
-        given = self.lines.second_laid_width is not None
-        return self.lines.axial_width, second if given else HELICES * second
+            return self.lines.widths
+        thinner = HELICES if self.lines.second_laid_width is None else 1.0
+        return self.lines.axial_width, thinner * self.lines.widths[1]
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""
-        asked = self.target
-        deform, metrics = (
-            twist(np.radians(asked.twist), self.skin.length),
-            [twist_metric(asked.twist)],
-        )
+        asked, length = self.target, self.skin.length
+        deform, metrics = twist(np.radians(asked.twist), length), [twist_metric(asked.twist)]
         if not asked.keep_length:
-            return self.updated(axial_weight=0.0).section_case(comm, level, deform, metrics)
-        metrics.append(length_metric(asked.length_ratio))
+            return self.updated(axial_weight=0.0).tube_case(comm, level, deform, metrics)
         deform = compose(deform, contract(asked.length_ratio))
-        return self.section_case(comm, level, deform, metrics)
+        metrics.append(length_metric(asked.length_ratio))
+        return self.tube_case(comm, level, deform, metrics)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
@@ -69,107 +69,16 @@ class Gait:
         return np.concatenate([ends[:1], *rows])
 
 
-@dataclass(frozen=True, eq=False)
-class Walk:
-    """What a robot does on the ground in one cycle of pressures.
-
-    Attributes:
-        feet: Positions of the tips of the legs at each equilibrium, (rows, f, 3), in m, heights
-            from the ground.
-        touching: Which of them touch the ground, (rows, f).
-        pressures: Pressure of each chamber in Pa, (rows, k).
-        volumes: Volume of each chamber in m³, (rows, k).
-    """
-
-    feet: Floats
-    touching: Bools
-    pressures: Floats
-    volumes: Floats
-
-    @property
-    def stride(self) -> float:
-        """Distance in m by which the feet get ahead along x, in the mean."""
-        return float((self.feet[-1] - self.feet[0])[:, 0].mean())
-
-    @property
-    def slip(self) -> float:
-        """Way in m that the feet slide backwards on the ground, in the mean of all feet."""
-        back = np.minimum(np.diff(self.feet[:, :, 0], axis=0), 0.0)
-        both = self.touching[1:] & self.touching[:-1]
-        return float(-(back * both).sum(axis=0).mean())
-
-    @property
-    def work(self) -> Floats:
-        """Work P ΔV in J of the pressure of each chamber in each step, (rows − 1, k)."""
-        mean = (self.pressures[1:] + self.pressures[:-1]) / 2
-        return np.asarray(mean * np.diff(self.volumes, axis=0))
-
-    @property
-    def supplied_energy(self) -> float:
-        """Sum of P ΔV in J over the steps in which a chamber takes up work."""
-        return float(np.maximum(self.work, 0.0).sum())
-
-    @property
-    def lost_energy(self) -> float:
-        """Work in J over the closed cycle: what friction and snapping turn into heat."""
-        return float(self.work.sum())
-
-
-def flat_on_ground(
-    comm: MPI.Comm, pattern: Pattern, supports: Supports, sizes: ContactSizes
-) -> tuple[Floats, float]:
-    """Return a flat robot as it lies on the ground, and the height of the ground (collective).
-
-    Args:
-        comm: Communicator.
-        pattern: The robot, or a part of it.
-        supports: Its symmetry planes.
-        sizes: Sizes of its contact.
-
-    Returns:
-        Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
-        ground that the lowest of them nearly touch.
-    """
-    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
-    return start, float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
-
-
-def walk_of(
-    points: Sequence[TracePoint], whole: Mirrored, directions: Floats, ground: float, reach: float
-) -> Walk:
-    """Return what a robot does along a path of equilibria.
-
-    Args:
-        points: The equilibria of a part of the robot.
-        whole: The whole robot and that part.
-        directions: Unit vectors along the legs of the whole in the assembled skin, (f, 2).
-        ground: Height of the ground in m.
-        reach: Distance in m of the middle surface from the ground at which a foot touches it.
-    """
-    shapes = [whole.at_vertices(point.positions) - [0, 0, ground] for point in points]
-    along = whole.pattern.points[:, :2] @ directions.T
-    # Halves of the legs: a leg that lies touches with more than its tip.
-    outer = along > 0.5 * along.max(axis=0)
-    lowest = [[shape[leg, 2].min() for leg in outer.T] for shape in shapes]
-    return Walk(
-        np.array([tip_positions(whole.pattern, shape, directions) for shape in shapes]),
-        np.array(lowest) <= reach,
-        np.array([point.result.pressures for point in points]),
-        whole.parts * np.array([point.result.volumes for point in points]),
-    )
-
-
 @dataclass(frozen=True)
 class GaitFigures:
     """What a cycle on the ground tells; None where the cycle ends too early for it.
 
     Attributes:
-        chambers: Names of the chambers.
-        pressures_pa: Full pressure of each.
+        chambers, pressures_pa: Names of the chambers, and the full pressure of each.
         failure: Why the cycle ends early; None if it does not.
         equilibria: Number of equilibria.
         stride_mm, slip_mm: How far the feet get ahead, and slide back.
-        measured_stride_mm: A measured stride, by those whom `measured` names.
+        measured_stride_mm: Measured stride of such a robot.
         smallest_distance_mm: Smallest distance between faces.
         foot_lift_mm: Largest height of a foot.
         supplied_energy_j, lost_energy_j: As of `Walk`.
@@ -206,49 +115,139 @@ class GaitFigures:
         return f"a stride of {self.stride_mm:.1f} mm, {self.slip_mm:.1f} mm of slip"
 
 
-def gait_figures(
-    gait: Gait,
-    full: Sequence[float],
-    walk: Walk,
-    points: Sequence[TracePoint],
-    failure: str | None,
-    measured: tuple[str, float] | None = None,
-) -> GaitFigures:
-    """Return what a cycle tells.
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """What a robot does on the ground in one cycle of pressures.
+
+    Attributes:
+        gait: The cycle.
+        points: The equilibria of a part of the robot, one for each row of the gait's pressure
+            fractions, or for the first of them.
+        whole: The whole robot and that part.
+        feet: Positions of the tips of the legs at each equilibrium, (rows, f, 3), in m, heights
+            from the ground.
+        touching: Which of them touch the ground, (rows, f).
+    """
+
+    gait: Gait
+    points: Sequence[TracePoint]
+    whole: Mirrored
+    feet: Floats
+    touching: Bools
+
+    @property
+    def complete(self) -> bool:
+        """Whether the equilibria are those of a whole cycle, so that it has a stride."""
+        return len(self.points) == len(self.gait.pressure_fractions)
+
+    @property
+    def stride(self) -> float:
+        """Distance in m by which the feet get ahead along x, in the mean."""
+        return float((self.feet[-1] - self.feet[0])[:, 0].mean())
+
+    @property
+    def slip(self) -> float:
+        """Way in m that the feet slide backwards on the ground, in the mean of all feet."""
+        back = np.minimum(np.diff(self.feet[:, :, 0], axis=0), 0.0)
+        both = self.touching[1:] & self.touching[:-1]
+        return float(-(back * both).sum(axis=0).mean())
+
+    @property
+    def work(self) -> Floats:
+        """Work P ΔV in J of the pressure of each chamber in each step, (rows − 1, k)."""
+        pressures = np.array([point.result.pressures for point in self.points])
+        volumes = self.whole.parts * np.array([point.result.volumes for point in self.points])
+        return np.asarray((pressures[1:] + pressures[:-1]) / 2 * np.diff(volumes, axis=0))
+
+    @property
+    def supplied_energy(self) -> float:
+        """Sum of P ΔV in J over the steps in which a chamber takes up work."""
+        return float(np.maximum(self.work, 0.0).sum())
+
+    @property
+    def lost_energy(self) -> float:
+        """Work in J over the closed cycle: what friction and snapping turn into heat."""
+        return float(self.work.sum())
+
+    def figures(
+        self,
+        full: Sequence[float],
+        failure: str | None,
+        measured: tuple[str, float] | None = None,
+    ) -> GaitFigures:
+        """Return what the cycle tells.
+
+        Args:
+            full: Full pressure of each chamber in Pa.
+            failure: Why it is not complete; None if it is.
+            measured: Who measured the stride, and it in m; None for none.
+        """
+        distances = [point.result.smallest_distance for point in self.points]
+        found = GaitFigures(
+            self.gait.names,
+            tuple(full),
+            failure,
+            len(self.points),
+            measured_stride_mm=None if measured is None else 1e3 * measured[1],
+            smallest_distance_mm=1e3 * min(d for d in distances if d is not None),
+            foot_lift_mm=1e3 * float(self.feet[:, :, 2].max()),
+            supplied_energy_j=self.supplied_energy,
+        )
+        if not self.complete:
+            return found
+        stride, slip, lost = 1e3 * self.stride, 1e3 * self.slip, self.lost_energy
+        return replace(found, stride_mm=stride, slip_mm=slip, lost_energy_j=lost)
+
+
+def flat_on_ground(
+    comm: MPI.Comm, pattern: Pattern, supports: Supports, sizes: ContactSizes
+) -> tuple[Floats, float]:
+    """Return a flat robot as it lies on the ground, and the height of the ground (collective).
 
     Args:
-        gait: The cycle.
-        full: Full pressure of each chamber in Pa.
-        walk: What the robot does.
-        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
-            them if the cycle is not complete; then there is no stride.
-        failure: Why it is not complete; None if it is.
-        measured: Who measured the stride, and it in m; None for none.
+        comm: Communicator.
+        pattern: The robot, or a part of it.
+        supports: Its symmetry planes.
+        sizes: Sizes of its contact.
+
+    Returns:
+        Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
+        ground that the lowest of them nearly touch.
     """
-    complete = len(points) == len(gait.pressure_fractions)
-    distances = [point.result.smallest_distance for point in points]
-    return GaitFigures(
-        gait.names,
-        tuple(full),
-        failure,
-        len(points),
-        stride_mm=1e3 * walk.stride if complete else None,
-        slip_mm=1e3 * walk.slip if complete else None,
-        measured_stride_mm=None if measured is None else 1e3 * measured[1],
-        smallest_distance_mm=1e3 * min(d for d in distances if d is not None),
-        foot_lift_mm=1e3 * float(walk.feet[:, :, 2].max()),
-        supplied_energy_j=walk.supplied_energy,
-        lost_energy_j=walk.lost_energy if complete else None,
-    )
+    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
+    return start, float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
+
+
+def walk_of(
+    gait: Gait,
+    points: Sequence[TracePoint],
+    whole: Mirrored,
+    directions: Floats,
+    ground: float,
+    reach: float,
+) -> Walk:
+    """Return what a robot does along a path of equilibria.
+
+    Args:
+        gait, points, whole: As of `Walk`.
+        directions: Unit vectors along the legs of the whole in the assembled skin, (f, 2).
+        ground: Height of the ground in m.
+        reach: Distance in m of the middle surface from the ground at which a foot touches it.
+    """
+    shapes = [whole.at_vertices(point.positions) - [0, 0, ground] for point in points]
+    along = whole.pattern.points[:, :2] @ directions.T
+    # Halves of the legs: a leg that lies touches with more than its tip.
+    outer = along > 0.5 * along.max(axis=0)
+    lowest = [[shape[leg, 2].min() for leg in outer.T] for shape in shapes]
+    feet = np.array([tip_positions(whole.pattern, shape, directions) for shape in shapes])
+    return Walk(gait, points, whole, feet, np.array(lowest) <= reach)
 
 
 def write_gait(
     comm: MPI.Comm,
     folder: Path,
-    gait: Gait,
     walk: Walk,
-    points: Sequence[TracePoint],
-    skin: tuple[Mirrored, Sequence[BaseGeometry]],
+    regions: Sequence[BaseGeometry],
     measured: tuple[str, float] | None = None,
 ) -> None:
     """Write table, frames and pictures of a cycle (collective).
@@ -256,16 +255,14 @@ def write_gait(
     Args:
         comm: Communicator.
         folder: Output folder, which exists.
-        gait, walk, points, measured: As of `gait_figures`.
-        skin: The whole robot with the part that the equilibria are of, and the print on each panel
-            of the whole, polygons in m.
+        walk: What the robot does.
+        regions: Print on each panel of the whole, polygons in m.
+        measured: Who measured the stride, and it in m; None for none.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    whole, regions = skin
-    pattern, shapes = whole.pattern, [whole.at_vertices(point.positions) for point in points]
-    stride = walk.stride if len(points) == len(gait.pressure_fractions) else None
+    gait, pattern, points = walk.gait, walk.whole.pattern, walk.points
 
     def draw() -> None:
         from toros_fem.results.pictures.curve_plot import plot_tracks
@@ -274,8 +271,9 @@ def write_gait(
         shown = []
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
-            full = [name for name, fraction in fractions if fraction >= 0.5]
-            shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
+            full = ", ".join(name for name, fraction in fractions if fraction >= 0.5)
+            x = walk.whole.at_vertices(points[k].positions)
+            shown.append((f"{number}: {full or 'none'}", x))
         plot_shapes(
             folder / "gait.png",
             pattern.triangles,
@@ -285,6 +283,7 @@ def write_gait(
             columns=4,
             printed=cut_triangles(pattern, regions),
         )
+        stride = walk.stride if walk.complete else None
         plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
 
     def write() -> None:
@@ -296,7 +295,7 @@ def write_gait(
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
         drawn = ShownSkin(pattern, regions=regions)
-        write_path(folder, "gait", drawn, points, whole=whole, chambers=gait.names)
+        write_path(folder, "gait", drawn, points, whole=walk.whole, chambers=gait.names)
         if_plotting(draw)
 
     write_together(comm, folder, write)

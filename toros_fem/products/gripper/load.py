@@ -1,0 +1,263 @@
+"""What a gripper bears: its fingers close, and its object is pulled out of them.
+
+Seen from the mounts the post goes down by the distance of the lift, and the object with it until
+the fingers hold its weight. It moves along its axis alone, by symmetry, or where it is a mesh as on
+a guide. Nothing moves it back, so that one curve of the holding force over its depth tells what
+becomes of each mass. Fingers close without friction, which acts from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.measures.figures import Figure
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.contact.solids import rigid_mesh
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
+from toros_fem.mechanics.paths.trace_point import until_failure
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes import Mirrored, sew
+from toros_fem.meshes.topology import normals
+from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
+from toros_fem.results.frames.record import repeated
+
+if TYPE_CHECKING:  # a scene is lifted here, and says so
+    from toros_fem.products.gripper.gripper import GripperScene
+
+GRAVITY = 9.81  # m/s²
+# Steps of the lift while the object slides by up to the limit, and from there on.
+NEAR_STEPS, FAR_STEPS = 8, 8
+
+
+@dataclass(frozen=True)
+class LiftFigures:
+    """What one design does to the object; None where this has no meaning.
+
+    Attributes:
+        held_mass_kg: The largest mass that the fingers bear.
+        slip_mm: The sliding at which they bear the object; None if they do not.
+        smallest_distance_mm: Smallest distance between faces.
+        finger_force_n: Force of a finger on the object, where the sliding ends.
+        contact_area_mm2, contact_pressure_kpa: Area that touches it, and the mean pressure there.
+        failure: Why the pull ended early; None if it did not.
+    """
+
+    held_mass_kg: float | None = None
+    slip_mm: float | None = None
+    smallest_distance_mm: float | None = None
+    finger_force_n: float | None = None
+    contact_area_mm2: float | None = None
+    contact_pressure_kpa: float | None = None
+    failure: str | None = None
+
+
+@dataclass(frozen=True)
+class Lifted:
+    """An object that is lifted, by the print and by the initial design."""
+
+    mass_kg: float
+    friction: float | None
+    fingers: int
+    printed: LiftFigures
+    initial: LiftFigures
+
+    NAME: ClassVar[str] = "load"
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The most important figures of the print."""
+        return (
+            Figure("held_mass", "kg", self.printed.held_mass_kg),
+            Figure("slip", "mm", self.printed.slip_mm),
+            Figure("smallest_distance", "mm", self.printed.smallest_distance_mm),
+        )
+
+    @property
+    def words(self) -> str:
+        """It in words."""
+        made, initial = self.printed, self.initial.held_mass_kg
+        lifted = "are dropped" if made.slip_mm is None else f"slide by {made.slip_mm:.1f} mm"
+        if made.slip_mm is None and made.held_mass_kg is None and made.failure:
+            lifted = f"are not lifted: {made.failure}"
+        found = f"{1e3 * self.mass_kg:.0f} g {lifted}"
+        if made.held_mass_kg is not None:
+            found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
+        return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Fingers around their object, as they are simulated.
+
+    Attributes:
+        scene: The gripper.
+        closing, pulling: Solvers without and with friction.
+        body: The object.
+        finger: The whole finger of which half is simulated; None where all fingers are.
+    """
+
+    scene: GripperScene
+    closing: EquilibriumSolver
+    pulling: EquilibriumSolver
+    body: RigidBody
+    finger: Mirrored | None
+
+    @property
+    def parts(self) -> int:
+        """Number of equal parts of the gripper, of which one is simulated."""
+        return 1 if self.finger is None else 2 * self.scene.fingers
+
+    def slip(self, points: Sequence[PullPoint]) -> float | None:
+        """Return the sliding in m at which the fingers bear the object; None if they do not."""
+        wanted = self.scene.object
+        found = slip_under(points, wanted.mass * GRAVITY / self.parts)
+        return None if found is None or found > wanted.slip_limit else found
+
+    def pull(self, density: Floats, pressures: Sequence[float], start: Floats | None) -> Pull:
+        """Pull the object out of the fingers: to the limit, and all the way if it drops.
+
+        Args:
+            density: Density of all triangles that are simulated, (t,).
+            pressures: In Pa.
+            start: Where closing begins, positions of the owned nodes; None: flat.
+        """
+        owned, wanted = density[self.closing.skin.owned_cells], self.scene.object
+        limit, end = wanted.slip_limit, wanted.lift_distance or 0.0
+        near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
+        far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
+        depths = [*near, *far[far > limit]]
+
+        def path() -> Iterator[PullPoint]:
+            closed, points = self.closing.solve(owned, pressures, start=start), list[PullPoint]()
+            for point in pull_out(self.pulling, owned, pressures, depths, ALONG, closed.positions):
+                points.append(point)
+                yield point
+                if point.depth >= limit and self.slip(points) is not None:
+                    return
+
+        return Pull(self, density, *until_failure(path()))
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What one design does to the object.
+
+    Attributes:
+        grip: The fingers.
+        density: Density of all triangles that are simulated, (t,).
+        points: The equilibria; none where the fingers do not close.
+        failure: Why the pull ended early; empty if it did not.
+    """
+
+    grip: Grip
+    density: Floats
+    points: Sequence[PullPoint]
+    failure: str
+
+    def at(self, depth: float) -> PullPoint:
+        """Return the equilibrium nearest to a depth in m."""
+        return min(self.points, key=lambda point: abs(point.depth - depth))
+
+    @property
+    def figures(self) -> LiftFigures:
+        """Its figures; those of fingers are at the end of the object's sliding."""
+        if not self.points:
+            return LiftFigures(failure=self.failure)
+        grip, scene, slip = self.grip, self.grip.scene, self.grip.slip(self.points)
+        at, triangles = self.at(slip or 0.0), grip.closing.skin.pattern.triangles
+        thirds = np.repeat(np.linalg.norm(normals(at.positions, triangles), axis=1) / 6, 3)
+        areas = np.bincount(triangles.ravel(), thirds, minlength=len(at.positions))
+        normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / scene.fingers
+        area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
+        held = grip.parts * largest_force(self.points, scene.object.slip_limit) / GRAVITY
+        distances = [point.result.smallest_distance or 0.0 for point in self.points]
+        return LiftFigures(
+            held_mass_kg=max(held, 0.0),
+            slip_mm=None if slip is None else 1e3 * slip,
+            smallest_distance_mm=1e3 * min(distances),
+            finger_force_n=force,
+            contact_area_mm2=1e6 * area,
+            contact_pressure_kpa=1e-3 * force / area if area else None,
+            failure=self.failure or None,
+        )
+
+    def row(self, name: str) -> tuple[Floats, list[LiftShape]]:
+        """Return density and shapes to show: closed, half-way up, and at the end of the lift."""
+        whole, slip, shapes = self.grip.finger, self.grip.slip(self.points), []
+        for part, word in ((0.0, "closed"), (0.5, "half-way up"), (1.0, "lifted")):
+            raised = part * (self.grip.scene.object.lift_distance or 0.0)
+            sunk = raised if slip is None else min(slip, raised)
+            x = self.at(sunk).positions
+            x = x if whole is None else whole.at_vertices(x)
+            shapes.append(LiftShape(f"{name}, {word}", x, sunk, raised))
+        return self.density if whole is None else whole.at_cells(self.density), shapes
+
+
+def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
+    """Return half a finger and the designed object, or all fingers and the object's mesh."""
+    model, skin, whole = problem.solver.model, problem.skin, problem.whole
+    contact, supports, path = scene.held_contact, model.supports, scene.object.object_mesh
+    if path is not None:
+        assert whole is not None
+        pattern, axis, count = whole.pattern, scene.body.centre[2], scene.fingers
+        read = rigid_mesh(comm, "object", path, scale=scene.object.object_scale)
+        # Upright, in the frame of the first finger.
+        points = from_room(read.points - read.centre, 0.0) + [scene.body.centre[0], 0.0, axis]
+        body = RigidBody("object", points, read.triangles)
+        distance = scene.contact.contact_distance
+        contact = Contact(bodies=[body], self_contact=False, distance=distance)
+        turned = [
+            from_room(in_room(pattern.points, axis, angle), axis)
+            for angle in 2 * np.pi * np.arange(count) / count
+        ]
+        every, _ = repeated(pattern, [], count)
+        skin = sew(comm, replace(every, points=np.concatenate(turned)))
+        supports = Supports(np.tile(scene.mounted(pattern).fixed, (count, 1)))
+        whole = None
+    closing, pulling = (
+        EquilibriumSolver(
+            skin,
+            model.composite,
+            supports,
+            problem.solver.options,
+            contact=replace(contact, friction=friction),
+        )
+        for friction in (None, scene.contact.friction)
+    )
+    return Grip(scene, closing, pulling, contact.bodies[0], whole)
+
+
+def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResult) -> Lifted:
+    """Let the printed gripper lift its object, and the initial design too (collective)."""
+    problem, printed = design.problem, design.printed
+    assert isinstance(problem, ShapeDesign)
+    assert problem.whole is not None
+    shown = printed.evaluation or design.design.final
+    _, initial = problem.fields(problem.with_passive(problem.start_density(design.search.seed)))
+    grip, pressures, pulls = grip_of(comm, problem, scene), shown.equilibrium.pressures, {}
+    for name, owned in (("initial design", initial), ("as printed", shown.projected)):
+        density, start = problem.skin.gather_cells(owned), None
+        if grip.finger is None:
+            density = np.tile(problem.whole.at_cells(density), scene.fingers)
+        elif owned is shown.projected:  # a finger may have several equilibria: this one is known
+            start = shown.equilibrium.positions
+        pulls[name] = grip.pull(density, pressures, start)
+    if rows := [pull.row(name) for name, pull in pulls.items() if pull.points]:
+        pattern, copies, regions = problem.whole.pattern, scene.fingers, list(printed.regions)
+        if grip.finger is None:
+            pattern, copies, regions = grip.closing.skin.pattern, 1, regions * copies
+        write_lift(comm, output, pattern, rows, regions, grip.body, copies)
+    figures = [pulls[name].figures for name in ("as printed", "initial design")]
+    return Lifted(scene.object.mass, scene.contact.friction, scene.fingers, *figures)
