@@ -9,7 +9,7 @@ comm = MPI.COMM_WORLD
 pattern = tf.meshes.cylinder(comm, length=0.04, diameter=0.02, edge_length=6e-3)
 skin = tf.sew(comm, pattern)
 solver = tf.EquilibriumSolver(skin, tf.Composite(), tf.clamp(pattern, ["base"]))
-result = solver.solve(np.zeros(len(skin.owned_cells)), pressure=1e3)
+result = solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
 assert result.converged, result.reason
 swelling = tf.swelling(pattern, skin.gather_vertices(result.positions))
 assert 1.05 < swelling < 1.5, swelling

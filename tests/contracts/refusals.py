@@ -373,7 +373,7 @@ SOLVES: Table = {
     "log is text": lambda s: _solver(s, log="verbose"),
     "steps are 1.5": lambda s: tf.NewtonOptions(max_steps=1.5),
     "tolerance is text": lambda s: tf.NewtonOptions(tolerance="tight"),
-    "pressure is None": lambda s: s.solver.solve(s.plain, pressure=None),
+    "pressure is None": lambda s: s.solver.solve(s.plain, None),
     "pressure is text": lambda s: s.solver.solve(s.plain, "5 kPa"),
     "pressure is negative": lambda s: s.solver.solve(s.plain, -1.0),
     "pressure is NaN": lambda s: s.solver.solve(s.plain, NAN),

@@ -30,3 +30,7 @@ def test_a_key_of_one_kind(capsys: pytest.CaptureFixture[str]) -> None:
 def test_an_unknown_key_has_a_neighbour(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(MPI.COMM_SELF, ["explain", "filter_radios"]) == 2
     assert "did you mean 'filter_radius'?" in capsys.readouterr().err
+    assert run(MPI.COMM_SELF, ["explain", "walker"]) == 2
+    assert "walker is a kind of scene" in capsys.readouterr().err
+    assert run(MPI.COMM_SELF, ["check", "a.toml", "--set", "seed=1", "levels=2"]) == 2
+    assert "levels=2 stands alone; write --set before each KEY=VALUE" in capsys.readouterr().err

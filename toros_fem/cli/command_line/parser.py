@@ -40,6 +40,9 @@ class SuggestingParser(argparse.ArgumentParser):
             known = [flag for action in self._actions for flag in action.option_strings]
             advice = nearest(options[0], known, "--help lists all options.")
             self.error(f"unknown option {options[0]}; {advice}")
+        change = next((word for word in extra if "=" in word), None)
+        if change is not None and "--set" in self._option_string_actions:
+            self.error(f"{change} stands alone; write --set before each KEY=VALUE.")
         return found, extra
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

@@ -43,6 +43,11 @@ class Explain(Command):
                     value = kind().value(name) if table in kind.tables() else one.default
                     defaults = found.setdefault((table, one.help), {})
                     defaults[kind.KIND] = one.written(value).strip('"')
+        if not found and name in KINDS:
+            raise UsageError(
+                f"toros explain: {name} is a kind of scene; `toros new {name} FILE --all` writes "
+                "its keys."
+            )
         if not found:
             raise UsageError(f"toros explain: unknown key {name!r}; {nearest(name, sorted(every))}")
         lines, entries = [], list[dict[str, Any]]()
