@@ -66,16 +66,27 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
             raise found
 
 
+@contextmanager
+def together(comm: MPI.Comm) -> Iterator[None]:
+    """Let all ranks raise what one of them raises in the block (collective at its end).
+
+    The block itself has no collective call: the others would wait there.
+    """
+    error = None
+    try:
+        yield
+    except Exception as caught:  # raised on all ranks, so that none waits
+        error = caught
+    raise_together(comm, error)
+
+
 def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
     """Run an action on the first rank; return its result or raise its error on all (collective)."""
     require_comm(comm)
-    result, error = None, None
-    if comm.rank == 0:
-        try:
+    result = None
+    with together(comm):
+        if comm.rank == 0:
             result = action()
-        except Exception as caught:  # raised on all ranks, so that none waits
-            error = caught
-    raise_together(comm, error)
     found: T = comm.bcast(result, root=0)
     return found
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import dot, raise_together, total
+from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import Filter
@@ -320,18 +320,17 @@ class DesignProblem(ABC, Generic[R]):
             return
         skin = self.skin
         given = self.passive[~np.isnan(self.passive)]
-        error = None
-        if self.passive.shape != skin.owned_cells.shape:
-            error = DensityError(
-                f"passive has shape {self.passive.shape}; this rank owns "
-                f"{len(skin.owned_cells)} triangles."
-            )
-        elif len(given) and not (given.min() >= 0 and given.max() <= 1):
-            error = DensityError(
-                f"passive holds densities from {given.min()} to {given.max()}; they must lie in "
-                "[0, 1], or be NaN where the triangle is designed."
-            )
-        raise_together(skin.comm, error)
+        with together(skin.comm):
+            if self.passive.shape != skin.owned_cells.shape:
+                raise DensityError(
+                    f"passive has shape {self.passive.shape}; this rank owns "
+                    f"{len(skin.owned_cells)} triangles."
+                )
+            if len(given) and not (given.min() >= 0 and given.max() <= 1):
+                raise DensityError(
+                    f"passive holds densities from {given.min()} to {given.max()}; they must lie "
+                    "in [0, 1], or be NaN where the triangle is designed."
+                )
         if total(skin.comm, self.designed.sum()) == 0:
             raise DensityError(
                 "passive prescribes the density of every triangle: none is designed. Set NaN where "

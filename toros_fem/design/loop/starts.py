@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import raise_together
+from toros_fem.base.mpi import raise_together, together
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import GatheredDesign, gathered
 from toros_fem.design.loop.loop import DesignResult, optimize
@@ -61,8 +61,7 @@ def best_start(
     found: dict[int, tuple[bool, float]] = {}
     best: GatheredDesign | None = None
     failure: NoEquilibriumError | None = None
-    error: Exception | None = None
-    try:
+    with together(comm):
         mine = seeds[comm.rank :: comm.size]
         problem = make(MPI.COMM_SELF) if mine else None
         for seed in mine:
@@ -77,9 +76,6 @@ def best_start(
             if not found or score < min(found.values()):
                 best = gathered(result)
             found[seed] = score
-    except Exception as caught:  # raised on all ranks, so that none waits
-        error = caught
-    raise_together(comm, error)
     every: dict[int, tuple[bool, float]] = {}
     for part in comm.allgather(found):
         every.update(part)

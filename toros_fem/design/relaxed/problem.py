@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError
-from toros_fem.base.mpi import dot, raise_together, total
+from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
 from toros_fem.design.density.filters import Filter
 from toros_fem.design.lines.field import LineField
@@ -55,15 +55,15 @@ class RelaxedProblem(ShapeProblem):
         Raises:
             DensityError: The shape is wrong, or a value is outside [0, 1].
         """
-        error, count = None, len(self.designed) * self.families.fields
-        if np.shape(density) != (count,):
-            error = DensityError(
-                f"the variables have shape {np.shape(density)}; this rank has {count}, "
-                f"{self.families.fields} of each owned triangle."
-            )
-        elif not np.all((np.asarray(density) >= 0) & (np.asarray(density) <= 1)):
-            error = DensityError("a variable of the line families leaves [0, 1], or is NaN.")
-        raise_together(self.comm, error)
+        count = len(self.designed) * self.families.fields
+        with together(self.comm):
+            if np.shape(density) != (count,):
+                raise DensityError(
+                    f"the variables have shape {np.shape(density)}; this rank has {count}, "
+                    f"{self.families.fields} of each owned triangle."
+                )
+            if not np.all((np.asarray(density) >= 0) & (np.asarray(density) <= 1)):
+                raise DensityError("a variable of the line families leaves [0, 1], or is NaN.")
         return np.asarray(density)
 
     def with_passive(self, density: Floats) -> Floats:

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import TorosError
-from toros_fem.base.mpi import raise_together, sum_over_ranks
+from toros_fem.base.mpi import raise_together, sum_over_ranks, together
 from toros_fem.mechanics.equilibrium.cholmod import Cholesky, bisection, fill_reducing_order
 
 # Fewer unknowns than these are not worth a thread of their own.
@@ -119,16 +119,12 @@ class CondensedFactor:
         source = np.concatenate([keep, len(rows) + np.arange(len(shared))])
         # The last number stands for the zeros of the dense corner.
         self._values = np.zeros(len(rows) + len(shared) + 1)
-        error: TorosError | None = None
-        try:
+        with together(comm):
             self._parts = [
                 _Part(module, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
                       source, len(self._values) - 1, begin)
                 for p in numbers
             ]  # fmt: skip
-        except TorosError as caught:  # raised on all ranks, so that none waits
-            error = caught
-        raise_together(comm, error)
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self._schur: Floats = np.zeros((count, count))
 

@@ -14,8 +14,8 @@ from toros_fem.base.mpi import (
     largest,
     norm,
     on_first_rank,
-    raise_together,
     require_alike,
+    together,
     warn_together,
 )
 from toros_fem.base.validation import (
@@ -517,20 +517,17 @@ class EquilibriumSolver:
 
     def _start(self, start: Floats | None) -> Floats:
         """Start as owned unknowns, checked (collective)."""
-        model, error = self.model, None
+        model = self.model
         state = model.assembled
         unknowns, nodes = state.shape, model.positions(state).shape
-        if start is not None:
-            try:
+        with together(self.skin.comm):
+            if start is not None:
                 start = real_numbers("start", start, "unknowns, or positions (n, 3), in m")
-            except ParameterError as caught:
-                error, start = caught, np.zeros(unknowns)
-        if start is not None and start.shape not in (unknowns, nodes):
-            error = ParameterError(
-                f"start has shape {start.shape}; on this rank it must be {unknowns}, the unknowns "
-                f"of this bending term, or {nodes}, positions."
-            )
-        raise_together(self.skin.comm, error)
+                if start.shape not in (unknowns, nodes):
+                    raise ParameterError(
+                        f"start has shape {start.shape}; on this rank it must be {unknowns}, the "
+                        f"unknowns of this bending term, or {nodes}, positions."
+                    )
         if start is not None and start.ndim == 2:
             state = model.state_of(start)
         elif start is not None:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import raise_together
+from toros_fem.base.mpi import together
 from toros_fem.base.validation import real_numbers
 from toros_fem.forms.bending import Edges
 from toros_fem.forms.eccentric import Offset
@@ -141,23 +141,18 @@ def check_density(skin: Skin, density: Any) -> Floats:
     Raises:
         DensityError: They are no real numbers, the shape is wrong, or one is outside [0, 1].
     """
-    error = None
     owned = len(skin.owned_cells)
-    try:
-        density = real_numbers("density", density, "one for each owned triangle", DensityError)
-    except DensityError as caught:
-        raise_together(skin.comm, caught)
-    if density.shape != (owned,):
-        error = DensityError(
-            f"density has shape {density.shape}; this rank owns {owned} triangles."
-        )
-    else:
-        outside = ~((density >= 0) & (density <= 1))
+    with together(skin.comm):
+        found = real_numbers("density", density, "one for each owned triangle", DensityError)
+        if found.shape != (owned,):
+            raise DensityError(
+                f"density has shape {found.shape}; this rank owns {owned} triangles."
+            )
+        outside = ~((found >= 0) & (found <= 1))
         if outside.any():
             k = int(np.flatnonzero(outside)[0])
-            error = DensityError(
-                f"density of triangle {skin.owned_cells[k]} is {density[k]}; it must lie in "
+            raise DensityError(
+                f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
                 "[0, 1]. Clip the density, or look for an earlier error."
             )
-    raise_together(skin.comm, error)
-    return density
+    return found

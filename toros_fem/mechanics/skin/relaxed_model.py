@@ -11,7 +11,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Floats
 from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import raise_together
+from toros_fem.base.mpi import together
 from toros_fem.base.validation import require_between, require_count, require_positive
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
@@ -122,28 +122,27 @@ class RelaxedModel(SkinModel):
         """
         skin, count = self.skin, self.families
         shape = (len(skin.owned_cells), 1 + 3 * count)
-        error = None
-        if np.shape(density) != shape:
-            error = DensityError(
-                f"the design has shape {np.shape(density)}; on this rank it must be {shape}: "
-                f"density, shares, cosines and sines of {count} families."
-            )
-        raise_together(skin.comm, error)
+        with together(skin.comm):
+            if np.shape(density) != shape:
+                raise DensityError(
+                    f"the design has shape {np.shape(density)}; on this rank it must be {shape}: "
+                    f"density, shares, cosines and sines of {count} families."
+                )
         density = np.asarray(density)
         check_density(skin, density[:, 0])
         shares = density[:, 1 : 1 + count]
         cover = shares.sum(axis=1)
         wrong = ~((shares >= 0).all(axis=1) & (cover <= MAX_COVER))
         wrong |= ~np.isfinite(density).all(axis=1)
-        if wrong.any():
-            k = int(np.flatnonzero(wrong)[0])
-            error = DensityError(
-                f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
-                f"sum {cover[k]} and the angles' vectors {density[k, 1 + count :]}; all must be "
-                f"finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, or "
-                "look for an earlier error."
-            )
-        raise_together(skin.comm, error)
+        with together(skin.comm):
+            if wrong.any():
+                k = int(np.flatnonzero(wrong)[0])
+                raise DensityError(
+                    f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
+                    f"sum {cover[k]} and the angles' vectors {density[k, 1 + count :]}; all must "
+                    f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
+                    "or look for an earlier error."
+                )
         return density
 
     def set_density(self, density: Floats) -> None:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import raise_together
+from toros_fem.base.mpi import together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.print.printability import printed_cells
@@ -153,14 +153,10 @@ def _buckling(
     if evaluation is None:
         return None
     found = np.zeros(len(case.angles), dtype=bool)
-    error: Exception | None = None
-    try:
+    with together(batch):
         composite = replace(config.material.composite, bending=Bending())
         solver = TileSolver(result.problem.skin, composite, Periodic(case.tile, flat=False))
         for k, state in enumerate(evaluation.equilibrium.state):
             if state is not None:
                 found[k] = solver.buckles(state, evaluation.projected)
-    except Exception as caught:  # the other ranks wait for this one below
-        error = caught
-    raise_together(batch, error)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import raise_together
+from toros_fem.base.mpi import together
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL
 from toros_fem.products.tiles.solver import TileSolver, TileState
 
@@ -185,9 +185,8 @@ class ProfileSolver:
         states: list[TileState | None] = [None] * count
         found: list[Floats | None] = [None] * count
         values = np.zeros((count, 6))
-        error: Exception | None = None
-        for k in range(batch.rank, count, batch.size):
-            try:
+        with together(batch):
+            for k in range(batch.rank, count, batch.size):
                 states[k] = state = find(k)
                 values[k] = [
                     state.stress[0, 0],
@@ -201,10 +200,6 @@ class ProfileSolver:
                     by_stress = self.tile.stress_gradient(state, ALONG)
                     by_contraction = self.tile.strain_gradient(state, ACROSS)
                     found[k] = np.stack([by_stress, -by_contraction / self.strain])
-            except Exception as caught:  # the other ranks wait for this one below
-                error = caught
-                break
-        raise_together(batch, error)
         # Each row is non-zero on one rank only, so the sum is exact and equal on all ranks.
         values = np.asarray(batch.allreduce(values))
         return Profile(
