@@ -160,6 +160,6 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     config = CONFIG.updated(curve_pressure=6e3)
     entry = write_curve(tmp_path, problem, printed_as(made), config)
     assert entry is not None
-    assert str(entry.failure_above).startswith("the path ends between 1000 and 3000 Pa, after")
+    assert str(entry.failure_above).startswith("the path ends between 1000 Pa and 3000 Pa, after")
     assert (entry.failure_below, entry.highest_pa) == (None, 1e3)
     assert (tmp_path / "curve.png").exists()

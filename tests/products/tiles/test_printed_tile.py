@@ -30,8 +30,11 @@ def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: An
     [
         ({"size_x": None, "c1": None}, r"tile.npz lacks size_x, c1\. Write it by .*write_tile"),
         ({"size_y": -0.01}, "contains no printed tile: size_y = -0.01 .* greater than 0"),
-        ({"fabric_poisson": 0.7}, "poisson = 0.7 must be a finite number, between 0 and 0.5"),
-        ({"c1": 0.9}, "c1 = 0.9 must be .* greater than 1"),
+        (
+            {"fabric_poisson": 0.7},
+            "poisson = 0.7 must be a finite number, at least 0 and at most 0.5",
+        ),
+        ({"c1": 0.9}, "c1 = 0.9 must be a finite number, above 1"),
         ({"reinforcement_thickness": "thin"}, "contains no printed tile: could not convert"),
         ({"edge_length": [1e-3, 1e-3]}, "contains no printed tile: .* size 1"),
         ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),

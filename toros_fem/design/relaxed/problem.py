@@ -179,7 +179,8 @@ def relaxed_problem(
     """
     skin = design.skin
     designed = skin.gather_cells(design.designed.astype(np.float64)) > 0.5
-    solver = design.solver.like(families=families.count, crossing=crossing)
+    given = design.solver
+    solver = given.like(families=families.count, crossing=crossing, log=given.log)
     smoothing = Smoothing(
         skin, radius, families.fields, families.transport, families.centre, designed
     )
