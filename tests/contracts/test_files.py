@@ -477,7 +477,7 @@ BARE: dict[str, tuple[set[str], dict[str, Any]]] = {
     "tile": ({"fabric_c1", "knit_ratio"}, {}),
     "frame": ({"density"}, {}),
     "skin": ({"target", "passive"}, {}),
-    "checkpoint": ({"density", "state"}, {"header": (b'"format": 1', b'"format": 99')}),
+    "checkpoint": ({"density", "state"}, {"header": (b'"format": 2', b'"format": 99')}),
 }
 
 

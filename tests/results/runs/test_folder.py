@@ -157,7 +157,8 @@ def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_p
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 99}, "newer version"),
+        ({"format": 99}, "has format 99; this version, .* reads format 2"),
+        ({"format": 1}, "has format 1"),
         ({"format": "?"}, "damaged"),
         ({"surprise": 3}, "damaged"),
     ],

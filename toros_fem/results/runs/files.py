@@ -14,8 +14,8 @@ from toros_fem.base.files import reason, replace_file
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import Checkpoint
 
-# Version of the format; a file of a newer one is refused.
-FORMAT = 1
+# Version of the format; a file of another one is refused.
+FORMAT = 2
 # Key of the header among the arrays of a file, and how its content begins.
 HEADER, MAGIC = "header", "toros_fem checkpoint"
 
@@ -52,13 +52,13 @@ def read_checkpoint(path: Path, belongs_to: Mapping[str, str]) -> tuple[Checkpoi
         belongs_to: What it must belong to.
 
     Raises:
-        CheckpointError: The file is damaged, of a newer version, or belongs to something else.
+        CheckpointError: The file is damaged, of another version, or belongs to something else.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
             header = json.loads(bytes(file[HEADER]))
             arrays = {name: file[name] for name in file.files if name != HEADER}
-            known, newness = header["is"] == MAGIC, int(header["format"])
+            known, found = header["is"] == MAGIC, int(header["format"])
             owner, numbers = dict(header["belongs_to"]), dict(header["numbers"])
             written_by = str(header["toros_fem"])
     except Exception as fault:  # a damaged file may raise anything
@@ -66,11 +66,10 @@ def read_checkpoint(path: Path, belongs_to: Mapping[str, str]) -> tuple[Checkpoi
             f"{path} is no whole checkpoint ({type(fault).__name__}: {reason(fault)}). Remove it "
             "to lose this part of the run alone, or start the run anew."
         ) from None
-    if known and newness > FORMAT:
+    if known and found != FORMAT:
         raise CheckpointError(
-            f"{path} has format {newness}, written by toros_fem {written_by}; this is "
-            f"{__version__} and reads up to format {FORMAT}. Go on with that version, or start the "
-            "run anew."
+            f"{path} has format {found}, written by toros_fem {written_by}; this is {__version__} "
+            f"and reads format {FORMAT}. Go on with that version, or start the run anew."
         )
     if not known or owner != dict(belongs_to):
         differing = [key for key, value in belongs_to.items() if owner.get(key) != value]

@@ -273,24 +273,24 @@ def _read_record(folder: Path) -> RunRecord:
     path = folder / STATE / RECORD
     try:
         content = json.loads(path.read_bytes())
-        newer = content["format"] > FORMAT
+        found = int(content["format"])
     except (FileNotFoundError, NotADirectoryError):
         raise RunError(f"{folder} holds no run: {path} is missing. Start one there.") from None
     except (ValueError, TypeError, KeyError) as fault:
         raise CheckpointError(f"{path} is damaged: {fault}. {ANEW}") from None
-    if newer:
+    if found != FORMAT:
         raise CheckpointError(
-            f"{path} is of a newer version of toros_fem than this, {version()}. Go on with that "
-            "version, or start the run anew in another folder."
+            f"{path} has format {found}; this version, {version()}, reads format {FORMAT}. Go on "
+            "with the version that wrote it, or start the run anew in another folder."
         )
     try:
-        found = RunRecord(**{**content, "kept": tuple(content["kept"])})
-        whole = isinstance(found.inputs, dict) and isinstance(found.identity, str)
+        record = RunRecord(**{**content, "kept": tuple(content["kept"])})
+        whole = isinstance(record.inputs, dict) and isinstance(record.identity, str)
     except (TypeError, KeyError):
         whole = False
     if not whole:
         raise CheckpointError(f"{path} is damaged: entries are missing. {ANEW}")
-    return found
+    return record
 
 
 def _read_scene(folder: Path) -> str | None:
