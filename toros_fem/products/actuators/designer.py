@@ -153,7 +153,7 @@ class Designer(Job):
         )
         if better is not None:
             return self._written(better.result, better.printed, search)
-        return self._written(found.result(), found.best.printed, search)
+        return self._written(found.result(), found.made.printed, search)
 
     def _best_start(self) -> BestStart:
         """Return the best of several starts on the coarsest mesh, each rank trying its own."""

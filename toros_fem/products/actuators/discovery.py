@@ -19,7 +19,6 @@ from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Metric
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, Shape, print_lines
@@ -45,23 +44,25 @@ NEAR = 0.3
 class Round:
     """One relaxed design, laid as lines and simulated.
 
+    The print itself is not kept: its problem and factors are large.
+
     Attributes:
         asked: Target of each metric that was asked of the relaxed design, by key.
         relaxed: The relaxed design.
         laid: Its lines.
-        printed: Their print, simulated.
-        metrics: Metrics of the print, by key; empty without an equilibrium.
+        metrics: Metrics of their print, by key; empty without an equilibrium.
         error: Largest distance of a metric from its target, over its scale; infinite without an
             equilibrium.
+        failure: Why the print has no equilibrium; empty if it has one.
         widened: Whether these are the lines of the round before, with other widths.
     """
 
     asked: Mapping[str, float]
     relaxed: RelaxedResult
     laid: LaidLines
-    printed: PrintedDesign
     metrics: Mapping[str, float]
     error: float
+    failure: str
     widened: bool
 
 
@@ -146,7 +147,7 @@ def discover(job: Job) -> Discovery:
     if not np.isfinite(best.error):
         raise NoEquilibriumError(
             "no print of the relaxed design has an equilibrium: "
-            f"{rounds[0].printed.failure} Ask for less, or for finer lines (laid_width)."
+            f"{rounds[0].failure} Ask for less, or for finer lines (laid_width)."
         )
     return Discovery(tuple(rounds), best, made, dict(search.seconds))
 
@@ -207,7 +208,7 @@ class _Search:
         return (
             last.error < CLOSE
             or not set(self.aims) <= set(self.job.scene.targets())
-            or (last.printed.evaluation is None and not last.widened)
+            or (bool(last.failure) and not last.widened)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
         )
 
@@ -269,7 +270,8 @@ class _Search:
             made = print_lines(self.job, level, self.plain, laid, near, pressures)
             metrics = made.metrics
             error = largest_error(metrics, self.aims)
-            found = Round(dict(asked), relaxed, laid, made.printed, metrics, error, widened)
+            failure = made.printed.failure
+            found = Round(dict(asked), relaxed, laid, metrics, error, failure, widened)
         self.last = made
         if self.best is None or error < self.best[0].error:
             self.best = found, made
@@ -325,6 +327,6 @@ def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Roun
         if m.target is not None and made.metrics
     ]
     lines = sum(f.lines for f in made.laid.families)
-    found = "; ".join(parts) if made.printed.evaluation is not None else "no equilibrium"
+    found = "no equilibrium" if made.failure else "; ".join(parts)
     widths = " of other widths" if made.widened else ""
     print_line(f"round {number}: {lines} lines{widths}, as printed {found}")
