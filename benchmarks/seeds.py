@@ -80,14 +80,6 @@ def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -
     return {**found.entries(), **told, **errors}
 
 
-def value_of(summary: Mapping[str, Any], key: str) -> Any:
-    """Return an entry of a summary; dots in the key go down into it."""
-    found: Any = summary
-    for name in key.split("."):
-        found = found[name]
-    return found
-
-
 def tube_rows(scene: str, seed: int, quick: bool) -> Iterator[Row]:
     """Design a tube from a seed."""
     kind, _, reach, changes = TUBES[scene]
@@ -114,7 +106,7 @@ def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) 
     found = summary_of(scene, {**changes, "seed": seed}, coarse=True)
     spent = time.process_time() - begin
     note = f"gmsh {gmsh.__version__}"
-    figure = value_of(found, FIGURES[scene])
+    figure = found[FIGURES[scene]]
     yield Row(*place, "rounds", float(found["rounds"]))
     yield Row(*place, FIGURES[scene], figure, seconds=round(spent, 1), note=note)
 

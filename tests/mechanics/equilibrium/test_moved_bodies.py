@@ -157,3 +157,18 @@ def test_what_one_rank_alone_has_is_refused_on_all(comm: MPI.Comm) -> None:
     force[3, 2] = np.nan if comm.rank == 0 else 0.0
     with pytest.raises(ParameterError, match="force"):
         solver.solve(np.zeros(len(skin.owned_cells)), Load(1e3, force))
+
+
+def test_an_equilibrium_of_another_skin_is_refused_on_all_ranks(comm: MPI.Comm) -> None:
+    made = []
+    for edge in (9e-3, 6e-3):
+        pattern = cylinder(comm, 0.05, 0.02, edge, mesh="structured")
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, Composite(), tf.clamp(pattern, ["base"]))
+        made.append((solver, solver.solve(np.zeros(len(skin.owned_cells)), 1e3)))
+    (solver, own), (_, foreign) = made
+    with pytest.raises(ParameterError, match="no stable equilibrium of this solver"):
+        solver.reactions(foreign)
+    with pytest.raises(ParameterError, match="start has shape"):
+        solver.solve(own.density, 1e3, start=foreign)
+    assert solver.reactions(own).any()

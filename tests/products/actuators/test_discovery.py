@@ -26,7 +26,7 @@ from toros_fem.products.actuators.discovery import (
 )
 from toros_fem.products.actuators.estimates import ORDER_OF_LINES, errors_of_lines
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, print_lines
+from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.line_widths import LARGEST, mended_widths
 from toros_fem.products.tubes import twist
 
@@ -55,12 +55,12 @@ PROBLEMS: list[weakref.ref[ShapeDesign]] = []
 @pytest.fixture(scope="module")
 def found(alone: MPI.Comm) -> Discovery:
     def printed(*given: Any) -> LinePrint:
-        made = print_lines(*given)
+        made = print_of_lines(*given)
         PROBLEMS.append(weakref.ref(made.problem))
         return made
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(discovery, "print_lines", printed)
+        patch.setattr(discovery, "print_of_lines", printed)
         return discover(Job(alone, TINY))
 
 

@@ -15,6 +15,7 @@ from toros_fem.mechanics.equilibrium.diagnostics import Condition
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.model import SkinModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +102,26 @@ class Equilibrium:
         found["weight_fraction"] = self.load.weight_fraction
         found["bodies_fraction"] = self.load.bodies_fraction
         return found
+
+
+def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
+    """Return the fields that the model tells of a state under its load (collective)."""
+    volumes, poses = tuple(float(v) for v in model.volumes(state)), None
+    if model.contact is not None and model.contact.contact.bodies:
+        motions = model.skin.comm.bcast(model.motions(state), root=0)
+        poses = tuple(tuple(map(float, pose)) for pose in model.contact.poses_at(motions))
+    return {
+        "state": state,
+        "positions": model.positions(state),
+        "pressure": model.load.largest,
+        "pressures": tuple(float(p) for p in model.load.pressures),
+        "energy": model.energy(state),
+        "volume": sum(volumes),
+        "volumes": volumes,
+        "stretch_use": model.bounds.worst(model.corners(state)),
+        "smallest_distance": model.gap(state),
+        "poses": poses,
+    }
 
 
 # Fields that are saved as they are.

@@ -34,6 +34,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
     EquilibriumError,
     numbers_read,
+    readings,
 )
 from toros_fem.mechanics.equilibrium.krylov import gmres
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
@@ -180,16 +181,21 @@ class EquilibriumSolver:
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
         acting, density = given.on(model), model.check(density)
         start = after if start is None else start
-        near = start if isinstance(start, Equilibrium) else None
         if after is not None and sliding is None:
             sliding = after.sliding
-        state = self._start(start.state if isinstance(start, Equilibrium) else start)
-        if near is not None and near.density.shape != density.shape:
-            near = None  # of relaxed designs, where this is none
+        near, cold = None, start is None
+        if isinstance(start, Equilibrium):
+            if start.density.shape[1:] == density.shape[1:]:  # not of a relaxed design and another
+                near = start
+            start = start.state
+        state = self._start(start)
+        with together(comm):
+            if near is not None and len(near.density) != len(density):
+                raise ParameterError("start is an equilibrium of another skin; give its positions.")
         if near is None and not trial:  # a trial may fail
-            self._require_apart(state, acting, cold=start is None)
-        search = self._search(density.copy(), acting, state, near)
-        search.cold, search.trial, search.direct = start is None, trial, trial
+            self._require_apart(state, acting, cold=cold)
+        search = self._search(density.copy(), acting, state, near, trial=trial, direct=trial)
+        search.cold = cold
         result = self._solve(search, sliding)
         if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
@@ -227,8 +233,8 @@ class EquilibriumSolver:
         require_kind("trial", trial, Equilibrium, "an Equilibrium of this solver")
         if trial.complete:
             return trial
-        search = self._search(trial.density, trial.load, trial.state.copy(), trial)
-        search.direct = True
+        start = trial.state.copy()
+        search = self._search(trial.density, trial.load, start, trial, trial=False, direct=True)
         found = self._solve(search, trial.begin)
         if not found.converged:
             raise EquilibriumError(found.reason, found)
@@ -330,15 +336,16 @@ class EquilibriumSolver:
         require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
         if at is self._at:
             return
-        known = at.complete and at.state.shape == (self.model.size_local,)
-        if known:
-            self._set(at.density, at.load, at.begin, at.state)
-            known = self._snes.newton.stable(at.state)
-        if not known:
-            raise ParameterError(
-                "the state is no stable equilibrium of this solver: finish a trial first, and ask "
-                "the solver that found it."
-            )
+        refusal = ParameterError(
+            "the state is no stable equilibrium of this solver: finish a trial first, and ask the "
+            "solver that found it."
+        )
+        with together(self.skin.comm):
+            if not at.complete or at.state.shape != (self.model.size_local,):
+                raise refusal
+        self._set(at.density, at.load, at.begin, at.state)
+        if not self._snes.newton.stable(at.state):
+            raise refusal
         self._at = at
 
     def forget(self) -> None:
@@ -415,7 +422,14 @@ class EquilibriumSolver:
         self.model.lag_friction(state)
 
     def _search(
-        self, density: Floats, load: Load, start: Floats, near: Equilibrium | None
+        self,
+        density: Floats,
+        load: Load,
+        start: Floats,
+        near: Equilibrium | None,
+        *,
+        trial: bool,
+        direct: bool,
     ) -> Search:
         return Search(
             self.model,
@@ -427,6 +441,8 @@ class EquilibriumSolver:
             start,
             near,
             self.options.min_increment,
+            trial=trial,
+            direct=direct,
         )
 
     def _solve(self, search: Search, begin: Sliding | None) -> Equilibrium:
@@ -467,14 +483,6 @@ class EquilibriumSolver:
         """Return the norm of the first variation over the applied load (collective)."""
         size = norm(self.skin.comm, self.model.residual(state))
         return size / self._snes.newton.reference(state)
-
-    def poses_at(self, state: Floats) -> tuple[tuple[float, ...], ...] | None:
-        """Return the poses of all bodies in a state, as of `Equilibrium` (collective)."""
-        contact = self.model.contact
-        if contact is None or not contact.contact.bodies:
-            return None
-        motions = self.skin.comm.bcast(self.model.motions(state), root=0)
-        return tuple(tuple(map(float, pose)) for pose in contact.poses_at(motions))
 
     def _same_design(self, one: Floats, two: Floats) -> bool:
         return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
@@ -591,38 +599,28 @@ class EquilibriumSolver:
         load_factor = end.load_factor or 0.0
         model.set_load(load.scaled(load_factor))
         state.setflags(write=False)
-        volumes = tuple(float(v) for v in model.volumes(state))
-        residual = self._residual_at(state)
+        seen, residual = readings(model, state), self._residual_at(state)
         condition = condition_of(model, state, snapped, critical)
         if load_factor == 1.0 and condition.sentences and self.log is not None:
             self.log(condition.sentences)
         if load_factor == 1.0 and search.trial:
             reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
         elif load_factor == 1.0:
-            reason = success(model, load, residual, volumes, condition)
+            reason = success(model, load, residual, seen["volumes"], condition)
         else:
             assert attempts.last is not None
             steps, once = search.max_steps, search.direct
             reason = failure(model, end, load, attempts.last, max_steps=steps, once=once)
         return Equilibrium(
+            **seen,
             density=search.density,
             load=load,
             converged=load_factor == 1.0,
             complete=load_factor == 1.0 and not search.trial,
             load_factor=load_factor,
             reason=reason,
-            pressure=model.load.largest,
-            pressures=tuple(float(p) for p in model.load.pressures),
-            state=state,
-            positions=model.positions(state),
-            energy=model.energy(state),
-            volume=sum(volumes),
-            volumes=volumes,
-            stretch_use=model.bounds.worst(model.corners(state)),
             residual=residual,
             condition=condition,
-            smallest_distance=model.gap(state),
-            poses=self.poses_at(state),
             steps=attempts.steps,
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,

@@ -14,7 +14,7 @@ from toros_fem.base.keys import In, Positive, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
 from toros_fem.mechanics.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
 from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -203,10 +203,10 @@ class _ArcLength:
         load = times(point.factor, self._load)
         model.set_load(load)
         point.state.setflags(write=False)
-        volumes = tuple(float(v) for v in model.volumes(point.state))
         kind = "A stable" if not point.negative else "An unstable"
         counted = f", where the tangent has {point.negative} negative eigenvalues"
         found = Equilibrium(
+            **readings(model, point.state),
             density=self._density,
             load=load,
             converged=point.negative == 0,
@@ -214,18 +214,8 @@ class _ArcLength:
             load_factor=point.factor,
             reason=f"{kind} equilibrium was found at load factor {point.factor:.6g}"
             f"{counted if point.negative else ''}.",
-            pressure=model.load.largest,
-            pressures=tuple(float(p) for p in model.load.pressures),
-            state=point.state,
-            positions=model.positions(point.state),
-            energy=model.energy(point.state),
-            volume=sum(volumes),
-            volumes=volumes,
-            stretch_use=model.bounds.worst(model.corners(point.state)),
             residual=point.residual,
             condition=condition_of(model, point.state, snapped=None, critical=None),
-            smallest_distance=model.gap(point.state),
-            poses=self._solver.poses_at(point.state),
             steps=point.steps,
             modified_steps=0,
             factorisations=self._factorisations - self._counted,

@@ -11,7 +11,6 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
-    is_number,
     require_callable,
     require_choice,
     require_kind,
@@ -105,7 +104,7 @@ def _levels(
 ) -> Sequence[Load | Pressure]:
     """Return the loads of a path, all checked before the first is solved for."""
     several = isinstance(loads, list | tuple) or np.ndim(loads) > 0  # type: ignore[arg-type]
-    if isinstance(loads, Load) or is_number(loads) or not several or not len(loads):  # type: ignore[arg-type]
+    if not several or not len(loads):  # type: ignore[arg-type]
         raise ParameterError(
             f'loads = {shown(loads)}: a path by="pressure" needs all loads, or pressures in Pa, '
             "as a list, in the order in which they act."

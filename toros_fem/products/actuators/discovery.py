@@ -21,7 +21,7 @@ from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.metrics import Metric
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, Shape, print_lines
+from toros_fem.products.actuators.line_print import LinePrint, Shape, print_of_lines
 from toros_fem.products.actuators.line_widths import mended_widths
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
@@ -267,7 +267,7 @@ class _Search:
         free_dropped(self.job.comm)
         with self._timed("prints"):
             level, pressures = self.job.scene.print_level, relaxed.pressures or None
-            made = print_lines(self.job, level, self.plain, laid, near, pressures)
+            made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
             metrics = made.metrics
             error = largest_error(metrics, self.aims)
             failure = made.printed.failure

@@ -14,7 +14,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import print_lines
+from toros_fem.products.actuators.line_print import print_of_lines
 
 # Order of convergence that the errors of laid lines are estimated with. On the nets and twisting
 # lines of docs/manufacture.md, edges twice as long changed a figure by 3 to 18 times its error.
@@ -90,7 +90,7 @@ def errors_of_lines(job: Job, found: Discovery) -> MetricErrors:
     try:
         ratio, level = job.scene.coarser_print_level()
         plain, pressures = job.scene.case(job.comm, level), made.equilibrium.pressures
-        other = print_lines(once, level, plain, found.best.laid, found.made.shape, pressures)
+        other = print_of_lines(once, level, plain, found.best.laid, found.made.shape, pressures)
     except ParameterError as caught:  # there is no coarser mesh
         return MetricErrors("coarser", failure=str(caught))
     coarse = other.metrics

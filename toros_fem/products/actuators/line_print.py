@@ -56,7 +56,7 @@ class LinePrint:
         return self.case.pattern, self.problem.shape_of(self.printed.evaluation.equilibrium)
 
 
-def print_lines(
+def print_of_lines(
     job: Job,
     level: Level,
     case: Case,
