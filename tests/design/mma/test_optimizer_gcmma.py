@@ -168,6 +168,18 @@ def test_resumes_exactly_with_curvatures() -> None:
     assert not np.array_equal(steps(second, half, 5), whole)
 
 
+@pytest.mark.parametrize("fixed", [0, 96])
+def test_variables_that_cannot_move_change_no_step(fixed: int) -> None:
+    """The first curvature is a mean over those that can: a retry is as cautious."""
+    low, high = np.zeros(4 + fixed), np.append(np.ones(4), np.zeros(fixed))
+    x, slope = vec(np.append(np.full(4, 0.5), np.zeros(fixed))), vec(np.ones(4 + fixed))
+    mma = MMA(vec(low), vec(high), constraints=1)
+    mma.step(x, 1.0, slope, [0.1], [slope])
+    mma.retry(x, 2.0, [0.5])
+    assert x.array[:4] == pytest.approx(np.full(4, x.array[0]))
+    assert x.array[0] == pytest.approx(0.41427478409823937, rel=1e-8), "as without them"
+
+
 def test_move_limit_of_each_variable() -> None:
     move = np.array([0.01, 0.1, 0.5, 1.0])
     upper = np.array([1.0, 2.0, 1.0, 1.0])

@@ -106,7 +106,7 @@ class Approximation:
             np.minimum(high, limit, out=high)
             np.maximum(low, np.negative(limit, out=limit), out=low)
             sums[:-1] += np.abs(slope) @ np.ones(len(d))
-            sums[-1] += weight.sum()
+            sums[-1] += weight[upper > lower].sum()  # what cannot move has no part in the mean
         sums = sum_over_ranks(self._comm, sums)
         self.size, self.total_weight = sums[:-1], float(sums[-1])
 
