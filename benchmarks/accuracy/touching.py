@@ -105,13 +105,14 @@ class Touching:
         )
         model, gather = self.solver.model, self.skin.gather_vertices
         assert model.contact is not None
-        push, _ = model.contact.gradient(result.positions, model.motions(result.state), 0.0)
+        push = np.zeros(model.size_local)
+        model.contact.add_gradient(result.state, push)
         load = model.load
         model.set_load(replace(load, pressure=0 * load.pressures))
         pulls = gather(model.positions(model.reaction(result.state)))
         model.set_load(load)
         points = gather(result.positions)
-        return Touched(self.pattern, points, pulls, result, seconds, -gather(push))
+        return Touched(self.pattern, points, pulls, result, seconds, -gather(model.positions(push)))
 
 
 @cache

@@ -21,8 +21,8 @@ from benchmarks.accuracy.scenes import (
     without,
 )
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, cylinder, sew
 
@@ -97,7 +97,7 @@ class HomogeneousTube:
     def __init__(self, sides: int, composite: Composite) -> None:
         self.pattern, supports = half_tube(sides, 2.0, "structured")
         self.skin = sew(COMM, self.pattern)
-        self.model = SkinModel(self.skin, composite, supports)
+        self.model = make_model(self.skin, composite, supports)
         self.model.set_density(np.zeros(len(self.skin.owned_cells)))
         self.model.set_load(Load(np.array([0.0])))
         self.tip = self.pattern.vertices_of("tip")

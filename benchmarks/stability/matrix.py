@@ -230,7 +230,8 @@ def rows_of(cell: Cell, *, contact: bool = False) -> list[Row]:
         judge, density = stage.judge(cell.contrast), stage.density(run.request)
         found = judge.check(run.solver.model, density, load, result.state)
         residual, faults = found.residual, found.faults
-        if verdict == "converged" and run.solver.model.crossed(result.state):
+        contact = run.solver.model.contact
+        if verdict == "converged" and contact is not None and contact.crossed(result.state):
             faults.append("surfaces cross")
         if faults and not (verdict == "error" and np.array_equal(result.state, run.start)):
             verdict, why = "wrong", "; ".join(faults)

@@ -67,6 +67,8 @@ from toros_fem.measures.cross_sections import (
 )
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.friction import Coulomb
 from toros_fem.mechanics.contact.pads import Pads
@@ -79,10 +81,9 @@ from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
+from toros_fem.mechanics.skin.designs import LineDesign, crossing_of_widths
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
-from toros_fem.mechanics.skin.relaxed_model import RelaxedModel, crossing_of_widths
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.border_motion import border_motion
@@ -124,7 +125,7 @@ MATERIALS: Table = {
 
 
 def _knitted(s: Scene, grain: dict[str, float]) -> SkinModel:
-    return SkinModel(s.skin, tf.Composite(bending=None, knit=tf.Knit(3.0, grain)), s.held)
+    return make_model(s.skin, tf.Composite(bending=None, knit=tf.Knit(3.0, grain)), s.held)
 
 
 # --------------------------------------------------------------------------------- meshes
@@ -279,7 +280,7 @@ OUTLINES: Table = {
     "transfer of 3 values": lambda s: make_transfer(SHEET, SHEET).at_cells(np.zeros(3)),
     "transfer between moulded skins": lambda s: make_transfer(ball(), ball()),
     "cone filter of a moulded skin": lambda s: make_filter("cone", m.sew(ALONE, ball()), 0.01),
-    "grain of a moulded skin": lambda s: SkinModel(
+    "grain of a moulded skin": lambda s: make_model(
         m.sew(ALONE, ball()), tf.Composite(knit=tf.Knit(2.0)), tf.pin(ball())
     ),
     "lines on a moulded skin": lambda s: lay_lines(even_field(ball(), [0.3], [0.0])),
@@ -376,8 +377,8 @@ SUPPORTS: Table = {
         m.sew(ALONE, tube()), tf.Composite(bending=None), _between((0, 0.03))
     ).solve(np.zeros(len(tube().panel)), Load(1e3, displacement=np.where(
         symmetry_plane(tube(), 2).fixed, 1e-3, 0.0))),
-    "chambers along a tube between planes": lambda s: SkinModel(
-        m.sew(ALONE, tube()), tf.Composite(), _between((0, 0.03)), _parted(tube(), 0)
+    "chambers along a tube between planes": lambda s: make_model(
+        m.sew(ALONE, tube()), tf.Composite(), _between((0, 0.03)), chambers=_parted(tube(), 0)
     ),
     "a panel in no chamber": lambda s: chambers_of_panels(s.pattern, {"a": ["base", "wall"]}),
     "a panel in two chambers": lambda s: chambers_of_panels(
@@ -426,7 +427,7 @@ def _four(pattern: Pattern) -> Chambers:
 
 def _lines(s: Scene, at: tuple[int, int] | None = None, value: float = 0.0) -> None:
     """Check a design of two families, one of whose numbers is another."""
-    model = RelaxedModel(s.skin, tf.Composite(bending=None), s.held, 2)
+    model = LineDesign(s.skin, tf.Composite(bending=None), 2)
     design = line_design(s.skin, 2, 1)
     model.check(design)
     model.check(design[:, :-1] if at is None else changed(design, at, value))
@@ -439,7 +440,7 @@ SOLVES: Table = {
         s, composite=tf.Composite(bending=None, membrane=tf.Membrane("tension-field")), families=1
     ),
     "a density of line families": lambda s: _solver(s, families=2).solve(s.plain, 1e3),
-    "lines of no family": lambda s: RelaxedModel(s.skin, tf.Composite(), s.held, 0),
+    "lines of no family": lambda s: LineDesign(s.skin, tf.Composite(), 0),
     "lines without a sine": _lines,
     "lines at a density of 1.2": lambda s: _lines(s, (7, 0), 1.2),
     "lines of a negative share": lambda s: _lines(s, (7, 1), -0.01),

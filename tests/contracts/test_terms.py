@@ -16,9 +16,8 @@ from kit.slopes import slope
 from kit.terms import TERMS, Term, design_of, model_of, periodic
 from scipy.spatial.transform import Rotation
 
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.periodicity import PeriodicModel
 
 STEP = 2e-8  # m: the fourth order's error is at rounding
 
@@ -28,12 +27,10 @@ def kinds(model: SkinModel) -> list[np.ndarray]:
     places = np.zeros(model.size_local, dtype=bool)
     model.positions(places)[:] = True
     lattice, bodies = ~places & False, ~places & False
-    if isinstance(model, PeriodicModel):
-        lattice[model.lattice_dofs] = True
-    if model.free_bodies:
-        bodies[model.joined(0.0 * model.positions(places), np.ones((model.free_bodies, 6))) > 0] = (
-            True
-        )
+    if model.images is not None:
+        lattice[model.images.dofs] = True
+    if model.contact is not None:
+        model.contact.set_motions(bodies, np.ones((model.free_bodies, 6)))
     return [places, ~places & ~lattice & ~bodies, lattice, bodies]
 
 
@@ -159,7 +156,7 @@ def test_material_part(term: Term) -> None:
     lowest = np.linalg.eigvalsh(scale[:, None] * material * scale)
     assert lowest[0] > -1e-11 * lowest[-1]
     if model.contact is not None:  # what makes its tangent so is told entry by entry
-        gap = model.contact.convexity_gap(model.positions(state), model.motions(state))
+        gap = model.contact.convexity_gap(state)
         added = (material - dense_tangent(model, state))[tuple(model.contact.pairs)]
         rows = model.contact.pairs
         _, bare = model_of(Term(width=term.width))

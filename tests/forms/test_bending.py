@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew
 
@@ -19,7 +19,7 @@ def test_bending_of_a_rolled_sheet(alone: MPI.Comm, curvature: str) -> None:
     composite = Composite(
         fabric=cloth, reinforcement=Material(26e6, 0.0, 0.5e-3), bending=Bending(curvature)
     )
-    model = SkinModel(sew(alone, pattern), composite, clamp(pattern, ["wall"]))
+    model = make_model(sew(alone, pattern), composite, clamp(pattern, ["wall"]))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     sides = round(np.pi * 0.02 / 4e-3)
     bend = 2 * np.pi / (sides * 0.02 * np.sin(np.pi / sides))

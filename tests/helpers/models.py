@@ -10,10 +10,13 @@ from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Skin, sew
 
 SIZE = 0.02
@@ -23,7 +26,7 @@ def sheet_model(comm: MPI.Comm, composite: Composite) -> SkinModel:
     pattern = square(size=SIZE)
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[(pattern.points[:, 0] < 1e-9) | (np.arange(len(fixed)) == 6)] = True
-    return SkinModel(sew(comm, pattern), composite, Supports(fixed))
+    return make_model(sew(comm, pattern), composite, Supports(fixed))
 
 
 def pressurize(model: SkinModel, *pressures: float) -> None:
@@ -63,7 +66,7 @@ def drawn(model: SkinModel, seed: int) -> np.ndarray:
 def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
     """The tangent by `ufl.derivative`, assembled by dolfinx, fixed rows those of the identity."""
     trial = ufl.TrialFunction(model.space)
-    form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, trial))
+    form = fem.form(ufl.derivative(model.forms.residual, model.q, trial))
     fixed = fem.dirichletbc(fem.Function(model.space), np.flatnonzero(model.fixed).astype(np.int32))
     model.set_state(state)
     matrix = fem_petsc.assemble_matrix(form, bcs=[fixed])
@@ -80,6 +83,20 @@ def dense_tangent(model: SkinModel, state: np.ndarray, geometric: float = 1.0) -
     rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
     upper = np.concatenate(model.skin.comm.allgather(rows))
     return upper + np.triu(upper, 1).T
+
+
+def relaxed_model(
+    skin: Skin,
+    composite: Composite,
+    supports: Supports,
+    families: int,
+    *,
+    weight: Weight | None = None,
+    crossing: float = CROSSING,
+) -> SkinModel:
+    """The model of a relaxed design."""
+    design = LineDesign(skin, composite, families, crossing)
+    return make_model(skin, composite, supports, weight=weight, design=design)
 
 
 def line_design(skin: Skin, families: int, seed: int, cover: float = 0.5) -> np.ndarray:

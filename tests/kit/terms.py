@@ -10,15 +10,16 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.pads import Pads
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.periodicity import Periodic, PeriodicModel
-from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, sew, tile
 from toros_fem.meshes.pattern import Panel
@@ -227,11 +228,8 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
     """Return a disturbed state and the model of a row under its load."""
     pattern, adds = term.skin.pattern, term.adds or {}
     supports = term.supports or clamp(pattern, ["base"])
-    model = (
-        RelaxedModel(term.skin, term.composite, supports, term.lines, **adds)
-        if term.lines
-        else SkinModel(term.skin, term.composite, supports, **adds)
-    )
+    design = LineDesign(term.skin, term.composite, term.lines) if term.lines else None
+    model = make_model(term.skin, term.composite, supports, design=design, **adds)
     model.set_density(design_of(term))
     model.set_load(term.load)
     start = model.assembled
@@ -245,25 +243,28 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
             model.fixed[: places.size].reshape(-1, 3)
         ]
     places[:, 0] *= term.width
-    model.begin_step(None, term.load)
-    model.lag_friction(start)
+    if model.contact is not None:
+        model.contact.begin_step(None, term.load)
+        model.contact.lag_friction(start)
     model.grow_pairs(state)
     return state, model
 
 
-def periodic(composite: Composite = SHEET) -> tuple[np.ndarray, PeriodicModel]:
+def periodic(composite: Composite = SHEET) -> tuple[np.ndarray, SkinModel]:
     """Return a disturbed state and the model of a tile whose mean gradient is free in the plane."""
     found = tile(ALONE, (0.01, 0.01), 2.5e-3)
     skin = sew(ALONE, found.pattern)
     fixed = np.zeros(found.pattern.points.shape, dtype=bool)
     fixed[0] = True
     turns = ((False, False), (True, False), (True, True))
-    model = PeriodicModel(skin, composite, Supports(fixed), Periodic(found, turns))
+    tiled = Periodic(found, turns)
+    model = make_model(skin, composite, Supports(fixed), periodic=tiled)
+    assert model.images is not None
     model.set_density(np.random.default_rng(5).uniform(0, 1, len(found.wraps)))
     model.images.turn(0.4)
     state, gradient = model.assembled, np.array([[1.08, 0.06], [-0.03, 0.95], [0.0, 0.0]])
     turned = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     model.positions(state)[:] = model.positions(state)[:, :2] @ turned @ gradient.T
     state += 3e-5 * np.random.default_rng(3).uniform(-1, 1, len(state)) * model.free
-    model.set_mean_gradient(state, gradient)
+    model.images.set_mean_gradient(state, gradient)
     return state, model

@@ -12,8 +12,8 @@ from mpi4py import MPI
 from toros_fem.base.mpi import norm
 from toros_fem.design.density.filters import make_filter
 from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
 from toros_fem.meshes import Pattern, moulded, sew
 from toros_fem.meshes.refine import refine
@@ -58,7 +58,7 @@ def test_without_load_it_is_at_rest(alone: MPI.Comm, curvature: str) -> None:
     scale = model.mean_modulus() * RADIUS
     assert abs(model.energy(model.assembled)) < 1e-12 * scale * RADIUS
     assert norm(alone, model.residual(model.assembled)) < 1e-12 * scale
-    flat = SkinModel(skin, Composite(bending=Bending(curvature=curvature)), held)
+    flat = make_model(skin, Composite(bending=Bending(curvature=curvature)), held)
     flat.set_density(density)
     assert flat.energy(flat.assembled) > 1e-9 * scale * RADIUS, "moments, in a shape bent from flat"
     loaded = solver.solve(density, 1e3)

@@ -15,9 +15,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from dolfinx.jit import get_options
+
+from toros_fem.base.array_types import Floats
 
 LOCK = "compiling.lock"
 # s, while which another process may compile the same form, on a machine that is busy.
@@ -45,6 +48,19 @@ def compiled(form: ufl.Form) -> Any:
         return fem.form(form, jit_options=options)
     with _compiling(folder):
         return fem.form(form, jit_options=options)
+
+
+def work_vector(space: fem.FunctionSpace) -> la.Vector:
+    """Return a vector to assemble into; made once, since planning its exchange is expensive."""
+    return la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
+
+
+def assembled(form: Any, vector: la.Vector) -> Floats:
+    """Return the owned entries of an assembled linear form."""
+    vector.array[:] = 0
+    fem.assemble_vector(vector.array, form)
+    vector.scatter_reverse(la.InsertMode.add)
+    return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
 
 
 @cache

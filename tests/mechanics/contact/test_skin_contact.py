@@ -47,11 +47,11 @@ def direction(solver: EquilibriumSolver, size: float) -> np.ndarray:
 
 
 def test_the_skin_rests_on_floor_and_ball(solver: EquilibriumSolver, touching: Equilibrium) -> None:
-    model, contact = solver.model, solver.model.contact
+    contact = solver.model.contact
     assert touching.smallest_distance is not None
     assert 0 < touching.smallest_distance < contact.sizes.distance
-    assert not contact.crossed(touching.positions, model.motions(touching.state))
-    forces = contact.forces(touching.positions, model.motions(touching.state))
+    assert not contact.crossed(touching.state)
+    forces = contact.forces(touching.state)
     skin, ball = np.split(forces, [len(solver.skin.pattern.points)])
     assert np.linalg.norm(ball.sum(axis=0)) > 0.01
     # Gradients: minus the forces. The floor pushes up, the ball away from itself.
@@ -89,7 +89,7 @@ def test_steps_stop_before_they_meet(solver: EquilibriumSolver, touching: Equili
     fraction = model.largest_step(touching.state, along, 0.9)
     assert 0 < fraction < 0.05
     assert np.isfinite(model.energy(touching.state + fraction * along))
-    gap = model.gap(touching.state + fraction * along)
+    gap = model.contact.gap(touching.state + fraction * along)
     assert gap is not None
     assert smallest(solver.skin.comm, gap) > 0
 
@@ -106,9 +106,9 @@ def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin
     assert pushed.smallest_distance is not None
     assert pushed.smallest_distance > 0
     assert pushed.volume < 0.995 * free.volume
-    assert not solver.model.crossed(pushed.state)
+    assert not solver.model.contact.crossed(pushed.state)
     model = solver.model
-    forces = model.contact.forces(pushed.positions, model.motions(pushed.state))
+    forces = model.contact.forces(pushed.state)
     assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
     back = solver.solve(density, 2e3, start=pushed)
     assert back.energy == pytest.approx(free.energy, rel=1e-9)
@@ -129,7 +129,7 @@ def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
     depth = skin.gather_vertices(below.positions)[:, 2].min()
     assert depth < -0.007
     assert "bodies moved by up to 0.008 m" in below.reason
-    assert not solver.model.crossed(below.state)
+    assert not solver.model.contact.crossed(below.state)
 
 
 def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
@@ -149,7 +149,7 @@ def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, Composite(), Supports(fixed), contact=thick)
     model, contact = solver.model, solver.model.contact
     state = model.state_of(shape[skin.owned_vertices])
-    energy = contact.energy(model.positions(state), model.motions(state), 0.0)
+    energy = contact.energy(state)
     assert 0 < energy < np.inf
     assert contact.count_pairs() > 0
     along = direction(solver, 1e-6)

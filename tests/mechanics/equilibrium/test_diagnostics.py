@@ -7,11 +7,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import Condition, failure, success
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
@@ -22,7 +23,7 @@ USUAL = Condition()
 
 @pytest.fixture(scope="module")
 def model(short_tube: Skin) -> SkinModel:
-    return SkinModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    return make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
 
 
 def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
@@ -35,8 +36,8 @@ def test_success_and_its_warnings(short_tube: Skin, model: SkinModel) -> None:
     assert "a residual of 3e-06 of the load" in success(model, LOAD, 3e-6, [1.0], USUAL)
     upper = short_tube.pattern.points[short_tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
-    two = SkinModel(
-        short_tube, Composite(bending=None), clamp(short_tube.pattern, ["base"]), chambers
+    two = make_model(
+        short_tube, Composite(bending=None), clamp(short_tube.pattern, ["base"]), chambers=chambers
     )
     assert "chamber 'high' has a volume of -2e-06" in success(two, LOAD, 0.0, [1e-5, -2e-6], USUAL)
 
@@ -65,7 +66,7 @@ def test_failure_says_how_far_the_load_came(model: SkinModel) -> None:
 def test_folded_edges_are_counted_once(alone: MPI.Comm) -> None:
     """One half of a sheet is laid onto the other: the four edges of the fold."""
     pattern = square(n=4)
-    model = SkinModel(
+    model = make_model(
         sew(alone, pattern), Composite(), Supports(np.ones(pattern.points.shape, dtype=bool))
     )
     state = model.assembled

@@ -65,8 +65,8 @@ def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: Equilibriu
     assert pose[:2] == pytest.approx([-0.003, -0.001], abs=1e-3)
     assert -0.03 < pose[2] < -0.01
     assert np.linalg.norm(pose[3:]) > 0.05
-    contact, model = solver.model.contact, solver.model
-    assert not contact.crossed(lying.positions, model.motions(lying.state))
+    contact = solver.model.contact
+    assert not contact.crossed(lying.state)
 
 
 def test_the_same_ball_on_one_rank(lying: Equilibrium, comm: MPI.Comm) -> None:
@@ -131,10 +131,10 @@ def test_on_the_ground_as_well(comm: MPI.Comm) -> None:
     floor = Ground((0.0, 0.0, -0.008))
     solver = sheet_with_ball(comm, floor)
     found = solver.solve(plain(solver), 0.0)
-    contact, model = solver.model.contact, solver.model
+    contact = solver.model.contact
     frame = solver.reactions(found).sum(axis=0)
     # The barrier's gradient on all vertices: minus the floor's force, all else is in pairs.
-    by_floor = -contact.forces(found.positions, model.motions(found.state)).sum(axis=0)
+    by_floor = -contact.forces(found.state).sum(axis=0)
     assert frame + by_floor == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
     assert by_floor[2] > 0.1 * WEIGHT
     assert frame[2] > 0.1 * WEIGHT
@@ -146,7 +146,7 @@ def test_a_ball_that_has_turned_far_starts_from_less(
     """A whole turn more is the same place; the solver takes it out."""
     model, comm = solver.model, solver.skin.comm
     turned = lying.state.copy()
-    motions = comm.bcast(model.motions(turned), root=0)
+    motions = comm.bcast(model.contact.motions(turned), root=0)
     vector = motions[0, 3:]
     radius = model.contact.contact.bodies[0].radius
     more = vector * (1 + 2 * np.pi * radius / np.linalg.norm(vector))
@@ -177,8 +177,8 @@ def test_motions_that_nothing_resists(comm: MPI.Comm) -> None:
     for body, height in ((box, -0.034), (ball, -0.031)):
         solver, found = on_the_floor(comm, body, height)
         assert found.converged, found.reason
-        contact, model = solver.model.contact, solver.model
-        forces = contact.forces(found.positions, model.motions(found.state))
+        contact = solver.model.contact
+        forces = contact.forces(found.state)
         assert -forces.sum(axis=0) == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
         assert found.poses[0][:2] == pytest.approx([0.0, 0.0], abs=1e-7)
         assert np.linalg.norm(found.poses[0][3:5]) > 0.1

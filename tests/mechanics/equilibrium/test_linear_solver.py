@@ -10,13 +10,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
-from toros_fem.materials.sheet import Composite
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.mechanics.skin.tangent import UpperTangent
+from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -32,7 +32,7 @@ def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
     """On one rank, where both can be had; also after a matrix that is not positive definite."""
     pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
     skin = sew(MPI.COMM_SELF, pattern)
-    model = SkinModel(skin, Composite(), clamp(pattern, ["base"]))
+    model = make_model(skin, Composite(), clamp(pattern, ["base"]))
     model.set_density(np.full(len(pattern.panel), 0.5))
     pressurize(model, 1e5)
     by_mumps = TangentFactor(model)
@@ -56,7 +56,7 @@ def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
 
 def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     """K + τ M + δ D with D the mean diagonal of a vertex, zero at fixed components."""
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     factor = TangentFactor(model)
     tangent = UpperTangent(model)
@@ -74,9 +74,24 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     assert material[model.free].min() > 0
 
 
+def test_the_scale_is_one_of_free_components(alone: MPI.Comm) -> None:
+    """It is proportional to the modulus, in a plane of symmetry and at its corners too."""
+    pattern = cylinder(alone, 0.05, 0.02, 6e-3, mesh="structured", planes=(0, 1))
+    skin, scales = sew(alone, pattern), []
+    supports = clamp(pattern, ["base"]) | symmetry_plane(pattern, 0) | symmetry_plane(pattern, 1)
+    for young in (0.1e6, 0.1e3):
+        sheet = Material(young, 0.3, 0.5e-3)
+        model = make_model(skin, Composite(sheet, sheet), supports)
+        factor = TangentFactor(model)
+        factor.assemble(model.assembled)
+        scales.append(model.positions(factor.scale)[model.positions(model.free)])
+    assert scales[0] == pytest.approx(1e3 * scales[1], rel=1e-9)
+    assert scales[0].min() > 0.1 * scales[0].max()
+
+
 def test_product_and_old_factors(comm: MPI.Comm, tube: Skin) -> None:
     """K x belongs to the last `assemble`, the solution to the last `factorise`."""
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     factor = TangentFactor(model)
     factor.assemble(model.assembled)
@@ -104,7 +119,7 @@ def test_without_the_direct_calls_petsc_factorises(
     comm: MPI.Comm, tube: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where CHOLMOD's header is missing, or too many unknowns lie between the parts."""
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     own = TangentFactor(model)
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.cholmod.library", lambda comm: None)
@@ -142,7 +157,7 @@ def test_threads_are_those_that_the_user_allows(
 ) -> None:
     asked = []
     pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
-    model = SkinModel(sew(MPI.COMM_SELF, pattern), Composite(), clamp(pattern, ["base"]))
+    model = make_model(sew(MPI.COMM_SELF, pattern), Composite(), clamp(pattern, ["base"]))
 
     def find(*arguments: Any, threads: int) -> Partition:
         asked.append(threads)

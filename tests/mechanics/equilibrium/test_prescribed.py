@@ -6,8 +6,9 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import sew
 
@@ -21,7 +22,7 @@ def strip(alone: MPI.Comm) -> SkinModel:
     x = pattern.points[:, 0]
     ends = (x < 1e-9) | (x > SIZE * (1 - 1e-9))
     fixed = np.repeat(ends[:, None], 3, axis=1)
-    return SkinModel(sew(alone, pattern), Composite(bending=None), Supports(fixed))
+    return make_model(sew(alone, pattern), Composite(bending=None), Supports(fixed))
 
 
 def test_a_pulled_strip_is_stretched_evenly(strip: SkinModel) -> None:

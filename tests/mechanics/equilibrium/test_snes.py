@@ -6,11 +6,11 @@ from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
@@ -18,7 +18,7 @@ from toros_fem.meshes import Skin
 @pytest.fixture(scope="module")
 def snes(tube: Skin) -> SnesSolver:
     """The short tube at 1 kPa with a uniform design."""
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     model.set_load(Load(np.array([1e3])))
     return SnesSolver(model, NewtonOptions())

@@ -12,11 +12,11 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.base.mpi import free_dropped, norm
 from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where, pin, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, finger, sew, two_panels, walker
 from toros_fem.meshes.pattern import Panel
@@ -40,7 +40,7 @@ def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
     cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
     skin = sew(alone, pattern)
     composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
-    model = SkinModel(skin, composite, clamp(pattern, ["base"]))
+    model = make_model(skin, composite, clamp(pattern, ["base"]))
     model.set_density(fabric(skin))
     pressurize(model, pressure)
     swell, lengthen = float(row["lambda_theta"]), float(row["lambda_z"])

@@ -11,7 +11,7 @@ from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from toros_fem.forms.kinematics import deformation_gradient, right_cauchy_green
+from toros_fem.forms.kinematics import Triangle, metric
 from toros_fem.forms.tension_field import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -136,23 +136,26 @@ def test_states_are_those_of_the_energy(alone: MPI.Comm) -> None:
 
     model.set_density(density[skin.owned_cells])
     model.set_state(state)
-    corners, jacobian = ufl.split(model.q)[:3], ufl.Jacobian(skin.mesh)
-    C = right_cauchy_green(deformation_gradient(corners, jacobian))
+    t = Triangle(ufl.split(model.q)[:3], ufl.Jacobian(skin.mesh), model.design.density)
+    e = t.strain([measure.value for measure in metric(t.edges)])
     mu, lam = (
-        TABLE_A.thickness * ((1 - model.density) * plain + model.density * printed)
+        TABLE_A.thickness * t.mix(plain, printed)
         for plain, printed in ((TABLE_A.mu, stiff.mu), (TABLE_A.lam, stiff.lam))
     )
-    by_forms = tension_field(C, mu, lam, composite.c1, composite.c2)
+    by_forms = tension_field(e, mu, lam, composite.c1, composite.c2)
     one = ufl.conditional(by_forms.wrinkled, 1.0, 0.0)
     number = ufl.conditional(by_forms.taut, 2.0, one)
-    both = ufl.as_vector([number, by_forms.cosine, by_forms.sine])
+    both = ufl.as_vector([number, *e.C])
     cells = np.arange(len(skin.owned_cells), dtype=np.int32)
     values = fem.Expression(both, np.array([[1 / 3, 1 / 3]])).eval(skin.mesh, cells)
-    values = values.reshape(-1, 3)
+    values = values.reshape(-1, 4)
     assert np.array_equal(values[:, 0], field.state[skin.owned_cells])
     some = field.state[skin.owned_cells] > 0
     n, m = field.flat[skin.owned_cells][some].T
-    assert np.stack([n * n - m * m, 2 * n * m], 1) == pytest.approx(values[some, 1:], abs=1e-12)
+    one, two, shear = values[some, 1:].T
+    length = np.hypot(one - two, 2 * shear)
+    assert n * n - m * m == pytest.approx((one - two) / length, abs=1e-12)
+    assert 2 * n * m == pytest.approx(2 * shear / length, abs=1e-12)
     assert not field.flat[field.state == Tension.SLACK].any()
 
 

@@ -5,8 +5,9 @@ import pytest
 from kit.terms import FOUR
 
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.skin.block_pairs import BlockPairs
-from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.assembly.block_pairs import BlockPairs
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin
 
@@ -37,7 +38,7 @@ def test_same_entries_as_over_all_pairs_of_unknowns(
     skin = short_tube if scene == "tube" else FOUR
     fixed = np.random.default_rng(3).random(skin.pattern.points.shape) < 0.5  # many in part
     fixed[0] = True
-    model = SkinModel(skin, Composite(bending=bending), Supports(fixed))
+    model = make_model(skin, Composite(bending=bending), Supports(fixed))
     pairs = BlockPairs(model)
     keys, weights = plain(model)
     assert pairs.count == len(keys)

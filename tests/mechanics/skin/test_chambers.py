@@ -18,11 +18,12 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, chambers_of_panels, find_walls
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 LENGTH, RADIUS = 0.06, 0.01
@@ -69,7 +70,7 @@ def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
     """Energy, force and tangent to rounding, wherever the origin is."""
     fixed, sheet = clamp(grid.pattern, ["base"]), Composite(bending=None)
     chambers = sectors(grid.pattern, count) if count else halves(grid.pattern)
-    models = [SkinModel(grid, sheet, fixed), SkinModel(grid, sheet, fixed, chambers)]
+    models = [make_model(grid, sheet, fixed), make_model(grid, sheet, fixed, chambers=chambers)]
     values = []
     for model in models:
         model.set_density(np.zeros(len(grid.owned_cells)))

@@ -8,12 +8,12 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.hinges import find_hinges
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
 from toros_fem.meshes.pattern import Panel
@@ -45,7 +45,7 @@ def test_a_hinged_seam_folds_freely(alone: MPI.Comm, curvature: str) -> None:
     energy = {}
     for seams in ("continuous", "hinged"):
         skin = sew(alone, pattern)
-        model = SkinModel(skin, sheet(Bending(curvature, seams)), fixed)
+        model = make_model(skin, sheet(Bending(curvature, seams)), fixed)
         model.set_density(np.zeros(len(skin.owned_cells)))
         energy[seams] = model.energy(model.assembled)
     D = ELASTIC.young * ELASTIC.thickness**3 / 12
@@ -65,7 +65,7 @@ def test_a_moulded_tube_is_at_rest(alone: MPI.Comm, curvature: str, mesh: str) -
     energy = []
     # Across the prism's edges an unstructured wall is stretched a little, whatever bends.
     for bending in (None, Bending(curvature), Bending(curvature, rest="assembled")):
-        model = SkinModel(skin, sheet(bending), clamp(pattern, ["wall"]))
+        model = make_model(skin, sheet(bending), clamp(pattern, ["wall"]))
         model.set_density(np.zeros(len(skin.owned_cells)))
         energy.append(model.energy(model.assembled))
     stretching, flat, moulded = energy

@@ -4,19 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.models import SIZE, affine, bent_tube, line_design, pressurize
+from helpers.models import SIZE, affine, bent_tube, line_design, pressurize, relaxed_model
 from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
-from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.tile import tile
@@ -78,8 +78,9 @@ def test_off_axis_tension_of_a_tile(alone: MPI.Comm, degrees: float) -> None:
         gradient = np.array([[stretch, 0], [0, 1], [0, 0]])
         state = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, gradient)
         expected, stress = free_across(stretch, angle)
-        assert solver.model.mean_gradient(state.state)[:2] == pytest.approx(expected, abs=1e-6)
-        force = solver.model.mean_force(state.state)[0, 0] / solver.area
+        images = solver.model.images
+        assert images.mean_gradient(state.state)[:2] == pytest.approx(expected, abs=1e-6)
+        force = images.mean_force(solver.model.variation(state.state))[0, 0] / solver.area
         assert force == pytest.approx(stress, rel=1e-6)
 
 
@@ -119,7 +120,7 @@ def pair(short_tube: Skin) -> list[SkinModel]:
     models = []
     for knit in (Knit(RATIO, 0.4), None):
         composite = Composite(knit=knit)
-        model = SkinModel(short_tube, composite, clamp(short_tube.pattern, ["base"]))
+        model = make_model(short_tube, composite, clamp(short_tube.pattern, ["base"]))
         pressurize(model, 2e3)
         models.append(model)
     return models
@@ -152,7 +153,7 @@ def test_courses_bend(alone: MPI.Comm) -> None:
     plain = Composite(fabric=cloth, reinforcement=strip, bending=Bending("average"))
     skin, energies = sew(alone, pattern), []
     for knit in (None, Knit(RATIO), Knit(RATIO, np.pi / 2)):
-        model = SkinModel(skin, replace(plain, knit=knit), clamp(pattern, ["wall"]))
+        model = make_model(skin, replace(plain, knit=knit), clamp(pattern, ["wall"]))
         model.set_density(np.zeros(len(skin.owned_cells)))
         energies.append(model.energy(model.assembled))
     assert energies[1] == pytest.approx(RATIO * energies[0], rel=1e-9)
@@ -168,7 +169,7 @@ def test_lines_on_a_knit(alone: MPI.Comm) -> None:
     F = np.array([[1.2, 0.15], [-0.1, 0.8], [0.2, 0.1]])
     design, energies, moduli = line_design(skin, 2, 2), [], []
     for composite in (knitted(angle), MEMBRANE):
-        model = RelaxedModel(skin, composite, Supports(fixed), 2)
+        model = relaxed_model(skin, composite, Supports(fixed), 2)
         model.set_density(design)
         energies.append(model.energy(affine(model, F)))
         moduli.append(model.mean_modulus())

@@ -5,10 +5,10 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import cylinder, sew
 

@@ -7,14 +7,14 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bladder, Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
 
 def test_fixed_components_have_reactions_and_the_others_forces(short_tube: Skin) -> None:
-    model = SkinModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    model = make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     model.set_density(np.full(len(short_tube.owned_cells), 0.3))
     model.set_load(Load(np.array([1e3])))
     state = bent_tube(model)
@@ -32,7 +32,7 @@ def test_mean_modulus(short_tube: Skin) -> None:
     """Of plain, reinforced and half reinforced skin, and of rubber, μ = E/3 and λ = 2 μ."""
     rubber = Bladder(0.3e6, 1e-3)
     plain, lined = (
-        SkinModel(
+        make_model(
             short_tube,
             Composite(bladder=bladder, bending=None),
             clamp(short_tube.pattern, ["base"]),
@@ -57,7 +57,7 @@ def test_folds_are_counted_from_both_sides(alone: MPI.Comm, bending: bool) -> No
     pattern = square(n=4)
     fixed = Supports(np.ones(pattern.points.shape, dtype=bool))
     composite = Composite() if bending else Composite(bending=None)
-    model = SkinModel(sew(alone, pattern), composite, fixed)
+    model = make_model(sew(alone, pattern), composite, fixed)
     state = model.assembled
     nodes = model.positions(state)
     over = nodes[:, 0] > 0.01

@@ -7,19 +7,33 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem.base.mpi import total
-from toros_fem.materials.sheet import CURVATURES, Bending
-from toros_fem.mechanics.skin.hinges import find_hinges
-from toros_fem.mechanics.skin.patch_space import Patch, make_patch
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite
+from toros_fem.mechanics.skin.patch_space import (
+    Patch,
+    Unknowns,
+    blocks_of_first_rank,
+    make_patch,
+)
 from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.terms.bend import Bend
 from toros_fem.meshes import Skin
 
 
 def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False, bodies: int = 0) -> Patch:
-    if curvature is None:
-        return make_patch(skin, None, rotations=False, lattice=lattice, bodies=bodies)
-    hinges = find_hinges(skin, Bending(curvature), clamp(skin.pattern, ["base"]), 0.3)
-    rotations = curvature == "midedge"
-    return make_patch(skin, hinges, rotations=rotations, lattice=lattice, bodies=bodies)
+    """Rotations of the edges, two columns that all triangles see, and motions of bodies."""
+    unknowns, flaps = [], None
+    if curvature is not None:
+        bend = Bend(skin, Composite(), Bending(curvature), clamp(skin.pattern, ["base"]))
+        flaps = bend.flaps
+        unknowns = [] if bend.unknowns is None else [bend.unknowns]
+    if lattice:
+        seen = np.tile(np.arange(2, dtype=np.int32), (len(skin.cell), 1))
+        columns = blocks_of_first_rank(skin.comm, 2)
+        unknowns.append(Unknowns(columns, np.zeros((2, 3), dtype=bool), seen, placed=True))
+    if bodies:
+        fixed = np.zeros((bodies, 6), dtype=bool)
+        unknowns.append(Unknowns(blocks_of_first_rank(skin.comm, bodies), fixed))
+    return make_patch(skin, flaps, unknowns)
 
 
 @pytest.mark.parametrize("curvature", [None, *CURVATURES])
@@ -33,8 +47,10 @@ def test_number_of_unknowns(short_tube: Skin, curvature: str | None, lattice: bo
     assert patch.space.dofmap.index_map.size_global == expected
     seen = {None: 9, "average": 18, "quadratic": 18, "midedge": 21}[curvature] + 6 * lattice
     assert patch.space.dofmap.list.shape[1] == seen
-    assert total(short_tube.comm, patch.position_count) == 3 * vertices
-    assert patch.lattice_dofs.shape == ((2, 3) if lattice else (0, 3))
+    assert total(short_tube.comm, patch.numbers.size) == 3 * vertices
+    assert patch.components == seen - 6 * lattice
+    if lattice:
+        assert patch.dofs[-1].shape == (2, 3)
 
 
 def test_triangles_see_their_corners_and_flaps(short_tube: Skin, alone: MPI.Comm) -> None:
@@ -71,21 +87,23 @@ def test_unknowns_of_bodies(short_tube: Skin, curvature: str | None, lattice: bo
     patch = patch_of(short_tube, curvature, lattice=lattice, bodies=2)
     index_map = patch.space.dofmap.index_map
     assert index_map.size_global == plain.space.dofmap.index_map.size_global + 12
-    assert patch.body_dofs.shape == (2, 6)
-    assert plain.body_dofs.shape == (0, 6)
-    assert not np.isin(patch.space.dofmap.list, patch.body_dofs).any()
-    assert np.isin(patch.space.dofmap.list, patch.lattice_dofs).any() == lattice
-    assert (patch.body_dofs < index_map.size_local).all() == (comm.rank == 0)
-    known = index_map.local_to_global(patch.body_dofs.ravel())
+    bodies = patch.dofs[-1]
+    assert bodies.shape == (2, 6)
+    assert len(patch.dofs) == len(plain.dofs) + 1
+    assert not np.isin(patch.space.dofmap.list, bodies).any()
+    if lattice:
+        assert np.isin(patch.space.dofmap.list, patch.dofs[-2]).any()
+    assert (bodies < index_map.size_local).all() == (comm.rank == 0)
+    known = index_map.local_to_global(bodies.ravel())
     assert np.array_equal(known, comm.bcast(known, root=0))
 
     state = fem.Function(patch.space)
     if comm.rank == 0:
-        state.x.array[patch.body_dofs] = np.arange(12.0).reshape(2, 6)
+        state.x.array[bodies] = np.arange(12.0).reshape(2, 6)
     state.x.scatter_forward()
-    assert np.array_equal(state.x.array[patch.body_dofs], np.arange(12.0).reshape(2, 6))
+    assert np.array_equal(state.x.array[bodies], np.arange(12.0).reshape(2, 6))
     # Forms see the skin alone: what they assemble is zero there.
     form = fem.form(ufl.dot(state, ufl.TestFunction(patch.space)) * ufl.dx)
     assembled = fem.assemble_vector(form)
     assembled.scatter_reverse(la.InsertMode.add)
-    assert not assembled.array[patch.body_dofs].any()
+    assert not assembled.array[bodies].any()

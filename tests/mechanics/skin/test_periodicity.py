@@ -7,9 +7,11 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic, PeriodicModel
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Tile, sew, tile
 
 SIDE = 0.01
@@ -23,13 +25,13 @@ def square_tile(alone: MPI.Comm) -> Tile:
     return tile(alone, (SIDE, SIDE), SIDE / 4)
 
 
-def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> PeriodicModel:
+def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> SkinModel:
     """Every component of F̄ and of all vertices but one is free in the plane."""
     skin = sew(comm, found.pattern)
     fixed = np.zeros(found.pattern.points.shape, dtype=bool)
     fixed[0] = True
     turns_fixed = ((False, False), (True, False), (True, True))
-    model = PeriodicModel(skin, composite, Supports(fixed), Periodic(found, turns_fixed))
+    model = make_model(skin, composite, Supports(fixed), periodic=Periodic(found, turns_fixed))
     density = np.random.default_rng(5).uniform(0, 1, len(found.wraps))
     model.set_density(density[skin.owned_cells])
     model.images.turn(0.4)
@@ -37,12 +39,12 @@ def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> PeriodicModel
 
 
 @pytest.fixture(scope="module", params=[None, "midedge"])
-def periodic(request: pytest.FixtureRequest, square_tile: Tile, alone: MPI.Comm) -> PeriodicModel:
+def periodic(request: pytest.FixtureRequest, square_tile: Tile, alone: MPI.Comm) -> SkinModel:
     bending = None if request.param is None else Bending(request.param)
     return model_of(square_tile, alone, Composite(bending=bending))
 
 
-def stretched(model: PeriodicModel) -> np.ndarray:
+def stretched(model: SkinModel) -> np.ndarray:
     """A state of a mean deformation, with waves in all components."""
     state = model.assembled
     c, s = np.cos(0.4), np.sin(0.4)
@@ -50,18 +52,18 @@ def stretched(model: PeriodicModel) -> np.ndarray:
     x, y = (2 * np.pi * model.positions(state)[:, :2] / SIDE).T
     waves = np.column_stack([np.sin(x), np.cos(y), np.sin(x + y)])
     model.positions(state)[:] = flat @ SKEWED.T + 0.02 * SIDE * waves
-    model.set_mean_gradient(state, SKEWED)
+    model.images.set_mean_gradient(state, SKEWED)
     return state
 
 
-def test_mean_gradient_is_read_back(periodic: PeriodicModel) -> None:
+def test_mean_gradient_is_read_back(periodic: SkinModel) -> None:
     state = periodic.assembled
-    assert periodic.mean_gradient(state) == pytest.approx(np.eye(3)[:, :2])
-    periodic.set_mean_gradient(state, SKEWED)
-    assert periodic.mean_gradient(state) == pytest.approx(SKEWED, rel=1e-15)
+    assert periodic.images.mean_gradient(state) == pytest.approx(np.eye(3)[:, :2])
+    periodic.images.set_mean_gradient(state, SKEWED)
+    assert periodic.images.mean_gradient(state) == pytest.approx(SKEWED, rel=1e-15)
 
 
-def test_the_force_changes_with_the_mean_gradient(periodic: PeriodicModel) -> None:
+def test_the_force_changes_with_the_mean_gradient(periodic: SkinModel) -> None:
     """With F̄ alone, as the tile's response needs it."""
     model, comm, state = periodic, periodic.skin.comm, stretched(periodic)
     change = np.random.default_rng(7).standard_normal((3, 2))
@@ -73,7 +75,7 @@ def test_the_force_changes_with_the_mean_gradient(periodic: PeriodicModel) -> No
 
     def force(h: float) -> np.ndarray:
         moved = state.copy()
-        model.set_mean_gradient(moved, SKEWED + 1e-5 * h * change)
+        model.images.set_mean_gradient(moved, SKEWED + 1e-5 * h * change)
         return model.residual(moved)
 
     expected = slope(force) / 1e-5
@@ -87,8 +89,8 @@ def test_images_lie_one_lattice_step_away(square_tile: Tile, alone: MPI.Comm) ->
     c, s = np.cos(0.4), np.sin(0.4)
     turned = np.array([[c, -s], [s, c]])
     model.positions(state)[:] = model.positions(state)[:, :2] @ turned @ SKEWED.T
-    model.set_mean_gradient(state, SKEWED)
-    assert model.images.moved.any()
+    model.images.set_mean_gradient(state, SKEWED)
+    assert model.images.images.any()
     one, two = np.linalg.svd(SKEWED, compute_uv=False)
     c1, c2 = model.composite.c1, model.composite.c2
     single = max(abs(one - 1), abs(two - 1)) / (c1 - 1)
@@ -101,6 +103,6 @@ def test_prescribed_components_are_fixed(square_tile: Tile, alone: MPI.Comm) -> 
     fixed = np.zeros(square_tile.pattern.points.shape, dtype=bool)
     fixed[0] = True
     rest = Periodic(square_tile, ALL_PRESCRIBED)
-    model = PeriodicModel(skin, Composite(bending=None), Supports(fixed), rest)
-    assert model.fixed[model.lattice_dofs].all()
+    model = make_model(skin, Composite(bending=None), Supports(fixed), periodic=rest)
+    assert model.fixed[model.images.dofs].all()
     assert rest.length == pytest.approx(SIDE)

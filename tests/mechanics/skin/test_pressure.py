@@ -5,8 +5,9 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
@@ -20,7 +21,7 @@ def grid(alone: MPI.Comm) -> Skin:
 
 def model_of(skin: Skin, chambers: Chambers | None) -> SkinModel:
     fixed = clamp(skin.pattern, ["base"])
-    return SkinModel(skin, Composite(bending=None), fixed, chambers)
+    return make_model(skin, Composite(bending=None), fixed, chambers=chambers)
 
 
 def parts(skin: Skin, height: float) -> Chambers:
@@ -49,7 +50,7 @@ def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:
 def test_open_skin_has_no_volume(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
     skin = sew(alone, pattern)
-    model = SkinModel(skin, Composite(bending=None), clamp(pattern, ["wall"]))
-    assert not model.closed
+    model = make_model(skin, Composite(bending=None), clamp(pattern, ["wall"]))
+    assert model.pressure is None
     assert model.volume(model.assembled) == 0
     assert not model.volume_gradient(model.assembled).any()

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.models import bent_tube, pressurize
+from helpers.models import bent_tube, pressurize, relaxed_model
 from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.sheet import rectangle
@@ -150,7 +150,7 @@ def sides(short_tube: Skin) -> dict[str | None, SkinModel]:
     models = {}
     for side in ("outside", "inside", None):
         composite = Composite(print_side=side)
-        models[side] = SkinModel(short_tube, composite, clamp(short_tube.pattern, ["base"]))
+        models[side] = make_model(short_tube, composite, clamp(short_tube.pattern, ["base"]))
         pressurize(models[side], 2e3)
     return models
 
@@ -179,7 +179,7 @@ def test_lines_around_a_tube(alone: MPI.Comm) -> None:
     skin, energies = sew(alone, pattern), {}
     for side in ("outside", "inside"):
         composite = replace(SIDED, print_side=side)
-        model = RelaxedModel(skin, composite, clamp(pattern, ["wall"]), 1)
+        model = relaxed_model(skin, composite, clamp(pattern, ["wall"]), 1)
         model.set_density(np.tile([0.0, 0.25, 1.0, 0.0], (len(skin.owned_cells), 1)))
         state = model.assembled
         model.positions(state)[:, :2] *= 1.1

@@ -2,37 +2,39 @@
 
 import numpy as np
 import pytest
-from helpers.models import SIZE, affine, bent_tube, drawn, line_design, pressurize
+from helpers.models import SIZE, affine, bent_tube, drawn, line_design, pressurize, relaxed_model
 from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bladder, Composite, Material
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.skin.dead_loads import Weight
-from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.relaxed_model import (
+from toros_fem.mechanics.skin.designs import (
     CROSSING,
-    RelaxedModel,
     crossing_of_widths,
 )
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
+WEIGHT = Weight(0.2, 2.0)
+
 
 @pytest.fixture
-def model(short_tube: Skin) -> RelaxedModel:
+def model(short_tube: Skin) -> SkinModel:
     """A tube with all terms: bending, rubber, weight and pressure."""
     composite = Composite(bladder=Bladder(0.3e6, 0.5e-3))
-    made = RelaxedModel(
-        short_tube, composite, clamp(short_tube.pattern, ["base"]), 2, weight=Weight(0.2, 2.0)
+    made = relaxed_model(
+        short_tube, composite, clamp(short_tube.pattern, ["base"]), 2, weight=WEIGHT
     )
     made.set_density(line_design(short_tube, 2, 1))
     made.set_load(Load(np.array([1e3]), weight_fraction=1.0))
     return made
 
 
-def test_only_the_direction_of_an_angle_counts(model: RelaxedModel) -> None:
+def test_only_the_direction_of_an_angle_counts(model: SkinModel) -> None:
     state, base = bent_tube(model), line_design(model.skin, 2, 1)
     residual = model.residual(state)
     longer = base.copy()
@@ -50,8 +52,8 @@ def test_only_the_direction_of_an_angle_counts(model: RelaxedModel) -> None:
     assert not model.density_sensitivity(state, drawn(model, 3))[:, 3:].any()
 
 
-def test_without_lines_it_is_the_plain_model(model: RelaxedModel) -> None:
-    plain = SkinModel(model.skin, model.composite, model.supports, weight=model.weight)
+def test_without_lines_it_is_the_plain_model(model: SkinModel) -> None:
+    plain = make_model(model.skin, model.composite, model.supports, weight=WEIGHT)
     plain.set_load(model.load)
     state, base = bent_tube(plain), line_design(model.skin, 2, 1)
     bare = np.where(np.arange(7) > 0, 0.0, base)
@@ -75,7 +77,7 @@ def test_parallel_families_are_one(short_tube: Skin) -> None:
         + [design[:, 3]] * 2
     )
     for rows in (design, halves):
-        model = RelaxedModel(short_tube, Composite(), supports, (rows.shape[1] - 1) // 3)
+        model = relaxed_model(short_tube, Composite(), supports, (rows.shape[1] - 1) // 3)
         model.set_density(rows)
         pressurize(model, 1e3)
         forces.append(model.residual(bent_tube(model)))
@@ -87,7 +89,7 @@ def test_parallel_families_are_one(short_tube: Skin) -> None:
 def test_lines_are_heavy(short_tube: Skin) -> None:
     """As printed fabric is, by the area that they cover."""
     supports, weight = clamp(short_tube.pattern, ["base"]), Weight(0.2, 2.0)
-    model = RelaxedModel(short_tube, Composite(bending=None), supports, 2, weight=weight)
+    model = relaxed_model(short_tube, Composite(bending=None), supports, 2, weight=weight)
     model.set_density(np.tile([0.1, 0.2, 0.3, 1, 0, 0, 1], (len(short_tube.owned_cells), 1)))
     model.set_load(Load(np.array([0.0]), weight_fraction=1.0))
     force = model.positions(model.applied_load(model.assembled) + 0.0)
@@ -103,7 +105,7 @@ def test_lines_are_heavy(short_tube: Skin) -> None:
 def test_mean_modulus_is_that_of_fabric_and_lines(short_tube: Skin) -> None:
     strip = Material(26e6, 0.2, 0.4e-3)
     composite = Composite(reinforcement=strip, bending=None)
-    model = RelaxedModel(short_tube, composite, clamp(short_tube.pattern, ["base"]), 2)
+    model = relaxed_model(short_tube, composite, clamp(short_tube.pattern, ["base"]), 2)
     model.set_density(np.tile([0.0, 0.2, 0.3, 1, 0, 0, 1], (len(short_tube.owned_cells), 1)))
     fabric, ratio = composite.fabric, 26e6 * 0.4e-3 / 50
     crossings = 0.2**2 * 0.3 + 0.3**2 * 0.2
@@ -120,7 +122,7 @@ def test_wide_lines_across_thin_ones_stiffen_less(short_tube: Skin) -> None:
     supports, design = clamp(short_tube.pattern, ["base"]), line_design(short_tube, 2, 4)
     energies = []
     for crossing in (0.0, 0.2, 0.4):
-        model = RelaxedModel(short_tube, Composite(bending=None), supports, 2, crossing=crossing)
+        model = relaxed_model(short_tube, Composite(bending=None), supports, 2, crossing=crossing)
         model.set_density(design)
         energies.append(model.energy(bent_tube(model)))
     none, some, twice = energies
@@ -134,7 +136,7 @@ def test_rounding_of_the_energy_is_bounded(alone: MPI.Comm) -> None:
     fixed = np.zeros(pattern.points.shape, dtype=bool)
     fixed[[0, 1, 10]] = True
     skin = sew(alone, pattern)
-    model = RelaxedModel(skin, Composite(bending=None), Supports(fixed), 2)
+    model = relaxed_model(skin, Composite(bending=None), Supports(fixed), 2)
     model.set_density(line_design(skin, 2, 3))
     rng = np.random.default_rng(2)
     state = affine(model, np.array([[1.3, 0], [0, 0.8], [0, 0]]))

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
 
@@ -50,7 +50,7 @@ def test_section_of_an_endless_tube(alone: MPI.Comm, stretch: str) -> None:
     pressure = 2 * force * np.tan(np.pi / sides) / (float(stretch) * chord)
     sheet = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
     skin = sew(alone, pattern)
-    model = SkinModel(skin, sheet, between(pattern, at, (0, LENGTH)))
+    model = make_model(skin, sheet, between(pattern, at, (0, LENGTH)))
     model.set_density(np.zeros(len(skin.owned_cells)))
     pressurize(model, pressure)
     wider = (model.positions(model.assembled) - at + [RADIUS, 0, 0]) * [1, 1, 0]

@@ -95,7 +95,7 @@ def lifted(solver: TileSolver, flat: TileState) -> np.ndarray:
     """Return a flat state as a state of a tile that may leave its plane."""
     state = solver.model.assembled
     solver.model.positions(state)[:] = flat.positions
-    solver.model.set_mean_gradient(state, flat.gradient)
+    solver.model.images.set_mean_gradient(state, flat.gradient)
     return state
 
 
@@ -145,7 +145,7 @@ def moved_state(
     every[image] = old
     every += np.append(flat_vertices(there, angle)[0], 0.0) - every[0]
     there.model.positions(new)[:] = every[there.skin.owned_vertices]
-    there.model.set_mean_gradient(new, state.gradient)
+    there.model.images.set_mean_gradient(new, state.gradient)
     return new
 
 

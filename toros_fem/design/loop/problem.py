@@ -21,7 +21,7 @@ from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.warm_start import InitialDensity
-from toros_fem.mechanics.skin.coefficients import check_density
+from toros_fem.mechanics.skin.designs import check_density
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 

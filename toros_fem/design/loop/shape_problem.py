@@ -26,7 +26,7 @@ from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.coefficients import check_density
+from toros_fem.mechanics.skin.designs import check_density
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin

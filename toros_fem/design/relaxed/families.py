@@ -17,7 +17,7 @@ def columns(shares: Floats, angles: Floats) -> Floats:
     """Return the relaxed material, (n, 1 + 3 K), of shares and angles in rad, both (n, K).
 
     Its columns are ρ̄, here 0, the shares, cos 2t and sin 2t of all families, as
-    `mechanics.skin.relaxed_model` takes them.
+    `mechanics.skin.designs` takes them.
     """
     none = np.zeros((len(shares), 1))
     return np.hstack([none, shares, np.cos(2 * angles), np.sin(2 * angles)])

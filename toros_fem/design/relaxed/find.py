@@ -22,7 +22,7 @@ from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.fit import fitted_pair
 from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
-from toros_fem.mechanics.skin.relaxed_model import crossing_of_widths
+from toros_fem.mechanics.skin.designs import crossing_of_widths
 
 # Largest change of a variable in one step.
 MOVE = 0.1

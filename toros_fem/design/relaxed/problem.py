@@ -18,7 +18,7 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.smoothing import Smoothing
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.skin.relaxed_model import CROSSING
+from toros_fem.mechanics.skin.designs import CROSSING
 
 Families = FixedDirections | FreeDirections
 

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_flag, require_kind, require_positive
 from toros_fem.materials.sheet import Composite
@@ -170,22 +168,3 @@ class ContactSizes:
     def reach(self) -> float:
         """Distance in m of middle surfaces from which on contact acts."""
         return self.thickness + self.distance
-
-
-def poses_of(contact: Contact | None, poses: npt.ArrayLike | None) -> Floats | None:
-    """Return the poses of a contact's bodies, (k, 6), zero where none are given; None without.
-
-    Args:
-        contact: The contact; None for none.
-        poses: Translation in m and rotation vector in rad of each body from where it was made.
-
-    Raises:
-        ParameterError: They do not fit the bodies.
-    """
-    count = 0 if contact is None else len(contact.bodies)
-    if poses is None:
-        return np.zeros((count, 6)) if count else None
-    if not count:
-        raise ParameterError("poses are given, but there are no bodies to move.")
-    what = f"finite and of shape ({count}, 6): translation in m, rotation vector in rad"
-    return checked_floats("poses", poses, what, (count, 6)).copy()

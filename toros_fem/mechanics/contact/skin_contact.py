@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, TypeVar, override
 
 import numpy as np
 from scipy.sparse import block_diag, coo_array, csc_matrix, identity
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.mpi import largest, on_first_rank
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.mpi import largest, on_first_rank, total
 from toros_fem.mechanics.contact.barrier import Barrier, Side
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
 from toros_fem.mechanics.contact.neighbours import (
@@ -20,6 +20,9 @@ from toros_fem.mechanics.contact.neighbours import (
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank, positions
+from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 T = TypeVar("T")
@@ -27,18 +30,20 @@ T = TypeVar("T")
 STALE = 2.0
 # Stiffness of free bodies in the tangent over that of the sheet, E t.
 NEUTRAL = 1e-8
+# Way of a free body over the size of the skin at which it is taken to fall without end.
+FALLEN = 3.0
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
 # Factor on a step that must be searched again.
 FARTHEST, LARGEST_TURN, AGAIN = 0.1, 0.2, 0.9
 
 
-class SkinContact:
+class SkinContact(Term):
     """Energy, forces and tangent of a skin's contact with itself, bodies and half-spaces.
 
     Positions are gathered. The first rank computes, so that results do not depend on the number of
     ranks. Middle surfaces stay a thickness apart: the surfaces of bodies and ground are moved
-    inwards by half of it. All methods are collective.
+    inwards by half of it. All methods are collective; x are the owned unknowns of a state.
 
     Some motions of a free body may have no resistance, for instance the rotations of a sphere
     without friction. The tangent, and it alone, has the stiffness NEUTRAL E t for all motions of
@@ -47,10 +52,7 @@ class SkinContact:
 
     Attributes:
         contact, sizes: As given.
-        pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
-        generation: How often the pairs have changed.
         poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
-        weight: Force of gravity on the unknowns of the free bodies in N, (f, 6).
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
             are moved apart.
 
@@ -60,9 +62,6 @@ class SkinContact:
         sizes: Its numbers.
         fixed: Fixed components of all vertices, (n, 3).
         in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
-        numbers: Global unknowns of the owned nodes, (k, 3).
-        body_numbers: Global unknowns of the free bodies, (f, 6).
-        size: Number of all unknowns.
     """
 
     def __init__(
@@ -72,23 +71,16 @@ class SkinContact:
         sizes: ContactSizes,
         fixed: Bools,
         in_planes: Bools,
-        numbers: Ints,
-        body_numbers: Ints,
-        size: int,
     ) -> None:
-        self._skin, self._comm, self._size = skin, skin.comm, size
+        self._skin, self._comm, self._fixed = skin, skin.comm, fixed
         self.contact, self.sizes = contact, sizes
         self._bodies = FreeBodies(contact, sizes.thickness)
-        self.weight: Floats = self._bodies.weight
         self._neutral = NEUTRAL * sizes.stiffness * sizes.thickness
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
-        whole = skin.gather_vertices(numbers.astype(np.float64)).astype(np.int64)
-        whole[fixed] = -1
-        self._number = np.append(whole.ravel(), body_numbers.ravel())
-        # Free bodies have their entries in the tangent, whatever they touch.
-        blocks = np.ones((self._bodies.count * (skin.comm.rank == 0), 6, 6))
-        self._body_keys, _ = self._upper(_diagonal_blocks(whole.size, blocks))
-        self._cover(self._body_keys)
+        self._weight_fraction = 0.0
+        if self._bodies.count:
+            bodies = blocks_of_first_rank(self._comm, self._bodies.count)
+            self.unknowns = Unknowns(bodies, np.zeros((self._bodies.count, 6), dtype=bool))
         self._sides: list[Side] = []
         # Second variation at a state, exact and semidefinite; friction by other normal forces has
         # another one.
@@ -103,12 +95,57 @@ class SkinContact:
         made = self._only_first(lambda: self._make_barrier(np.asarray(fixed.all(axis=1))))
         if made is not None:
             self._barrier = made
-        self.generation = 0
         self.assembled: Floats = skin.pattern.points
         if contact.self_contact:
             self.assembled = on_first_rank(
                 self._comm, lambda: opened(skin.pattern, sizes, in_planes)
             )
+
+    @override
+    def number(self, patch: Patch, dofs: LocalInts) -> None:
+        index_map = patch.space.dofmap.index_map
+        self._size, self._dofs = index_map.size_global, dofs.reshape(-1, 6)
+        whole = self._skin.gather_vertices(patch.numbers.astype(np.float64)).astype(np.int64)
+        whole[self._fixed] = -1
+        self._number = np.append(whole.ravel(), index_map.local_to_global(dofs.ravel()))
+        # Free bodies have their entries in the tangent, whatever they touch.
+        blocks = np.ones((self._bodies.count * (self._comm.rank == 0), 6, 6))
+        self._body_keys, _ = self._upper(_diagonal_blocks(whole.size, blocks))
+        self._cover(self._body_keys)
+
+    @override
+    def set_load(self, load: Load) -> None:
+        self.poses[:] = 0.0 if load.poses is None else load.poses
+        self._weight_fraction = load.weight_of_bodies
+
+    @override
+    def add_rest(self, x: Floats) -> None:
+        positions(self._skin, x)[:] = self.assembled[self._skin.owned_vertices]
+
+    @property
+    def free_bodies(self) -> int:
+        """Number of free bodies."""
+        return self._bodies.count
+
+    def motions(self, x: Floats) -> Floats:
+        """Return the unknowns of the free bodies in m, (f, 6); zero on all ranks but the first."""
+        return x[self._dofs] if self._comm.rank == 0 else np.zeros(self._dofs.shape)
+
+    def set_motions(self, x: Floats, motions: Floats) -> None:
+        """Write the unknowns of the free bodies, which all ranks but the first ignore."""
+        if self._comm.rank == 0:
+            x[self._dofs] = motions
+
+    def with_short_turns(self, x: Floats) -> Floats:
+        """Return the same places, with rotations of free bodies of at most π."""
+        x = x.copy()
+        self.set_motions(x, self._bodies.shortest(self.motions(x)))
+        return x
+
+    def falls(self, x: Floats) -> bool:
+        """Return whether a free body is so far away that nothing will hold it any more."""
+        way = largest(self._comm, float(np.abs(self.motions(x)[:, :3]).max(initial=0.0)))
+        return way > FALLEN * self._skin.pattern.size
 
     def _only_first(self, action: Callable[[], T]) -> T | None:
         """Run an action on the first rank; raise its error on all."""
@@ -151,78 +188,74 @@ class SkinContact:
             rest, triangles, areas, grounds, standing, self.sizes, may_touch(pairs), further
         )
 
-    def poses_at(self, motions: Floats) -> Floats:
-        """Return the poses of all bodies, (k, 6), in m and rad.
+    def poses_of(self, x: Floats) -> Floats:
+        """Return the poses of all bodies in a state, (k, 6), in m and rad."""
+        return self._bodies.poses(self._comm.bcast(self.motions(x), root=0), self.poses)
 
-        Args:
-            motions: Unknowns of the free bodies in m, (f, 6), as of `FreeBodies`.
-        """
-        return self._bodies.poses(motions, self.poses)
-
-    def shortest(self, motions: Floats) -> Floats:
-        """Return unknowns of free bodies in the same places, with rotations of at most π."""
-        return self._bodies.shortest(motions)
-
-    def _at(self, nodes: Floats, motions: Floats) -> tuple[Floats, Floats]:
+    def _at(self, x: Floats) -> tuple[Floats, Floats]:
         """Return all vertices of skin and bodies on every rank, and the poses (collective)."""
-        skin = self._skin.gather_vertices(nodes)
-        poses = self.poses_at(self._comm.bcast(motions, root=0))
+        skin, poses = self._skin.gather_vertices(positions(self._skin, x)), self.poses_of(x)
         everything = np.concatenate([skin, self._bodies.vertices(poses)])
         return np.asfortranarray(everything), poses
 
-    def energy(self, nodes: Floats, motions: Floats, weight_fraction: float) -> float:
+    @override
+    def energy(self, x: Floats) -> float:
         """Return barrier energy less the work of the bodies' weight, in J, and with friction.
 
         Friction has the normal forces of the last `lag_friction`. The energy is infinite where
         surfaces are too near to each other.
-
-        Args:
-            nodes: Positions of the owned nodes in m, (n, 3).
-            motions: Unknowns of the free bodies on the first rank, (f, 6).
-            weight_fraction: Fraction of their weight that acts.
         """
-        x, poses = self._at(nodes, motions)
+        every, poses = self._at(x)
 
         def on_first() -> float:
-            found = self._barrier.energy(x)
+            found = self._barrier.energy(every)
             if self.friction is not None and np.isfinite(found):
-                found += self.friction.energy(self._of_skin(x), poses)
+                found += self.friction.energy(self._of_skin(every), poses)
             return found
 
         barrier = on_first_rank(self._comm, on_first)
-        return barrier - weight_fraction * self._bodies.work(poses)
+        return barrier - self._weight_fraction * self._bodies.work(poses)
 
-    def gap(self, nodes: Floats, motions: Floats) -> float:
+    def gap(self, x: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts."""
-        x, _ = self._at(nodes, motions)
-        return on_first_rank(self._comm, lambda: self._barrier.gap(x))
+        every, _ = self._at(x)
+        return on_first_rank(self._comm, lambda: self._barrier.gap(every))
 
     def count_pairs(self) -> int:
         """Return the number of pairs in contact at the last state (collective)."""
         return on_first_rank(self._comm, lambda: self._barrier.count)
 
-    def gradient(
-        self, nodes: Floats, motions: Floats, weight_fraction: float
-    ) -> tuple[Floats, Floats]:
-        """Return the first variation in N: at the owned nodes, (n, 3), and at the bodies, (f, 6).
-
-        Args:
-            nodes, motions, weight_fraction: As of `energy`.
-        """
-        x, poses = self._at(nodes, motions)
+    @override
+    def add_gradient(self, x: Floats, out: Floats) -> None:
+        every, poses = self._at(x)
 
         def on_first() -> tuple[Floats, Floats]:
-            whole = self._barrier.gradient(x)
+            whole = self._barrier.gradient(every)
             skin, bodies = self._to_unknowns(whole, poses)
             if self.friction is not None:
-                force = self.friction.force(self._of_skin(x), poses)
+                force = self.friction.force(self._of_skin(every), poses)
                 skin = skin + force.sum(axis=0)
                 bodies += self._pose_forces(force, poses)
             return skin, bodies
 
         skin, bodies = on_first_rank(self._comm, on_first)
-        bodies -= weight_fraction * self._bodies.weight
-        return skin[self._skin.owned_vertices], bodies
+        self._add(out, skin, bodies - self._weight_fraction * self._bodies.weight)
+
+    def _add(self, out: Floats, skin: Floats, bodies: Floats) -> None:
+        """Add forces on all vertices of the skin, (n, 3), and on the free bodies, (f, 6)."""
+        positions(self._skin, out)[:] += skin[self._skin.owned_vertices]
+        if self._comm.rank == 0:
+            out[self._dofs] += bodies
+
+    @override
+    def add_applied(self, x: Floats, out: Floats) -> None:
+        if self._comm.rank == 0:
+            out[self._dofs] += self._weight_fraction * self._bodies.weight
+
+    @override
+    def load_energy(self, x: Floats) -> float:
+        weight = self._weight_fraction * self._bodies.weight
+        return total(self._comm, float(np.abs(weight * self.motions(x)).sum()))
 
     def _of_skin(self, whole: Floats) -> Floats:
         return whole[: len(self._skin.pattern.points)]
@@ -244,10 +277,10 @@ class SkinContact:
         rows = [self.friction.pose_force(k, force, poses) for k in self._bodies.free]
         return np.reshape(rows, (-1, 6)) * self._bodies.scale
 
-    def forces(self, nodes: Floats, motions: Floats) -> Floats:
+    def forces(self, x: Floats) -> Floats:
         """Return the gradient of the barrier in N at all vertices of skin and bodies, (v, 3)."""
-        x, _ = self._at(nodes, motions)
-        return on_first_rank(self._comm, lambda: self._barrier.gradient(x))
+        every, _ = self._at(x)
+        return on_first_rank(self._comm, lambda: self._barrier.gradient(every))
 
     def _reduce(self, matrix: csc_matrix, poses: Floats) -> csc_matrix:
         """Return a matrix of all vertices as one of the unknowns of skin and free bodies."""
@@ -264,32 +297,23 @@ class SkinContact:
         kept = (row >= 0) & (column >= row)
         return row[kept] * self._size + column[kept], entries.data[kept]
 
-    def tangent(self, nodes: Floats, motions: Floats, *, definite: bool) -> Floats:
-        """Return the entries of the second variation at `pairs` in N/m; none on other ranks.
-
-        Args:
-            nodes, motions: As of `energy`.
-            definite: Whether to return a positive semidefinite part.
-        """
-        x, poses = self._at(nodes, motions)
-        found = self._only_first(lambda: self._entries(x, poses, definite=definite))
+    @override
+    def entries(self, x: Floats, *, definite: bool) -> Floats:
+        every, poses = self._at(x)
+        found = self._only_first(lambda: self._entries(every, poses, definite=definite))
         return np.zeros(0) if found is None else found
 
-    def convexity_gap(self, nodes: Floats, motions: Floats) -> Floats | None:
-        """Return the positive semidefinite `tangent` less the exact one; None if nothing touches.
+    def convexity_gap(self, x: Floats) -> Floats | None:
+        """Return the semidefinite `entries` less the exact ones; None if nothing touches."""
+        every, poses = self._at(x)
 
-        Args:
-            nodes, motions: As of `energy`.
-        """
-        x, poses = self._at(nodes, motions)
-
-        def entries() -> Floats:
-            definite = self._entries(x, poses, definite=True)
-            return np.asarray(definite - self._entries(x, poses, definite=False))
+        def gap() -> Floats:
+            definite = self._entries(every, poses, definite=True)
+            return np.asarray(definite - self._entries(every, poses, definite=False))
 
         if not self.count_pairs():
             return None
-        found = self._only_first(entries)
+        found = self._only_first(gap)
         return np.zeros(0) if found is None else found
 
     def _entries(self, x: Floats, poses: Floats, *, definite: bool) -> Floats:
@@ -353,15 +377,21 @@ class SkinContact:
         places = np.concatenate(rows), np.concatenate(columns)
         return csc_matrix((np.concatenate(values), places), shape=(size, size))
 
-    def begin_step(self, sliding: Sliding | None, poses: Floats | None) -> None:
-        """Begin a step of a path, where the vertices stick.
+    @property
+    def slides(self) -> bool:
+        """Whether there is friction, by which the residual has no potential."""
+        return self.friction is not None
+
+    def begin_step(self, sliding: Sliding | None, load: Load) -> None:
+        """Begin a step of a path with friction; without friction nothing is done.
 
         Args:
             sliding: End of the step before; None for a skin at rest at its assembled positions.
-            poses: Poses of the bodies at the begin, (k, 6); None where they were made.
+            load: Load of the step.
         """
         if self.friction is None:
             return
+        poses = load.poses
         if sliding is None:
             begin = np.zeros_like(self.poses) if poses is None else poses.copy()
             begin[self._bodies.free] = 0.0
@@ -369,81 +399,66 @@ class SkinContact:
         self.friction.begin(sliding)
         self._sides, self._known_at = [], None
 
-    def lag_friction(self, nodes: Floats, motions: Floats) -> None:
+    def lag_friction(self, x: Floats) -> None:
         """Let friction have the normal forces and tangent planes of a state."""
         if self.friction is None:
             return
-        x, poses = self._at(nodes, motions)
+        every, poses = self._at(x)
 
         def on_first() -> None:
             assert self.friction is not None
             self._known_at = None
-            self._sides = self._barrier.sides(x, self._owners)
-            self.friction.lag(self._pushes(self._sides), self._of_skin(x), poses)
+            self._sides = self._barrier.sides(every, self._owners)
+            self.friction.lag(self._pushes(self._sides), self._of_skin(every), poses)
 
         on_first_rank(self._comm, on_first)
 
-    def normals(self, nodes: Floats, motions: Floats) -> Floats:
-        """Return the normal forces on the skin from each half-space and body in N, (sides, n, 3).
+    def normals(self, x: Floats) -> Floats:
+        """Return the normal forces on the skin in N, (sides, n, 3), of half-spaces and bodies."""
+        every, _ = self._at(x)
 
-        Args:
-            nodes, motions: As of `energy`.
-        """
-        x, _ = self._at(nodes, motions)
-
-        return on_first_rank(self._comm, lambda: self._pushes(self._barrier.sides(x, self._owners)))
+        return on_first_rank(
+            self._comm, lambda: self._pushes(self._barrier.sides(every, self._owners))
+        )
 
     def _pushes(self, sides: Sequence[Side]) -> Floats:
         return np.array([self._of_skin(side.push()) for side in sides])
 
-    def end_step(self, nodes: Floats, motions: Floats) -> Sliding | None:
+    def end_step(self, x: Floats) -> Sliding | None:
         """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:
             return None
-        x, poses = self._at(nodes, motions)
+        self.lag_friction(x)
+        every, poses = self._at(x)
         friction = self.friction
-        return on_first_rank(self._comm, lambda: friction.end(self._of_skin(x), poses))
+        return on_first_rank(self._comm, lambda: friction.end(self._of_skin(every), poses))
 
-    def coupling(
-        self, nodes: Floats, motions: Floats, step: Floats, turn: Floats
-    ) -> tuple[Floats, Floats]:
+    def coupling(self, x: Floats, change: Floats, *, transposed: bool = False) -> Floats:
         """Return the change of friction by that of the normal forces: the part without symmetry.
 
         Args:
-            nodes, motions: State of the last `lag_friction`.
-            step, turn: Its change.
-
-        Returns:
-            Forces as of `gradient`.
+            x: State of the last `lag_friction`.
+            change: Change of the state.
+            transposed: Whether to multiply by the transpose.
         """
-        x, poses = self._at(nodes, motions)
-        whole, turn = self._skin.gather_vertices(step), self._comm.bcast(turn, root=0)
+        every, poses = self._at(x)
+        whole = self._skin.gather_vertices(positions(self._skin, change))
+        turn = self._comm.bcast(self.motions(change), root=0)
 
         def on_first() -> tuple[Floats, Floats]:
             assert self.friction is not None
+            if transposed:
+                given = self._on_sides(whole, turn, poses)
+                by_normal, _ = self.friction.force_backward(self._of_skin(every), poses, given)
+                return self._to_unknowns(self._pushed_back(by_normal), poses)
             moved = self._to_vertices(whole, turn, poses)
-            change = np.array([self._of_skin(s.push_change(moved)) for s in self._sides])
-            force = self.friction.force_change(self._of_skin(x), poses, change)
+            normals = np.array([self._of_skin(s.push_change(moved)) for s in self._sides])
+            force = self.friction.force_change(self._of_skin(every), poses, normals)
             return force.sum(axis=0), self._pose_forces(force, poses)
 
-        skin, bodies = on_first_rank(self._comm, on_first)
-        return skin[self._skin.owned_vertices], bodies
-
-    def coupling_transposed(
-        self, nodes: Floats, motions: Floats, adjoint: Floats, turn: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return the product with the transpose of `coupling`; the arguments are alike."""
-        x, poses = self._at(nodes, motions)
-        whole, turn = self._skin.gather_vertices(adjoint), self._comm.bcast(turn, root=0)
-
-        def on_first() -> tuple[Floats, Floats]:
-            assert self.friction is not None
-            given = self._on_sides(whole, turn, poses)
-            by_normal, _ = self.friction.force_backward(self._of_skin(x), poses, given)
-            return self._to_unknowns(self._pushed_back(by_normal), poses)
-
-        skin, bodies = on_first_rank(self._comm, on_first)
-        return skin[self._skin.owned_vertices], bodies
+        out = np.zeros_like(x)
+        self._add(out, *on_first_rank(self._comm, on_first))
+        return out
 
     def _on_sides(self, skin: Floats, turn: Floats, poses: Floats) -> Floats:
         """Return how far each vertex moves along each side, (sides, n, 3)."""
@@ -461,58 +476,59 @@ class SkinContact:
             whole += side.push_change(given)
         return whole
 
-    def begin_step_backward(self, nodes: Floats, motions: Floats, adjoint: Floats) -> Floats:
+    def begin_step_backward(self, x: Floats, adjoint: Floats) -> Floats:
         """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
 
         Args:
-            nodes, motions: State of the last `lag_friction`.
-            adjoint: At the owned nodes, (n, 3).
+            x: State of the last `lag_friction`.
+            adjoint: Owned unknowns.
         """
-        x, poses = self._at(nodes, motions)
-        whole = self._skin.gather_vertices(adjoint)
+        every, poses = self._at(x)
+        whole = self._skin.gather_vertices(positions(self._skin, adjoint))
 
         def on_first() -> Floats:
             assert self.friction is not None
             given = np.broadcast_to(whole, self.friction.normals.shape)
-            return self.friction.force_backward(self._of_skin(x), poses, given)[1]
+            return self.friction.force_backward(self._of_skin(every), poses, given)[1]
 
         return on_first_rank(self._comm, on_first)
 
-    def end_step_backward(
-        self, nodes: Floats, motions: Floats, slope: Floats
-    ) -> tuple[Floats, Floats]:
-        """Return Σ slope · d(anchors at the end) by the owned nodes, (n, 3), and by the begin.
+    def end_step_backward(self, x: Floats, slope: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of Σ slope · anchors at the end, by state and by the begin.
 
         Args:
-            nodes, motions: State of the last `lag_friction`.
+            x: State of the last `lag_friction`.
             slope: Numbers for each anchor, (sides, n, 3), equal on all ranks.
         """
-        x, poses = self._at(nodes, motions)
+        every, poses = self._at(x)
 
         def on_first() -> tuple[Floats, Floats]:
             assert self.friction is not None
-            skin = self._of_skin(x)
+            skin = self._of_skin(every)
             by_point, by_normal, by_anchor = self.friction.end_backward(skin, poses, slope)
             return by_point + self._of_skin(self._pushed_back(by_normal)), by_anchor
 
         skin, by_anchor = on_first_rank(self._comm, on_first)
-        return skin[self._skin.owned_vertices], by_anchor
+        out = np.zeros_like(x)
+        positions(self._skin, out)[:] = skin[self._skin.owned_vertices]
+        return out, by_anchor
 
     def _cover(self, keys: Ints) -> None:
         """Let `pairs` be those of the given keys."""
         self._keys = np.unique(keys)
         self.pairs = np.stack(np.divmod(self._keys, self._size))
 
-    def grow(self, nodes: Floats, motions: Floats) -> None:
+    @override
+    def grow(self, x: Floats) -> None:
         """Let `pairs` cover all that is in contact."""
-        x, poses = self._at(nodes, motions)
+        every, poses = self._at(x)
 
         def grown() -> bool:
-            keys = np.unique(self._second_upper(x, poses, definite=False)[0])
+            keys = np.unique(self._second_upper(every, poses, definite=False)[0])
             place = np.searchsorted(self._keys, keys)
             if (np.append(self._keys, -1)[place] == keys).all():
                 return False
-            near, _ = self._upper(self._reduce(self._barrier.near(x), poses))
+            near, _ = self._upper(self._reduce(self._barrier.near(every), poses))
             needed = np.unique(np.concatenate([keys, near, self._body_keys]))
             diagonal = np.unique(np.divmod(needed, self._size)) * (self._size + 1)
             needed = np.union1d(needed, diagonal)
@@ -522,42 +538,30 @@ class SkinContact:
 
         self.generation += on_first_rank(self._comm, grown)
 
-    def largest_step(
-        self,
-        nodes: Floats,
-        motions: Floats,
-        step: Floats,
-        turn: Floats,
-        allowed: float,
-        carried: Floats | None = None,
-    ) -> float:
-        """Return a factor ≤ `allowed` on a step, so that nothing meets on the way.
-
-        Args:
-            nodes, motions: State: positions of the owned nodes in m, (n, 3), and unknowns of the
-                free bodies, (f, 6), on the first rank.
-            step, turn: Their change by the full step.
-            allowed: Factor on the step that all else allows.
-            carried: Change of the poses of held bodies by the full step, (k, 6), the same on all
-                ranks; None leaves them.
-        """
-        x, _ = self._at(nodes, motions)
+    @override
+    def largest_step(self, x: Floats, step: Floats, factor: float, carried: Floats | None) -> float:
+        """Return a factor on a step, at most the given one, so that nothing meets on the way."""
+        every, _ = self._at(x)
+        turn = self.motions(step)
         poses = self.poses.copy()
         moved = np.zeros_like(poses) if carried is None else carried
-        farthest = max(np.abs(part).max(initial=0.0) for part in (step, turn[:, :3], moved[:, :3]))
+        farthest = max(
+            np.abs(part).max(initial=0.0)
+            for part in (positions(self._skin, step), turn[:, :3], moved[:, :3])
+        )
         farthest = largest(self._comm, float(farthest))
         turned = largest(self._comm, self._bodies.largest_angle(turn))
         turned = max(turned, float(np.linalg.norm(moved[:, 3:], axis=1).max(initial=0.0)))
         factor = min(
-            allowed,
+            factor,
             FARTHEST * self._skin.pattern.size / max(farthest, 1e-300),
             LARGEST_TURN / max(turned, 1e-300),
         )
         free = 0.0
         while free < 1 and factor > 0:
             self.poses[:] = poses + factor * moved
-            y, _ = self._at(nodes + factor * step, motions + factor * turn)
-            free = self._free_part(x, y)
+            there, _ = self._at(x + factor * step)
+            free = self._free_part(every, there)
             factor *= free
             if turned == 0:
                 break
@@ -570,22 +574,23 @@ class SkinContact:
         """Return the part of the straight way between vertices x and y on which nothing meets."""
         return on_first_rank(self._comm, lambda: self._barrier.largest_step(x, y - x))
 
-    def refusal(self, nodes: Floats, motions: Floats) -> str | None:
+    @override
+    def refusal(self, x: Floats) -> str | None:
         """Return why a state can be no start, as a sentence; None where it can."""
-        x, _ = self._at(nodes, motions)
+        every, _ = self._at(x)
         bodies = zip(self.contact.bodies, self._bodies.counts, strict=True)
         names = [body.name for body, count in bodies for _ in range(count)]
 
         def sentence() -> str | None:
-            found = self._barrier.check(x)
-            return None if found.admissible else found.sentence(self._skin.pattern, x, names)
+            found = self._barrier.check(every)
+            return None if found.admissible else found.sentence(self._skin.pattern, every, names)
 
         return on_first_rank(self._comm, sentence)
 
-    def crossed(self, nodes: Floats, motions: Floats) -> bool:
+    def crossed(self, x: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""
-        x, _ = self._at(nodes, motions)
-        return on_first_rank(self._comm, lambda: self._barrier.crossed(x))
+        every, _ = self._at(x)
+        return on_first_rank(self._comm, lambda: self._barrier.crossed(every))
 
 
 def _diagonal_blocks(ahead: int, blocks: Floats) -> coo_array:

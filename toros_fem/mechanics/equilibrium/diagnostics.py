@@ -11,10 +11,11 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.contact.skin_contact import FALLEN
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.newton import STAGNATED
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import FALLEN, SkinModel
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
 
 # A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
@@ -109,8 +110,9 @@ def success(
         found += f" {condition.sentences}"
     if residual > STAGNATED:
         found += f" Rounding leaves a residual of {residual:.0e} of the load."
-    if model.chambers is not None and min(volumes) < 0:
-        name = model.chambers.names[int(np.argmin(volumes))]
+    chambers = None if model.pressure is None else model.pressure.chambers
+    if chambers is not None and min(volumes) < 0:
+        name = chambers.names[int(np.argmin(volumes))]
         found += (
             f" But chamber {name!r} has a volume of {min(volumes):.3g} m³: its wall, which has no "
             "stiffness, crosses the skin. Lower the difference of the pressures, or stiffen the "

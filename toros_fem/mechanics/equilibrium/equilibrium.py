@@ -10,12 +10,12 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +106,9 @@ class Equilibrium:
 
 def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
     """Return the fields that the model tells of a state under its load (collective)."""
-    volumes, poses = tuple(float(v) for v in model.volumes(state)), None
-    if model.contact is not None and model.contact.contact.bodies:
-        motions = model.skin.comm.bcast(model.motions(state), root=0)
-        poses = tuple(tuple(map(float, pose)) for pose in model.contact.poses_at(motions))
+    volumes, contact, poses = tuple(float(v) for v in model.volumes(state)), model.contact, None
+    if contact is not None and contact.contact.bodies:
+        poses = tuple(tuple(map(float, pose)) for pose in contact.poses_of(state))
     return {
         "state": state,
         "positions": model.positions(state),
@@ -119,7 +118,7 @@ def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
         "volume": sum(volumes),
         "volumes": volumes,
         "stretch_use": model.bounds.worst(model.corners(state)),
-        "smallest_distance": model.gap(state),
+        "smallest_distance": None if contact is None else contact.gap(state),
         "poses": poses,
     }
 

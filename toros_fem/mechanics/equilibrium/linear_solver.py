@@ -10,11 +10,11 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import TorosError
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium import cholmod, petsc_factor
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
 from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor, has_cholmod
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.tangent import UpperTangent
 
 PREFIX = petsc_factor.PREFIX
 # Fraction of the diagonal that is added to M.
@@ -120,11 +120,14 @@ class TangentFactor:
             self._outgrown = True
         self._tangent.assemble(state, self._exact)
         self._state, self._has_material = state, False
-        # One value per vertex: a flat membrane has no stiffness across its plane.
+        # One value per vertex: a flat membrane has no stiffness across its plane. A fixed component
+        # has 1 in K, which is no stiffness.
+        free, fixed = self._model.free, ~self._model.free
         diagonal = np.abs(self._exact[self._tangent.diagonal])
+        diagonal[fixed] = self._model.mean_modulus()
         by_vertex = self._model.positions(diagonal)
         by_vertex[:] = by_vertex.mean(axis=1)[:, None]
-        self.scale = diagonal * self._model.free
+        self.scale = diagonal * free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
         """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex.

@@ -11,11 +11,12 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.krylov import conjugate_gradients, gmres
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
 
 ARMIJO = 1e-4
 SMALLEST_STEP = 1e-10
@@ -209,10 +210,13 @@ class RegularisedNewton:
         that, as in an interior point method. From afar (not `near`) all bounds begin wide: narrow
         ones would cap every step of the whole skin.
         """
-        model, state = self.model, start
-        loosened = model.loosen_bounds(start, everywhere=not near)
+        model, bounds, state = self.model, self.model.bounds, start
+        if not isinstance(bounds, MixedBounds):
+            return start
+        if not bounds.loosen(model.corners(start), everywhere=not near):
+            return start
         for _ in range(ROUNDS):
-            if not (loosened and model.loosened):
+            if not bounds.loosened:
                 break
             left = max_steps - sum(row.step > 0 and not row.modified for row in self._history)
             point, outcome = self._iterate(
@@ -221,11 +225,20 @@ class RegularisedNewton:
             state = point.state
             if outcome <= 0:
                 break
-            known = self.stable(state)
-            motion = -self.factor.solve(model.push_of_bounds(state)) if known else None
-            state = model.narrow_bounds(state, motion)
-        model.restore_bounds()
+            state = self._narrowed(state, bounds)
+        bounds.update()
         return state
+
+    def _narrowed(self, state: Floats, bounds: MixedBounds) -> Floats:
+        """Narrow loosened bounds, and return the state that goes with them."""
+        model = self.model
+        if not self.stable(state):
+            bounds.narrow(model.corners(state), None)
+            return state
+        model.set_state(state)
+        motion = -self.factor.solve(bounds.push() * model.free)
+        fraction = bounds.narrow(model.corners(state), model.corners(motion))
+        return np.asarray(state + fraction * motion)
 
     def _iterate(
         self,
@@ -239,9 +252,10 @@ class RegularisedNewton:
     ) -> tuple[_Point, int]:
         outcomes = PETSc.SNES.ConvergedReason
         model = self.model
-        model.lag_friction(start)
+        self._lag(start)
         point = self._at(start, model.energy(start))
-        if not np.isfinite(point.energy) or model.crossed(start):
+        crossed = model.contact is not None and model.contact.crossed(start)
+        if not np.isfinite(point.energy) or crossed:
             return point, int(outcomes.DIVERGED_FUNCTION_DOMAIN)
         rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
         reference = self.reference(start)
@@ -275,7 +289,7 @@ class RegularisedNewton:
                     continue
             if steps == max_steps:
                 return point, int(outcomes.DIVERGED_MAX_IT)
-            if model.falls(point.state):
+            if model.contact is not None and model.contact.falls(point.state):
                 return point, int(outcomes.DIVERGED_DTOL)
             if escapes == ESCAPES:
                 return point, int(outcomes.DIVERGED_INNER)
@@ -449,8 +463,9 @@ class RegularisedNewton:
         # A start that is the same on any number of ranks: drawn by assembled vertex.
         model, generator = self.model, np.random.default_rng(seed)
         drawn = generator.standard_normal(model.skin.pattern.points.shape)
-        motions = generator.standard_normal((model.free_bodies, 6))
-        mode: Floats = model.joined(drawn[model.skin.owned_vertices], motions)
+        mode = model.state_of(drawn[model.skin.owned_vertices])
+        if model.contact is not None:
+            model.contact.set_motions(mode, generator.standard_normal((model.free_bodies, 6)))
         for _ in range(20):
             mode = self.factor.solve(self.factor.scale * mode)
             mode /= norm(self.comm, mode)
@@ -477,6 +492,11 @@ class RegularisedNewton:
         new = self._at(trial, energy)
         return new if first or new.size <= MODIFIED_RATE * point.size else None
 
+    def _lag(self, state: Floats) -> None:
+        """Let friction have the normal forces of a state; energy and residual are by these."""
+        if self.model.contact is not None:
+            self.model.contact.lag_friction(state)
+
     def _lagged(self, point: _Point, before: _Point | None = None) -> _Point:
         """Return the point with friction by the normal forces of its own state.
 
@@ -485,16 +505,16 @@ class RegularisedNewton:
         """
         if not self.model.slides:
             return point
-        self.model.lag_friction(point.state)
+        self._lag(point.state)
         found = self._at(point.state, self.model.energy(point.state))
         if before is None or found.size <= OVERSHOT * before.size:
             return found
         middle = (before.state + point.state) / 2
-        self.model.lag_friction(middle)
+        self._lag(middle)
         half = self._at(middle, self.model.energy(middle))
         if half.size < OVERSHOT * found.size and np.isfinite(half.energy):
             return half
-        self.model.lag_friction(point.state)
+        self._lag(point.state)
         return found
 
     def _coupled_step(self, point: _Point) -> _Point | None:
@@ -514,11 +534,11 @@ class RegularisedNewton:
         if not (left <= 10 * COUPLED_LEFT and self._cap(point.state, direction) == 1):
             return None
         trial = point.state + direction
-        self.model.lag_friction(trial)
+        self._lag(trial)
         new = self._at(trial, self.model.energy(trial))
         if np.isfinite(new.energy) and new.size <= COUPLED_RATE * point.size:
             return new
-        self.model.lag_friction(point.state)
+        self._lag(point.state)
         return None
 
     def _correct(self, old: _Point, new: _Point, fraction: float) -> _Point:

@@ -9,10 +9,10 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 
 # A singular tangent within this fraction of the load is near.
 NEAR = 0.05

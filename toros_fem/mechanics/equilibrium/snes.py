@@ -10,10 +10,10 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.linear_solver import PREFIX, TangentFactor
 from toros_fem.mechanics.equilibrium.newton import NewtonResult, NewtonStep, RegularisedNewton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.skin.model import SkinModel
 
 # Residual over the applied load at which a trial's objective is known well enough.
 TRIAL_TOLERANCE = 1e-6
@@ -23,6 +23,7 @@ class SnesSolver:
     """A SNES that finds stable equilibria of a model near a start; its options' prefix is "toros_".
 
     Attributes:
+        model: As given.
         factor: The factorised tangent; after success it is that at the equilibrium.
         newton: The method inside.
         tolerance: Residual over the applied load at which a state is an equilibrium.
@@ -40,16 +41,16 @@ class SnesSolver:
         options: NewtonOptions,
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
-        self._model = model
+        self.model = model
         self.factor = TangentFactor(model)
         self.newton = RegularisedNewton(model, self.factor, options, log)
-        self._context = _NewtonContext(self.newton)
+        self._context = _Callbacks(self)
         self._x, residual = self.factor.matrix.createVecs()
         snes = PETSc.SNES().create(model.skin.comm)
         snes.setOptionsPrefix(PREFIX)
-        snes.setObjective(lambda _, x: model.energy(x.array_r))
-        snes.setFunction(self._residual, residual)
-        snes.setJacobian(self._tangent, self.factor.matrix)
+        snes.setObjective(self._context.energy)
+        snes.setFunction(self._context.residual, residual)
+        snes.setJacobian(self._context.tangent, self.factor.matrix)
         snes.setKSP(self.factor.ksp)
         snes.setTolerances(rtol=options.tolerance, max_it=options.max_steps)
         snes.setType(PETSc.SNES.Type.PYTHON)
@@ -91,30 +92,41 @@ class SnesSolver:
             outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
         return NewtonResult(state, outcome, 0, (), False)
 
-    def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array_w[:] = self._model.residual(x.array_r)
 
-    def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, __: PETSc.Mat, ___: PETSc.Mat) -> None:
-        self.factor.assemble(x.array_r)
-        self.factor.fill(0.0)
+class _Callbacks:
+    """What the SNES calls: energy, residual, tangent, and as its type "python" the whole solve.
 
-
-class _NewtonContext:
-    """The SNES's type "python": hands its solve to `RegularisedNewton`.
-
-    PETSc holds it out of sight of Python's garbage collector, on several ranks beyond the end of
-    the solver: hence the weak reference.
+    PETSc holds them out of sight of Python's garbage collector, with some versions for ever, and
+    on several ranks beyond the end of the solver: hence the weak reference.
     """
 
-    def __init__(self, newton: RegularisedNewton) -> None:
-        self._newton = weakref.ref(newton)
+    def __init__(self, solver: SnesSolver) -> None:
+        self._solver = weakref.ref(solver)
         self.near, self.finish = False, True
         self.result: NewtonResult | None = None
 
+    def _alive(self) -> SnesSolver:
+        solver = self._solver()
+        assert solver is not None
+        return solver
+
+    def energy(self, _: PETSc.SNES, x: PETSc.Vec) -> float:
+        """Return the energy, as SNES requests it."""
+        return self._alive().model.energy(x.array_r)
+
+    def residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """Compute the residual."""
+        f.array_w[:] = self._alive().model.residual(x.array_r)
+
+    def tangent(self, _: PETSc.SNES, x: PETSc.Vec, __: PETSc.Mat, ___: PETSc.Mat) -> None:
+        """Assemble the tangent."""
+        factor = self._alive().factor
+        factor.assemble(x.array_r)
+        factor.fill(0.0)
+
     def solve(self, snes: PETSc.SNES, _: PETSc.Vec | None, x: PETSc.Vec) -> None:
-        """Solve, as SNES requests it."""
-        newton = self._newton()
-        assert newton is not None
+        """Solve by `RegularisedNewton`."""
+        newton = self._alive().newton
         tolerance, _, _, max_steps = snes.getTolerances()
 
         def monitor(step: int, size: float) -> None:

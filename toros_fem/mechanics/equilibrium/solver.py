@@ -26,6 +26,7 @@ from toros_fem.base.validation import (
     require_kind,
 )
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import Attempt, ContinuationResult
@@ -45,10 +46,9 @@ from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.skin import Skin, sew
@@ -77,8 +77,8 @@ class EquilibriumSolver:
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
         families: Number of line families of relaxed designs, which then take the place of
-            densities (`RelaxedModel`); None for none.
-        crossing: Factor of their bonded crossings, as for `RelaxedModel`.
+            densities (`LineDesign`); None for none.
+        crossing: Factor of their bonded crossings, as for `LineDesign`.
         contact: What the skin touches: itself, the ground, bodies; None for nothing.
     """
 
@@ -109,22 +109,27 @@ class EquilibriumSolver:
             "contact": contact,
         }
         require_alike(skin.comm, **given)
-        self._given = {**given, "skin": skin, "log": log}
+        self._given: dict[str, Any] = {**given, "skin": skin, "log": log}
         require_between(0.0, np.inf, crossing=crossing)
         _require_kinds(composite, supports, options, log, chambers, weight)
         _warn_of_odd_sheets(skin, composite)
         self.skin, self.log, self.contact = skin, log, contact
-        self.model: SkinModel
-        if families is None:
-            self.model = SkinModel(skin, composite, supports, chambers, weight, contact)
-        else:
+        design = None
+        if families is not None:
             if contact is not None:
                 raise ParameterError(
                     "relaxed designs know no contact; leave contact out, or families."
                 )
-            self.model = RelaxedModel(
-                skin, composite, supports, families, chambers, weight, crossing
-            )
+            design = LineDesign(skin, composite, families, crossing)
+        self.model = make_model(
+            skin,
+            composite,
+            supports,
+            chambers=chambers,
+            weight=weight,
+            contact=contact,
+            design=design,
+        )
         self.options = options or NewtonOptions()
         self._snes = SnesSolver(self.model, self.options, log)
         self._factor = self._snes.factor
@@ -247,7 +252,7 @@ class EquilibriumSolver:
             at: An equilibrium of this solver; of the last one a restored run goes on to the bit.
         """
         numbers = {**at.numbers(), "first_shift": self._snes.newton.first_shift}
-        return self.model.gather(at.state), numbers
+        return self.model.patch.gather(at.state), numbers
 
     def restore(
         self,
@@ -278,7 +283,11 @@ class EquilibriumSolver:
             weight_fraction=numbers["weight_fraction"],
             bodies_fraction=numbers["bodies_fraction"],
         )
-        acting, density, state = given.on(model), model.check(density), model.scatter(unknowns)
+        acting, density, state = (
+            given.on(model),
+            model.check(density),
+            model.patch.scatter(unknowns),
+        )
         read = numbers_read(numbers)
         self._set(density, acting, read["begin"], state)
         residual = self._residual_at(state)
@@ -294,7 +303,7 @@ class EquilibriumSolver:
             load=acting,
             state=state,
             positions=model.positions(state),
-            sliding=model.end_step(state),
+            sliding=self._sliding_at(state),
         )
         self._at = found
         return found
@@ -317,7 +326,7 @@ class EquilibriumSolver:
             supports: Its supports; None fixes the middle of an edge where both its ends are.
             options: Its tolerance and limits; None takes those of this solver.
         """
-        chambers = self.model.chambers
+        chambers = self._given["chambers"]
         return self.like(
             skin=sew(self.skin.comm, finer.pattern),
             supports=self.model.supports.refined(finer) if supports is None else supports,
@@ -418,8 +427,15 @@ class EquilibriumSolver:
         self.forget()
         self.model.set_density(density)
         self.model.set_load(load)
-        self.model.begin_step(begin, load)
-        self.model.lag_friction(state)
+        contact = self.model.contact
+        if contact is not None:
+            contact.begin_step(begin, load)
+            contact.lag_friction(state)
+
+    def _sliding_at(self, state: Floats) -> Sliding | None:
+        """Return where the skin sticks at the end of a step; None without friction."""
+        contact = self.model.contact
+        return None if contact is None else contact.end_step(state)
 
     def _search(
         self,
@@ -449,7 +465,8 @@ class EquilibriumSolver:
         """Solve for an equilibrium (collective)."""
         self.forget()
         density, load, near, attempts = search.density, search.load, search.near, search.attempts
-        self.model.begin_step(begin, load)
+        if self.model.contact is not None:
+            self.model.contact.begin_step(begin, load)
         end = search_equilibrium(search)
         origin = None if near is None else near.origin
         # Between two designs there is no path that a skin takes. Where bodies or supports push it
@@ -539,7 +556,9 @@ class EquilibriumSolver:
         if start is not None and start.ndim == 2:
             state = model.state_of(start)
         elif start is not None:
-            state = model.with_short_turns(start)
+            state = start.copy()
+            if model.contact is not None:
+                state = model.contact.with_short_turns(start)
         use = model.bounds.worst_of_start(model.corners(state))
         if start is not None and 1 <= use < np.inf:
             inside = self._relaxed(self.skin.gather_vertices(model.positions(state)))
@@ -625,7 +644,7 @@ class EquilibriumSolver:
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
-            sliding=model.end_step(state),
+            sliding=self._sliding_at(state),
         )
 
 

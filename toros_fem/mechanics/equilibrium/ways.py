@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
@@ -19,7 +20,6 @@ from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.model import SkinModel
 
 # First increment of a continuation from one design to another, as a fraction of the whole.
 FIRST_INCREMENT = 1 / 16

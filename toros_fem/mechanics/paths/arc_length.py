@@ -13,6 +13,7 @@ from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.keys import In, Positive, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
 from toros_fem.mechanics.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
@@ -20,7 +21,6 @@ from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.tangent import UpperTangent
 
 # Newton steps after which a point is given up, and number at which the steps along the path keep
 # their length.

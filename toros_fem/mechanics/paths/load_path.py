@@ -134,15 +134,16 @@ class LoadPath:
             solver.tangent_at(at)
             through: Floats | None = None
             if carried is not None:
-                by_state, through = model.end_step_backward(at.state, carried)
+                assert model.contact is not None
+                by_state, through = model.contact.end_step_backward(at.state, carried)
                 rhs += by_state
             adjoint = solver.solve_tangent(rhs, at, adjoint=True)
             by_density -= model.density_sensitivity(at.state, adjoint)
             for k in range(by_pressure.shape[1]):
                 change = model.volume_gradient(at.state, k)
                 by_pressure[number, k] = dot(solver.skin.comm, adjoint, change)
-            if model.slides:
-                carried = -model.begin_step_backward(at.state, adjoint)
+            if model.contact is not None and model.slides:
+                carried = -model.contact.begin_step_backward(at.state, adjoint)
                 carried += 0.0 if through is None else through
         return PathGradient(by_density, by_pressure)
 

@@ -152,9 +152,8 @@ class _Pull:
     def _point(self, found: Equilibrium, depth: float) -> PullPoint:
         """Return a point of the pull from its equilibrium (collective)."""
         solver, contact, body = self._solver, self._contact, self._body
-        nodes, motions = solver.model.positions(found.state), solver.model.motions(found.state)
-        gradient = contact.forces(nodes, motions)
-        positions = solver.skin.gather_vertices(nodes)
+        gradient = contact.forces(found.state)
+        positions = solver.skin.gather_vertices(found.positions)
         bodies = contact.contact.bodies
         count = len(positions)
         begin = count + sum(len(other.points) for other in bodies[:body])
@@ -165,7 +164,7 @@ class _Pull:
                 solver.skin.comm, lambda: friction.force(positions, self._poses(depth))
             )
             push = push + force[side].sum(axis=0)  # the body's reaction
-        normals = contact.normals(nodes, motions)[side]
+        normals = contact.normals(found.state)[side]
         return PullPoint(depth, float(-push @ self._along), positions, normals, found)
 
 

@@ -11,11 +11,10 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
-from toros_fem.mechanics.contact.settings import poses_of
 from toros_fem.mechanics.skin.supports import require_displacement
 
 if TYPE_CHECKING:
-    from toros_fem.mechanics.skin.model import SkinModel
+    from toros_fem.mechanics.assembly.model import SkinModel
 
 # A number, or one for each chamber, in Pa.
 Pressure = float | Sequence[float] | Floats
@@ -55,8 +54,8 @@ class Load:
         what = "in Pa, one for all chambers or one for each"
         values = real_numbers("pressure", self.pressure, what)
         weight = 1.0 if self.weight_fraction is None else self.weight_fraction
-        bodies = 1.0 if self.bodies_fraction is None else self.bodies_fraction
-        require_finite(weight_fraction=weight, bodies_fraction=bodies)
+        fraction = 1.0 if self.bodies_fraction is None else self.bodies_fraction
+        require_finite(weight_fraction=weight, bodies_fraction=fraction)
         admissible = np.isfinite(values) & (values >= 0)
         if not admissible.all():
             wrong = float(values[~admissible].ravel()[0])
@@ -81,14 +80,14 @@ class Load:
                     "the displacement moves a border out of its symmetry plane; move it in the "
                     "plane only, or simulate the whole skin."
                 )
-        contact = None if model.contact is None else model.contact.contact
+        bodies = 0 if model.contact is None else len(model.contact.poses)
         return Load(
             np.full(chambers, values),
             _copy(force),
             _copy(displacement),
             0.0 if model.weight is None else float(weight),
-            _copy(poses_of(contact, self.poses)),
-            float(bodies) if model.free_bodies else 0.0,
+            _poses(bodies, self.poses),
+            float(fraction) if model.free_bodies else 0.0,
         )
 
     def __bool__(self) -> bool:
@@ -176,6 +175,16 @@ class Load:
 def load_of(given: Load | Pressure) -> Load:
     """Return a load as it is, or that of a pressure in Pa."""
     return given if isinstance(given, Load) else Load(given)
+
+
+def _poses(bodies: int, poses: Floats | None) -> Floats | None:
+    """Return the poses of so many bodies, zero where none are given; None without bodies."""
+    if poses is None:
+        return np.zeros((bodies, 6)) if bodies else None
+    if not bodies:
+        raise ParameterError("poses are given, but there are no bodies to move.")
+    what = f"finite and of shape ({bodies}, 6): translation in m, rotation vector in rad"
+    return checked_floats("poses", poses, what, (bodies, 6)).copy()
 
 
 def _between(one: Floats | None, other: Floats | None, fraction: float) -> Floats | None:

@@ -1,7 +1,8 @@
-"""Patch space: each triangle sees its corners, its neighbours' far vertices and its edges."""
+"""Patch space: each triangle sees its corners, its neighbours' far vertices, and more unknowns."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,49 +13,117 @@ from dolfinx import cpp, fem
 from mpi4py import MPI
 
 from toros_fem.base import compat
-from toros_fem.base.array_types import Ints, LocalInts
-from toros_fem.mechanics.skin.hinges import Hinges
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import gather_by_index
 from toros_fem.meshes.skin import Skin, concatenated_index_map
 from toros_fem.meshes.topology import edge_keys
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Unknowns beside the positions, in blocks.
+
+    Attributes:
+        index_map: Blocks of this rank.
+        fixed: Fixed ones among the local ones, (blocks, size).
+        seen: Blocks that each triangle sees, (cells, k); None if it sees none.
+        original: Returns the number of each local block in an order that no partition changes,
+            and how many there are; None for blocks that the first rank owns and all know.
+        placed: Whether triangles see them only in where `Term.place` puts their nodes, so that
+            they have no entries of their own in the tangents of triangles.
+    """
+
+    index_map: Any
+    fixed: Bools
+    seen: LocalInts | None = None
+    original: Callable[[], tuple[Ints, int]] | None = None
+    placed: bool = False
+
+    @property
+    def size(self) -> int:
+        """Unknowns of a block."""
+        return int(self.fixed.shape[1])
 
 
 @dataclass(frozen=True, eq=False)
 class Patch:
     """Unknowns of a skin, and the function space by which its triangles see them.
 
-    The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the rotations
-    of its edges, if there are any. The first rank also owns those of no place on the skin: the
-    columns of a mean deformation gradient, and the motions of rigid bodies. Ghosts follow in the
-    same order.
+    The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the others in
+    their given order. Ghosts follow in the same order.
 
     Attributes:
-        space: On a triangle, the positions of its corners, of its flaps, and one vector of its
-            edges' rotations; without bending the corners alone.
-        position_count: Number of the owned unknowns that are positions.
-        position_dofs: Local unknowns of each local node of the position space, shape (n, 3).
-        rotation_dofs: Local unknown of each local edge; empty without rotations.
-        lattice_dofs: Local unknowns of F̄n and F̄t, (2, 3), known on every rank and owned by the
-            first; empty for a skin that does not repeat.
-        body_dofs: Local unknowns of k free rigid bodies, (k, 6), known on every rank and owned by
-            the first: translation, then rotation. No triangle sees them.
+        skin, unknowns: As given.
+        space: On a triangle, the positions of its corners and flaps, then the other unknowns.
+        position_dofs: Local unknowns of each local node of the position space, (n, 3).
+        numbers: Global unknowns of each owned node, (k, 3).
+        dofs: Local unknowns of the blocks of each of the others, (blocks, size).
+        components: Number of components with entries in the tangent of a triangle.
     """
 
+    skin: Skin
+    unknowns: Sequence[Unknowns]
     space: fem.FunctionSpace
-    position_count: int
     position_dofs: LocalInts
-    rotation_dofs: LocalInts
-    lattice_dofs: LocalInts
-    body_dofs: LocalInts
+    numbers: Ints
+    dofs: Sequence[LocalInts]
+    components: int
 
-    @property
-    def shared_dofs(self) -> LocalInts:
-        """Local unknowns that the first rank owns and every rank knows."""
-        return np.concatenate([self.lattice_dofs.ravel(), self.body_dofs.ravel()])
+    def gather(self, state: Floats) -> Floats:
+        """Return all unknowns of a state on every rank, in an order that no partition changes.
+
+        It is that of the pattern: positions of the vertices, then the other unknowns (collective).
+        """
+        comm = self.skin.comm
+        parts: list[Floats] = [self.skin.gather_vertices(positions(self.skin, state)).ravel()]
+        for dofs, original in self._orders():
+            if original is None:
+                parts.append(comm.bcast(state[dofs.ravel()] if comm.rank == 0 else None, root=0))
+            else:
+                numbers, count = original
+                owned = dofs[:, 0] < len(state)
+                parts.append(gather_by_index(comm, numbers[owned], state[dofs[owned, 0]], count))
+        return np.concatenate(parts)
+
+    def scatter(self, unknowns: Floats) -> Floats:
+        """Return the state of this rank from all unknowns, as of `gather`.
+
+        Raises:
+            ParameterError: Their number is that of another skin.
+        """
+        orders = self._orders()
+        sizes = [3 * len(self.skin.pattern.points)]
+        sizes += [dofs.size if original is None else original[1] for dofs, original in orders]
+        if unknowns.shape != (sum(sizes),):
+            raise ParameterError(
+                f"the unknowns have shape {unknowns.shape}; this skin has ({sum(sizes)},)."
+            )
+        first, *parts = np.split(unknowns, np.cumsum(sizes)[:-1])
+        state = np.zeros(self.space.dofmap.index_map.size_local)
+        positions(self.skin, state)[:] = first.reshape(-1, 3)[self.skin.owned_vertices]
+        for part, (dofs, original) in zip(parts, orders, strict=True):
+            if original is not None:
+                owned = dofs[:, 0] < len(state)
+                state[dofs[owned, 0]] = part[original[0][owned]]
+            elif self.skin.comm.rank == 0:
+                state[dofs.ravel()] = part
+        return state
+
+    def _orders(self) -> list[tuple[LocalInts, tuple[Ints, int] | None]]:
+        """Local unknowns of each kind, with the original numbers of their blocks and how many."""
+        return [
+            (dofs, None if more.original is None else more.original())
+            for dofs, more in zip(self.dofs, self.unknowns, strict=True)
+        ]
 
 
-def make_patch(
-    skin: Skin, hinges: Hinges | None, *, rotations: bool, lattice: bool = False, bodies: int = 0
-) -> Patch:
+def positions(skin: Skin, state: Floats) -> Floats:
+    """Return the positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
+    return state[: 3 * len(skin.owned_vertices)].reshape(-1, 3)
+
+
+def make_patch(skin: Skin, flaps: LocalInts | None, unknowns: Sequence[Unknowns]) -> Patch:
     """Return the patch of a skin (collective).
 
     The space is a DG0 mixed element: everything a triangle sees is constant on it, and the dofmap
@@ -63,54 +132,50 @@ def make_patch(
 
     Args:
         skin: The sewn skin.
-        hinges: Hinges of the triangles; None for a skin without bending: corners alone.
-        rotations: Whether each edge has a rotation, the same on all ranks.
-        lattice: Whether all triangles see the two columns of a mean deformation gradient.
-        bodies: Number of free rigid bodies.
+        flaps: Nodes across the edges of each triangle, (cells, 3); None where it sees none.
+        unknowns: All unknowns beside the positions. What a triangle sees of one kind is a multiple
+            of three.
     """
     nodes = skin.position_space.dofmap.index_map
-    parts: list[tuple[Any, int]] = [(nodes, 3)]
-    if rotations:
-        skin.mesh.topology.create_entities(1)
-        parts.append((skin.mesh.topology.index_map(1), 1))
-    if lattice:
-        parts.append((_on_first_rank(skin.comm, 2), 3))
-    if bodies:
-        parts.append((_on_first_rank(skin.comm, bodies), 6))
-    index_map, numbers = concatenated_index_map(skin.comm, parts)
-    seen = skin.position_space.dofmap.list
-    if hinges is not None:
-        seen = np.hstack([seen, hinges.flap])
-    dofs = numbers[0].reshape(-1, 3)[seen].reshape(len(seen), 3 * seen.shape[1])
-    if rotations:
-        facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
-        dofs = np.hstack([dofs, numbers[1][facets]])
-    none: LocalInts = np.zeros(0, dtype=np.int32)
-    columns = numbers[2 if rotations else 1] if lattice else none
-    dofs = np.hstack([dofs, np.tile(columns, (len(dofs), 1))])
+    index_map, numbers = concatenated_index_map(
+        skin.comm, [(nodes, 3), *((more.index_map, more.size) for more in unknowns)]
+    )
+    corners = skin.position_space.dofmap.list
+    seen = corners if flaps is None else np.hstack([corners, flaps])
+    cells = len(seen)
+    parts = [numbers[0].reshape(-1, 3)[seen].reshape(cells, -1)]
+    components = parts[0].shape[1]
+    dofs = [of.reshape(-1, more.size) for of, more in zip(numbers[1:], unknowns, strict=True)]
+    for of, more in zip(dofs, unknowns, strict=True):
+        if more.seen is not None:
+            parts.append(of[more.seen].reshape(cells, -1))
+            components += 0 if more.placed else parts[-1].shape[1]
+    whole = np.ascontiguousarray(np.hstack(parts), dtype=np.int32)
     element = basix.ufl.mixed_element(
-        [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * (dofs.shape[1] // 3)
+        [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * (whole.shape[1] // 3)
     )
     plain = fem.functionspace(skin.mesh, element)
     dofmap = cpp.fem.DofMap(
         plain.dofmap._cpp_object.dof_layout,
         index_map,
         1,
-        cpp.graph.AdjacencyList_int32(np.ascontiguousarray(dofs, dtype=np.int32)),
+        cpp.graph.AdjacencyList_int32(whole),
         1,
     )
+    first = index_map.local_range[0]
     return Patch(
+        skin,
+        unknowns,
         space=compat.function_space(skin.mesh, element, dofmap, plain),
-        position_count=3 * nodes.size_local,
         position_dofs=numbers[0].reshape(-1, 3),
-        rotation_dofs=numbers[1] if rotations else none,
-        lattice_dofs=columns.reshape(-1, 3),
-        body_dofs=(numbers[-1] if bodies else none).reshape(-1, 6),
+        numbers=first + np.arange(3 * nodes.size_local).reshape(-1, 3),
+        dofs=dofs,
+        components=components,
     )
 
 
-def _on_first_rank(comm: MPI.Comm, count: int) -> Any:
-    """Return an index map of entries that the first rank owns and all others have as ghosts."""
+def blocks_of_first_rank(comm: MPI.Comm, count: int) -> Any:
+    """Return an index map of blocks that the first rank owns and all others have as ghosts."""
     first = comm.rank == 0
     ghosts: npt.NDArray[np.int64] = np.arange(0 if first else count, dtype=np.int64)
     owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.compiled_forms import assembled, compiled
 from toros_fem.base.mpi import largest, smallest
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.materials.sheet import Composite
@@ -128,7 +129,7 @@ class MixedBounds(StretchBounds):
     """Bounds of two materials, linear in ρ̄ between them: each triangle has its own.
 
     A start may lie outside of them, since another density had wider ones. `loosen` then widens the
-    bounds of its triangles until it lies inside; `follow` and `tighten` narrow them again.
+    bounds of its triangles until it lies inside; `narrow` narrows them again.
 
     Args:
         density: Projected density ρ̄.
@@ -177,17 +178,39 @@ class MixedBounds(StretchBounds):
                 function.x.array[self._place] = row
                 function.x.scatter_forward()
 
-    def variation(self, residual: Any) -> Any:
-        """Return the derivative of a residual by the loosened bounds, along `point_back`."""
+    def take_residual(self, residual: Any, work: la.Vector) -> None:
+        """Take the first variation of the energy, and a vector to assemble into."""
         pairs = zip(self._slack, self._change, strict=True)
         parts = [ufl.derivative(residual, slack, by) for slack, by in pairs if slack is not None]
-        return sum(parts[1:], start=parts[0])
+        self._variation, self._work = sum(parts[1:], start=parts[0]), work
+        self._compiled: Any = None  # for the first start outside its bounds
 
-    def point_back(self) -> None:
-        """Let `variation` go along the change from the loosened bounds to those of the density."""
+    def push(self) -> Floats:
+        """Return the change of the residual by narrowing loosened bounds, in N, to first order.
+
+        The state is the one that is set; fixed components have their part too (collective).
+        """
+        if self._compiled is None:
+            self._compiled = compiled(self._variation)
         self._fill(self._change, self._true - self._room)
+        return assembled(self._compiled, self._work)
 
-    def follow(self, corners: Floats, motion: Floats) -> float:
+    def narrow(self, corners: Floats, motion: Floats | None) -> float:
+        """Narrow loosened bounds, along a predicted motion if that helps.
+
+        Args:
+            corners: Corner positions of the state, inside the bounds.
+            motion: Their change by narrowing all the way, to first order; None if it is not known.
+
+        Returns:
+            The fraction of the motion that is to be gone; equal on all ranks.
+        """
+        fraction = 0.0 if motion is None else self._follow(corners, motion)
+        if fraction == 0:
+            self._tighten(corners)
+        return fraction
+
+    def _follow(self, corners: Floats, motion: Floats) -> float:
         """Narrow loosened bounds with a motion, as far as it keeps all triangles inside.
 
         Args:
@@ -235,7 +258,7 @@ class MixedBounds(StretchBounds):
         self._set(np.where(outside, strains / LOOSENED, self._room))
         return True
 
-    def tighten(self, corners: Floats) -> None:
+    def _tighten(self, corners: Floats) -> None:
         """Narrow loosened bounds as far as the strains allow."""
         strains, _ = self._strains(self.gradient(corners))
         near = strains + KEPT * (self._room - strains)

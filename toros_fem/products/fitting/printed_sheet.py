@@ -17,13 +17,13 @@ import ufl
 from dolfinx import fem
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.compiled_forms import compiled
+from toros_fem.base.compiled_forms import assembled, compiled, work_vector
 from toros_fem.base.errors import MaterialWarning
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.skin.coefficients import assembled, work_vector
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.meshes.skin import Skin
 from toros_fem.products.tiles.pull_test import PullMachine
 
@@ -63,7 +63,7 @@ class PrintedSheet:
         self._base = machine.solver.model
         # The first variation is linear in the moduli: its parts are differences of these models.
         self._other = [
-            SkinModel(skin, scaled(self.composite, 1 + np.eye(2)[k]), self._base.supports)
+            make_model(skin, scaled(self.composite, 1 + np.eye(2)[k]), self._base.supports)
             for k in range(2)
         ]
         for model in (self._base, *self._other):
@@ -122,7 +122,7 @@ def _tangent_times(model: SkinModel, direction: Floats) -> Callable[[Floats], Fl
     along = fem.Function(model.space)
     along.x.array[: model.size_local] = direction
     along.x.scatter_forward()
-    form = compiled(ufl.derivative(model.ufl_forms.residual, model.q, along))
+    form = compiled(ufl.derivative(model.forms.residual, model.q, along))
     buffer = work_vector(model.space)
 
     def at(state: Floats) -> Floats:

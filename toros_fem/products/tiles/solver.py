@@ -11,6 +11,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
@@ -19,8 +20,8 @@ from toros_fem.mechanics.equilibrium.continuation import (
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
-from toros_fem.mechanics.skin.coefficients import check_density
-from toros_fem.mechanics.skin.periodicity import Periodic, PeriodicModel
+from toros_fem.mechanics.skin.designs import check_density
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -39,7 +40,7 @@ class TileState:
         stress: Mean first Piola-Kirchhoff stress in N/m, (3, 2), the derivative of `energy` by F̄;
             zero where F̄ is free.
         energy: Mean energy per flat area in J/m².
-        state: Owned unknowns of `PeriodicModel`, in axes n, t, z.
+        state: Owned unknowns of `SkinModel`, in axes n, t, z.
         positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         steps: Number of Newton steps, each with a new factorisation.
@@ -104,11 +105,12 @@ class TileSolver:
         fixed[0] = True
         self.skin, self.periodic = skin, periodic
         self.options = options or NewtonOptions()
-        self.model = PeriodicModel(skin, composite, Supports(fixed), periodic)
+        self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
         self._snes = SnesSolver(self.model, self.options, log)
-        periodic_tangent = self._snes.factor.periodic
+        images, periodic_tangent = self.model.images, self._snes.factor.periodic
+        assert images is not None
         assert periodic_tangent is not None
-        self._periodic_tangent, self._turn = periodic_tangent, self.model.images.turn
+        self._periodic_tangent, self._images, self._turn = periodic_tangent, images, images.turn
         self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
         self._flat_positions = skin.pattern.points[skin.owned_vertices, :2]
@@ -166,7 +168,7 @@ class TileSolver:
         change = np.where(self._prescribed, target - begin, 0.0)
 
         def attempt(x: Floats, fraction: float) -> Attempt:
-            there = self.model.mean_gradient(x)
+            there = self._images.mean_gradient(x)
             rest = np.where(self._prescribed, begin + fraction * change - there, 0.0)
             return attempts(self._stretched(x, angle, rest))
 
@@ -196,14 +198,14 @@ class TileSolver:
 
         Args:
             density, angle: As of `solve`.
-            unknowns: `SkinModel.gather` of its state.
+            unknowns: `Patch.gather` of its state.
             counts: Its numbers of Newton steps and factorisations.
 
         Raises:
             ParameterError: The unknowns are those of another tile.
             NoEquilibriumError: It is no stable equilibrium.
         """
-        state = self.model.scatter(unknowns)
+        state = self.model.patch.scatter(unknowns)
         if not self.stable(state, density, angle):
             raise NoEquilibriumError(
                 f"the saved state of the tile along {np.degrees(angle):.4g} degrees is not stable."
@@ -263,7 +265,7 @@ class TileSolver:
         """
         self._require_last(at)
         rhs: Floats = np.zeros_like(at.state)
-        self.model.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
+        self._images.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
         adjoint = self._snes.factor.solve(rhs * self.model.free)
         sensitivity = self.model.density_sensitivity(at.state, adjoint)
         return np.asarray(-sensitivity / self.periodic.length)
@@ -298,7 +300,7 @@ class TileSolver:
             )
         state: Floats = np.zeros(self.model.size_local)
         self.model.positions(state)[:] = flat.positions
-        self.model.set_mean_gradient(state, flat.gradient)
+        self._images.set_mean_gradient(state, flat.gradient)
         return not self.stable(state, density, flat.angle)
 
     def flat_positions(self, angle: float) -> Floats:
@@ -315,7 +317,7 @@ class TileSolver:
         """Return a state with a homogeneous deformation added."""
         out, added = state.copy(), np.zeros_like(state)
         self.model.positions(added)[:] = self.flat_positions(angle) @ change.T
-        self.model.set_mean_gradient(added, change)
+        self._images.set_mean_gradient(added, change)
         # The fixed vertex keeps its position.
         fixed = self.model.skin.owned_vertices == 0
         shift = self.model.positions(added)[fixed].sum(axis=0)
@@ -335,7 +337,7 @@ class TileSolver:
                 self.model.tangent_entries(at.state, self._entries)
             force = self._periodic_tangent.force(self._entries, prescribed)
             state: Floats = np.zeros_like(force)
-            self.model.set_mean_gradient(state, prescribed)
+            self._images.set_mean_gradient(state, prescribed)
             state -= self._snes.factor.solve(force * self.model.free)
             for array in (force, state):
                 array.setflags(write=False)
@@ -345,10 +347,10 @@ class TileSolver:
     def _result(self, state: Floats, angle: float, steps: int, factorisations: int) -> TileState:
         model = self.model
         state.setflags(write=False)
-        stress = model.mean_force(state) / self.area
+        stress = self._images.mean_force(model.variation(state)) / self.area
         return TileState(
             angle=angle,
-            gradient=model.mean_gradient(state),
+            gradient=self._images.mean_gradient(state),
             stress=np.where(self._prescribed, stress, 0.0),
             energy=model.energy(state) / self.area,
             state=state,

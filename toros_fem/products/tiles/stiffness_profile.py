@@ -151,7 +151,7 @@ class ProfileSolver:
     def save(self, profile: Profile) -> tuple[Floats, dict[str, Any]]:
         """Return what `restore` needs: all unknowns of each direction, and counts (collective)."""
         mine = [
-            (k, self.tile.model.gather(state.state), [state.steps, state.factorisations])
+            (k, self.tile.model.patch.gather(state.state), [state.steps, state.factorisations])
             for k, state in enumerate(profile.state)
             if state is not None
         ]

@@ -73,7 +73,7 @@ class TangentRates:
         They are those of places of the sheet: what goes along with the mesh is left out.
         """
         ends = [skin.residual(density, self.load) for skin in (less, more)]
-        return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
+        return self._rate(np.asarray(self.model.patch.scatter(ends[1] - ends[0]) / (2 * step)))
 
     def _residual(self, composite: Composite) -> Floats:
         model = self.problem.solver.like(composite=composite, log=None).model
@@ -100,7 +100,7 @@ class MovedSkin:
         problem: The problem on the moved pattern.
         nominal: The pattern before.
         motion: Way of the flat points, (m, 2), in m.
-        unknowns: Unknowns of the equilibrium before, as of `SkinModel.gather`.
+        unknowns: Unknowns of the equilibrium before, as of `Patch.gather`.
     """
 
     def __init__(
@@ -114,14 +114,14 @@ class MovedSkin:
 
     def state(self, change: Floats | float = 0.0) -> Floats:
         """Return the state of this rank, with a change of all unknowns added."""
-        return self.problem.solver.model.scatter(self.unknowns + change)
+        return self.problem.solver.model.patch.scatter(self.unknowns + change)
 
     def residual(self, density: Floats, load: Load) -> Floats:
         """Return the residual of all unknowns; the density is that of all triangles, (t,)."""
         model, skin = self.problem.solver.model, self.problem.skin
         model.set_density(density[skin.owned_cells])
         model.set_load(load)
-        return model.gather(model.residual(self.state()))
+        return model.patch.gather(model.residual(self.state()))
 
     def before(self, owned: Floats) -> Floats:
         """Return where the owned vertices' places before the move are in a shape, (n, 3), in m.

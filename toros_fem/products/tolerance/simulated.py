@@ -187,7 +187,10 @@ class _Study:
             yield from self._pressures(config.pressure_change)
 
     def _widths(self, width: float) -> Iterator[Change]:
-        pattern, unknowns = self.pattern, self.problem.solver.model.gather(self.equilibrium.state)
+        pattern, unknowns = (
+            self.pattern,
+            self.problem.solver.model.patch.gather(self.equilibrium.state),
+        )
         printed = self.density_of_all > 0.5
         motion = on_first_rank(
             self.comm, lambda: border_motion(pattern, self.drawn.regions, printed, width)
@@ -238,7 +241,7 @@ class _Study:
         density, starts = self.density, [state + along, state.copy()]
         if c.moved is not None:
             density = self.density_of_all[c.moved.problem.skin.owned_cells]
-            starts = [c.moved.state(self.problem.solver.model.gather(along)), c.moved.state()]
+            starts = [c.moved.state(self.problem.solver.model.patch.gather(along)), c.moved.state()]
         start = next(filter(c.solver.model.admits, starts), None)
         try:
             found = c.solver.solve(density, Load(c.pressures, self.problem.force), start)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Ints, LocalInts
-from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel
 
 # Triangles treated at once: the work arrays stay in the processor's cache.
 CHUNK = 2000

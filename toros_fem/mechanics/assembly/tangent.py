@@ -7,9 +7,9 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.mechanics.skin.block_pairs import BlockPairs
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.periodicity import PeriodicModel, PeriodicTangent
+from toros_fem.mechanics.assembly.block_pairs import BlockPairs
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.periodic_tangent import PeriodicTangent
 
 
 class UpperTangent:
@@ -36,9 +36,11 @@ class UpperTangent:
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
-        self.periodic = PeriodicTangent(model) if isinstance(model, PeriodicModel) else None
+        self.periodic: PeriodicTangent | None = None
+        if model.images is not None:
+            self.periodic = PeriodicTangent(model, model.images)
         self.blocks = blocks = blocks or BlockPairs(model)
-        self._generation = self._newest
+        self._generation = model.generation
         further_pairs = model.further_pairs
         walls = further_pairs[0] * size + further_pairs[1]
         fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
@@ -107,12 +109,7 @@ class UpperTangent:
     @property
     def outgrown(self) -> bool:
         """Whether the pairs in contact are others than when the map was made."""
-        return self._generation != self._newest
-
-    @property
-    def _newest(self) -> int:
-        contact = self._model.contact
-        return 0 if contact is None else contact.generation
+        return self._generation != self._model.generation
 
     @property
     def diagonal(self) -> LocalInts:
@@ -143,7 +140,8 @@ class UpperTangent:
         Returns:
             Whether anything is in contact.
         """
-        gap = self._model.convexity_gap(state)
+        contact = self._model.contact
+        gap = None if contact is None else contact.convexity_gap(state)
         if gap is None:
             return False
         kept = self._entries.copy()

@@ -1,0 +1,1 @@
+"""Energy, forces and tangent of a skin, summed over its terms."""

@@ -1,0 +1,435 @@
+"""Energy, forces and tangent of a skin, summed over the terms of its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, TypeVar
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.compiled_forms import assembled, compiled, work_vector
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import dot, total
+from toros_fem.forms.energy import SkinForms, skin_forms
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact.skin_contact import SkinContact
+from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.patch_space import make_patch, positions
+from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.bend import Bend
+from toros_fem.mechanics.terms.images import Images
+from toros_fem.mechanics.terms.own_weight import OwnWeight
+from toros_fem.mechanics.terms.pressure import Pressure
+from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.skin import Skin
+
+# Rounding of the stretching energy over modulus times area: about a hundred units in the last
+# place of a stretch of 1.
+ENERGY_ROUNDING = 2.5e-14
+
+Kind = TypeVar("Kind", bound=Term)
+
+
+class SkinModel:
+    """Energy, first variation, tangent and sensitivity of one skin.
+
+    A state is a flat array of the owned unknowns: x, y, z of each owned node, then those of the
+    terms: the rotation of each owned edge, a length, and on the first rank the columns of a tile's
+    mean deformation gradient and the motions of free bodies. Designs are owned rows. All methods
+    are collective. `make_model` makes the terms of a skin.
+
+    Attributes:
+        skin, composite, supports, terms, design: As given.
+        contact, pressure, weight, images: The terms of these kinds; None without.
+        patch: The unknowns, and how triangles see them.
+        bounds: Test of the stretch bounds.
+        fixed: Fixed unknowns among the local ones, ghosts included.
+        free: Owned unknowns that are not fixed.
+        load: The load that acts; set by `set_load`.
+        size_local: Number of owned unknowns.
+
+    Args:
+        skin: The sewn skin.
+        composite: The two materials and the stretch bounds.
+        supports: Fixed components and directions.
+        terms: Terms of the energy, asked in this order.
+        design: What is designed.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        supports: Supports,
+        terms: Sequence[Term],
+        design: Densities,
+    ) -> None:
+        self.skin, self.composite, self.supports = skin, composite, supports
+        self.terms, self.design = terms, design
+        self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
+        self.weight, self.images = self._of(OwnWeight), self._of(Images)
+        self._bend = self._of(Bend)
+        self.bounds: StretchBounds = next(t.bounds for t in terms if t.bounds is not None)
+
+        flaps = next((term.flaps for term in terms if term.flaps is not None), None)
+        unknowns = [term.unknowns for term in terms if term.unknowns is not None]
+        self.patch = make_patch(skin, flaps, unknowns)
+        dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
+        for term in terms:
+            term.number(self.patch, none if term.unknowns is None else next(dofs))
+        self.space = self.patch.space
+        index_map = self.space.dofmap.index_map
+        self.size_local: int = index_map.size_local
+        self.fixed: Bools = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+        self.fixed[self.patch.position_dofs] = supports.fixed[skin.vertex]
+        for own, more in zip(self.patch.dofs, unknowns, strict=True):
+            self.fixed[own] = more.fixed
+        self.free: Bools = ~self.fixed[: self.size_local]
+        self.load = Load(np.zeros(self.chamber_count))
+        self._make_forms()
+
+    def _of(self, kind: type[Kind]) -> Kind | None:
+        return next((term for term in self.terms if isinstance(term, kind)), None)
+
+    def _make_forms(self) -> None:
+        """Make and compile the forms, but those of gradients, which wait for the first one."""
+        skin, size = self.skin, self.patch.components
+        domain, owned = skin.mesh, skin.mesh.topology.index_map(2).size_local
+        self.q = fem.Function(self.space, name="state")
+        self._adjoint = fem.Function(self.space, name="adjoint")
+        entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
+        self._entry_space = fem.functionspace(domain, entry)
+        self._geometric = fem.Constant(domain, 1.0)
+        self.forms: SkinForms = skin_forms(
+            self.q,
+            self._adjoint,
+            ufl.TestFunction(self._entry_space),
+            (self.design.density, self.design.lines),
+            self.terms,
+            self._geometric,
+        )
+        self._energy = compiled(self.forms.energy)
+        self._residual = compiled(self.forms.residual)
+        self._tangent = compiled(self.forms.tangent)
+        self._buffer = work_vector(self.space)
+        for term, load in zip(self.terms, self.forms.loads, strict=True):
+            term.take_forms(self.forms, load, self._buffer)
+        self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
+        self._areas = skin.pattern.areas[skin.owned_cells]
+
+    @cached_property
+    def _sensitivities(self) -> list[tuple[Any, Any]]:
+        """Compiled forms of the gradient, with vectors to assemble into."""
+        functions = self.design.functions
+        return [
+            (compiled(form), work_vector(by.function_space))
+            for form, by in zip(self.forms.sensitivities, functions, strict=True)
+        ]
+
+    @cached_property
+    def _by_density(self) -> tuple[Any, fem.Function]:
+        """Compiled derivative of the residual along a change of ρ̄, and this change."""
+        density = self.design.density
+        change = fem.Function(density.function_space)
+        return compiled(ufl.derivative(self.forms.residual, density, change)), change
+
+    @property
+    def assembled(self) -> Floats:
+        """State at rest: assembled positions, without rotations; layers that touch are apart."""
+        state = self.state_of(self.skin.pattern.points[self.skin.owned_vertices])
+        for term in self.terms:
+            term.add_rest(state)
+        return state
+
+    def state_of(self, nodes: Floats) -> Floats:
+        """Return the state with given positions of the owned nodes, (n, 3), and no more."""
+        state = np.zeros(self.size_local)
+        self.positions(state)[:] = nodes
+        return state
+
+    def positions(self, state: Floats) -> Floats:
+        """Return the positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
+        return positions(self.skin, state)
+
+    def set_load(self, load: Load) -> None:
+        """Let a load act; where it moves the supports, the state must already be moved.
+
+        Raises:
+            ParameterError: The load has another number of chambers.
+        """
+        shape = (self.chamber_count,)
+        if load.pressures.shape != shape:
+            raise ParameterError(
+                f"the load has pressures of shape {load.pressures.shape}; this skin needs "
+                f"{shape}, one for each chamber."
+            )
+        self.load = load
+        for term in self.terms:
+            term.set_load(load)
+
+    def check(self, design: Floats) -> Floats:
+        """Return an owned design as an array, with one result on all ranks.
+
+        Raises:
+            DensityError: The design does not fit, or leaves its bounds.
+        """
+        return self.design.check(design)
+
+    def set_density(self, design: Floats) -> None:
+        """Set the design from owned rows."""
+        self.design.set(design)
+        for term in self.terms:
+            term.after_design()
+
+    def set_state(self, state: Floats) -> None:
+        """Set the state from owned unknowns."""
+        self.q.x.array[: self.size_local] = state
+        self.q.x.scatter_forward()
+
+    def corners(self, state: Floats) -> Floats:
+        """Return corner positions (n, 3, 3) of the owned triangles; also sets the state."""
+        self.set_state(state)
+        return self._seen(3)
+
+    def _seen(self, nodes: int) -> Floats:
+        """Positions of the first corners and flaps of owned triangles where these see them."""
+        q = self.q.x.array
+        seen = np.asarray(q[self._dofs[:, :nodes]])
+        for term in self.terms:
+            seen = term.moved(seen, q)
+        return seen
+
+    def count_folds(self, state: Floats, angle: float) -> int:
+        """Return how many hinges of triangles fold by more than an angle in rad; see `Bend`."""
+        self.set_state(state)
+        count = 0 if self._bend is None else self._bend.folds(self._seen(6), angle)
+        return int(total(self.skin.comm, count))
+
+    def energy(self, state: Floats) -> float:
+        """Return E of eq. (8) in J, less the work of dead forces from the assembled positions.
+
+        It is infinite where eq. (1) does not admit the stretches.
+        """
+        if not self.bounds.worst(self.corners(state)) < 1:
+            return np.inf
+        whole = total(self.skin.comm, fem.assemble_scalar(self._energy))
+        return whole + sum(term.energy(state) for term in self.terms)
+
+    def variation(self, state: Floats) -> Floats:
+        """Return the first variation of E in N."""
+        self.set_state(state)
+        out = assembled(self._residual, self._buffer)
+        for term in self.terms:
+            term.add_gradient(state, out)
+        return out
+
+    def residual(self, state: Floats) -> Floats:
+        """Return the first variation of E in N, zero at fixed components."""
+        return self.variation(state) * self.free
+
+    def reaction(self, state: Floats) -> Floats:
+        """Return the force in N by which the supports pull at the skin, zero at free components."""
+        return self.variation(state) * ~self.free
+
+    def largest_step(
+        self,
+        state: Floats,
+        step: Floats,
+        fraction: float,
+        carried: Floats | None = None,
+    ) -> float:
+        """Return a factor ≤ 1 on a step that keeps to the stretch bounds and meets nothing.
+
+        Args:
+            state: Owned unknowns of a feasible state.
+            step: Their change by the full step.
+            fraction: Fraction of the distance to the stretch bounds that may be used up.
+            carried: Change of the poses of held bodies by the full step, (k, 6), the same on all
+                ranks; None leaves them.
+        """
+        corners = self.corners(state)
+        factor = self.bounds.largest_step(corners, self.corners(step), fraction)
+        for term in self.terms:
+            factor = term.largest_step(state, step, factor, carried)
+        return factor
+
+    @property
+    def slides(self) -> bool:
+        """Whether there is friction, by which the residual has no potential."""
+        return self.contact is not None and self.contact.slides
+
+    def friction_coupling(
+        self, state: Floats, change: Floats, *, transposed: bool = False
+    ) -> Floats:
+        """Return the derivative of friction by its normal forces times a change of the state.
+
+        It is the part of the residual's derivative that the tangent leaves out, in N.
+
+        Args:
+            state: State of the last `SkinContact.lag_friction`.
+            change: Owned unknowns.
+            transposed: Whether to multiply by the transpose.
+        """
+        assert self.contact is not None
+        found = self.contact.coupling(state, change * self.free, transposed=transposed)
+        return found * self.free
+
+    @property
+    def chamber_count(self) -> int:
+        """Number of pressure chambers."""
+        return 1 if self.pressure is None else len(self.pressure.values)
+
+    @property
+    def free_bodies(self) -> int:
+        """Number of free bodies."""
+        return 0 if self.contact is None else self.contact.free_bodies
+
+    def refusal(self, state: Floats) -> str | None:
+        """Return why a state can be no start, as a sentence; None where it can."""
+        found = (term.refusal(state) for term in self.terms)
+        return next((sentence for sentence in found if sentence is not None), None)
+
+    def admits(self, state: Floats) -> bool:
+        """Return whether a solve can start from a state: stretch bounds and contact allow it."""
+        return self.bounds.worst(self.corners(state)) < 1 and self.refusal(state) is None
+
+    def grow_pairs(self, state: Floats) -> None:
+        """Let `further_pairs` cover what acts at a state."""
+        for term in self.terms:
+            term.grow(state)
+
+    @property
+    def generation(self) -> int:
+        """How often `further_pairs` has changed."""
+        return sum(term.generation for term in self.terms)
+
+    def volume_gradient(self, state: Floats, chamber: int | None = None) -> Floats:
+        """Return the first variation of a chamber's volume in m², zero at fixed components.
+
+        It is the force of a unit pressure. None sums over all chambers.
+        """
+        if self.pressure is None:
+            return np.zeros(self.size_local)
+        self.set_state(state)
+        every = np.eye(self.chamber_count)
+        weights = every.sum(axis=0) if chamber is None else every[chamber]
+        return self.pressure.gradient(state, weights) * self.free
+
+    def applied_load(self, state: Floats) -> Floats:
+        """Return the force of pressure, dead forces and weight in N, zero at fixed components."""
+        self.set_state(state)
+        out = np.zeros(self.size_local)
+        for term in self.terms:
+            term.add_applied(state, out)
+        return out * self.free
+
+    def load_energy(self, state: Floats) -> float:
+        """Return the size in J of the load's part in the energy, to bound its rounding."""
+        self.set_state(state)
+        return sum(term.load_energy(state) for term in self.terms)
+
+    def volume(self, state: Floats) -> float:
+        """Return the enclosed volume in m³; 0 for an open skin."""
+        return float(self.volumes(state).sum())
+
+    def volumes(self, state: Floats) -> Floats:
+        """Return the volume of each chamber in m³, (k,), as a closed body; 0 for an open skin."""
+        self.set_state(state)
+        return np.zeros(1) if self.pressure is None else self.pressure.volumes(state)
+
+    @property
+    def tangent_layout(self) -> tuple[LocalInts, LocalInts, Bools]:
+        """Meaning of the numbers that `tangent_entries` returns.
+
+        Returns:
+            For each owned triangle its row among the entries; its local dofs, shape (n, 9),
+            (n, 18) or (n, 21); and whether each of them exists (a flap may be missing).
+        """
+        owned = len(self._dofs)
+        dofs = self._dofs.reshape(owned, -1)
+        present = np.ones(dofs.shape, dtype=bool)
+        if self._bend is not None and self._bend.seen_flaps is not None:
+            present[:, 9:18] = np.repeat(self._bend.seen_flaps[:owned], 3, axis=1)
+        return self._entry_space.dofmap.list[:owned, 0], dofs, present
+
+    def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
+        """Compute upper triangles of the element matrices of the second variation of E, in N/m.
+
+        Args:
+            state: Owned unknowns.
+            out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle;
+                those of `further_pairs` follow.
+            geometric: 1 for the tangent, 0 for its material part, positive semidefinite.
+        """
+        self.set_state(state)
+        self._geometric.value = geometric
+        begin = len(self._dofs) * self._entry_space.dofmap.bs
+        out[:begin] = 0
+        fem.assemble_vector(out, self._tangent)
+        for term in self.terms:
+            more = term.entries(state, definite=geometric == 0)
+            out[begin : begin + len(more)] = more
+            begin += len(more)
+
+    @property
+    def further_pairs(self) -> Ints:
+        """Global rows and columns, (2, p), of entries that no triangle has."""
+        return np.hstack([term.pairs for term in self.terms])
+
+    def density_variation(self, state: Floats, change: Floats) -> Floats:
+        """Return the derivative of the residual along a change of ρ̄ at owned triangles, in N.
+
+        Args:
+            state: Owned unknowns.
+            change: Change of ρ̄; the density that is set may leave [0, 1] by it.
+        """
+        form, along = self._by_density
+        self.set_state(state)
+        along.x.array[: len(change)] = change
+        along.x.scatter_forward()
+        return assembled(form, self._buffer) * self.free
+
+    def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
+        """Return ∂(residual · adjoint) by the owned design, in J.
+
+        This is the mechanical part of the adjoint gradient, eq. (19). UFL derives it from the
+        residual. All later steps back, through projection, filter and objective, are written by
+        hand, each tested against finite differences (Taylor tests).
+        """
+        self.set_state(state)
+        self._adjoint.x.array[: self.size_local] = adjoint
+        self._adjoint.x.scatter_forward()
+        return self.design.backward([assembled(*pair) for pair in self._sensitivities])
+
+    def energy_rounding(self) -> float:
+        """Return a bound in J on the rounding of the stretching energy.
+
+        Stretches are rounded at 1, whatever the strain. The bounds of eq. (1) do not matter: the
+        energy is formed without the rounding of 1 inside its logarithms.
+        """
+        return ENERGY_ROUNDING * self.mean_modulus() * float(self.skin.pattern.areas.sum())
+
+    def mean_modulus(self) -> float:
+        """Return the mean over the flat area of h (2μ + λ), the bladder's included, in N/m."""
+        area = float(self.skin.pattern.areas.sum())
+        return dot(self.skin.comm, self._moduli(), self._areas) / area
+
+    def soft_modulus(self) -> float:
+        """Return the harmonic mean over the flat area of h (2μ + λ), in N/m: the soft parts count.
+
+        The bladder's is included.
+        """
+        area = float(self.skin.pattern.areas.sum())
+        return area / dot(self.skin.comm, 1 / self._moduli(), self._areas)
+
+    def _moduli(self) -> Floats:
+        """Return h (2μ + λ) of the owned triangles in N/m."""
+        parts = [term.moduli(self.design) for term in self.terms]
+        return np.asarray(np.zeros(len(self._areas)) + sum(parts[1:], start=parts[0]))

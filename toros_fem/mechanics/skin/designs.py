@@ -1,0 +1,252 @@
+"""What is designed on each triangle: a density, and the lines of a relaxed design."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, override
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import DensityError, ParameterError
+from toros_fem.base.mpi import together
+from toros_fem.base.validation import (
+    real_numbers,
+    require_between,
+    require_count,
+    require_positive,
+)
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.lines import Lines, fabric_factor
+from toros_fem.materials.sheet import Composite
+from toros_fem.meshes.skin import Skin
+
+# Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
+# fabric: fitted to simulated nets of lines of equal width (docs/discovery.md).
+CROSSING = 0.71
+# Lines of widths in the ratio r to each other reduce it by 2/(rᵐ + r⁻ᵐ), fitted there as well.
+WIDTH_EXPONENT = 1.6
+# Largest part of a triangle that lines may cover: the fabric between them stiffens as 1/(1 − S).
+MAX_COVER = 0.9
+
+
+def crossing_of_widths(ratio: float) -> float:
+    """Return the factor c of bonded crossings, over the ratio of the stiffnesses of the materials.
+
+    Few wide lines and many thin ones stiffen less than lines of equal width and the same shares.
+
+    Args:
+        ratio: Width of the lines of one family over those of the other, either way round.
+
+    Raises:
+        ParameterError: The ratio is not positive.
+    """
+    require_positive(ratio=ratio)
+    power = float(ratio) ** WIDTH_EXPONENT
+    return 2 * CROSSING / (power + 1 / power)
+
+
+def check_density(skin: Skin, density: Any) -> Floats:
+    """Return owned densities as an array, with one result on all ranks (collective).
+
+    Raises:
+        DensityError: They are no real numbers, the shape is wrong, or one is outside [0, 1].
+    """
+    owned = len(skin.owned_cells)
+    with together(skin.comm):
+        found = real_numbers("density", density, "one for each owned triangle", DensityError)
+        if found.shape != (owned,):
+            raise DensityError(
+                f"density has shape {found.shape}; this rank owns {owned} triangles."
+            )
+        outside = ~((found >= 0) & (found <= 1))
+        if outside.any():
+            k = int(np.flatnonzero(outside)[0])
+            raise DensityError(
+                f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
+                "[0, 1]. Clip the density, or look for an earlier error."
+            )
+    return found
+
+
+class Densities:
+    """Design of a projected density ρ̄: one number for each owned triangle.
+
+    Attributes:
+        density: ρ̄ as a function.
+        lines: Line families in UFL; None.
+
+    Args:
+        skin: The sewn skin.
+    """
+
+    lines: Lines | None = None
+
+    def __init__(self, skin: Skin) -> None:
+        self.skin = skin
+        self.density = fem.Function(skin.density_space, name="projected density")
+
+    @property
+    def functions(self) -> Sequence[fem.Function]:
+        """The coefficients by which a gradient is asked."""
+        return [self.density]
+
+    def check(self, design: Any) -> Floats:
+        """Return an owned design as an array, with one result on all ranks.
+
+        Raises:
+            DensityError: It does not fit, or leaves its bounds.
+        """
+        return check_density(self.skin, design)
+
+    def set(self, design: Floats) -> None:
+        """Set the coefficients from an owned design."""
+        self.density.x.array[: len(design)] = design
+        self.density.x.scatter_forward()
+
+    def backward(self, parts: Sequence[Floats]) -> Floats:
+        """Return the derivatives by the design from the owned ones by `functions`."""
+        return parts[0]
+
+    @property
+    def owned(self) -> Floats:
+        """ρ̄ of the owned triangles."""
+        return np.asarray(self.density.x.array[: len(self.skin.owned_cells)])
+
+    def mix(self, fabric: float, reinforcement: float) -> Floats:
+        """Return a stiffness of the sheet between the lines, of the owned triangles."""
+        return np.asarray(interpolate(self.owned, fabric, reinforcement))
+
+    def plain(self, stiffness: float) -> Floats:
+        """Return a stiffness that the plain fabric alone has, of the owned triangles."""
+        return np.asarray(interpolate(self.owned, stiffness, 0.0))
+
+
+class LineDesign(Densities):
+    """Relaxed design: each triangle carries K families of fine lines beside its fabric.
+
+    It has one row for each owned triangle, (n, 1 + 3 K), with columns ρ̄, the shares s₁ … s_K of
+    the area, cos 2t₁ … cos 2t_K and sin 2t₁ … sin 2t_K. t is the angle of the lines from the first
+    axis of the panel's flat chart. Only the direction of (cos 2t, sin 2t) counts, not its length;
+    the zero vector means t = 0. Linear combinations of designs are designs too.
+
+    Attributes:
+        families: Number K of families.
+
+    Args:
+        skin: The sewn skin.
+        composite: Lines are made of its reinforcement.
+        families: Number of families.
+        crossing: Factor c of bonded crossings in `fabric_factor`, over the ratio of the
+            stiffnesses of print and fabric.
+
+    Raises:
+        ParameterError: There is no family, the factor is negative, or the sheet wrinkles.
+    """
+
+    def __init__(
+        self, skin: Skin, composite: Composite, families: int, crossing: float = CROSSING
+    ) -> None:
+        require_count(1, families=families)
+        require_between(0.0, np.inf, crossing=crossing)
+        if composite.membrane.relaxed:
+            raise ParameterError(
+                f"wrinkling = {composite.membrane.wrinkling!r}: line families take compression and "
+                "have no relaxed energy here. Use wrinkling = None for relaxed designs."
+            )
+        super().__init__(skin)
+        self.families = families
+        ratio = composite.reinforcement.membrane_stiffness / composite.fabric.membrane_stiffness
+        self._crossing = crossing * ratio
+        element = basix.ufl.element("DG", "triangle", 0, shape=(3 * families,))
+        space = fem.functionspace(skin.mesh, element)
+        self._values = fem.Function(space, name="line families")
+        self.lines = Lines(self._values, fem.Constant(skin.mesh, self._crossing))
+        owned = skin.mesh.topology.index_map(2).size_local
+        self._row = space.dofmap.list[:owned, 0]  # of each triangle among the lines' values
+        self._place = skin.density_space.dofmap.list[:owned, 0]  # and among owned values
+        self._angles: Floats = np.zeros((owned, 2, families))
+
+    @property
+    @override
+    def functions(self) -> Sequence[fem.Function]:
+        return [self.density, self._values]
+
+    @override
+    def check(self, design: Any) -> Floats:
+        skin, count = self.skin, self.families
+        shape = (len(skin.owned_cells), 1 + 3 * count)
+        with together(skin.comm):
+            if np.shape(design) != shape:
+                raise DensityError(
+                    f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
+                    f"density, shares, cosines and sines of {count} families."
+                )
+        design = np.asarray(design)
+        check_density(skin, design[:, 0])
+        shares = design[:, 1 : 1 + count]
+        cover = shares.sum(axis=1)
+        wrong = ~((shares >= 0).all(axis=1) & (cover <= MAX_COVER))
+        wrong |= ~np.isfinite(design).all(axis=1)
+        with together(skin.comm):
+            if wrong.any():
+                k = int(np.flatnonzero(wrong)[0])
+                raise DensityError(
+                    f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
+                    f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
+                    f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
+                    "or look for an earlier error."
+                )
+        return design
+
+    @override
+    def set(self, design: Floats) -> None:
+        super().set(design[:, 0])
+        count = self.families
+        angles = design[:, 1 + count :].reshape(-1, 2, count)
+        self._angles = angles.copy()
+        length = np.linalg.norm(angles, axis=1, keepdims=True)
+        unit = angles / np.where(length > 0, length, 1.0)
+        unit[:, 0] = np.where(length[:, 0] > 0, unit[:, 0], 1.0)
+        values = np.hstack([design[:, 1 : 1 + count], unit.reshape(len(design), -1)])
+        self._values.x.array.reshape(-1, 3 * count)[self._row] = values[self._place]
+        self._values.x.scatter_forward()
+
+    @override
+    def backward(self, parts: Sequence[Floats]) -> Floats:
+        """Return the derivatives by the columns of the design, (n, 1 + 3 K).
+
+        By the zero vector of an angle, where there is no derivative, it is zero.
+        """
+        count = self.families
+        by_lines = np.empty((len(self._row), 3 * count))
+        by_lines[self._place] = parts[1].reshape(-1, 3 * count)[self._row]
+        # Only the part across the vector turns it.
+        by_unit, unit = by_lines[:, count:].reshape(-1, 2, count), self._owned_lines()[:, 1:]
+        length = np.linalg.norm(self._angles, axis=1, keepdims=True)
+        across = by_unit - unit * (by_unit * unit).sum(axis=1, keepdims=True)
+        by_angles = np.where(length > 0, across / np.where(length > 0, length, 1.0), 0.0)
+        return np.column_stack([parts[0], by_lines[:, :count], by_angles.reshape(-1, 2 * count)])
+
+    @property
+    def cover(self) -> Floats:
+        """Covered part S of the owned triangles."""
+        return np.asarray(self._owned_lines()[:, 0].sum(axis=1))
+
+    @override
+    def mix(self, fabric: float, reinforcement: float) -> Floats:
+        shares, cosines, sines = (list(part.T) for part in np.moveaxis(self._owned_lines(), 1, 0))
+        factor = fabric_factor(shares, cosines, sines, self._crossing)
+        return np.asarray(factor * super().mix(fabric, reinforcement))
+
+    @override
+    def plain(self, stiffness: float) -> Floats:
+        return super().plain(stiffness) / (1 - self.cover)
+
+    def _owned_lines(self) -> Floats:
+        """Return shares, cosines and sines of the owned triangles, (n, 3, K)."""
+        values = np.empty((len(self._row), 3 * self.families))
+        values[self._place] = self._values.x.array.reshape(-1, 3 * self.families)[self._row]
+        return values.reshape(-1, 3, self.families)

@@ -1,0 +1,140 @@
+"""Bending of fabric and print, eqs. (4-6), and its coupling to stretch by a print on one face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, override
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.forms.bending import Edges, bending_energy
+from toros_fem.forms.jets import Scalar
+from toros_fem.forms.kinematics import Strain, Triangle
+from toros_fem.forms.offset import coupling_energy
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.skin.hinges import Hinges, edge_angles, find_hinges
+from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.skin import Skin
+
+
+class Bend(Term):
+    """Bending by the angles at the edges; the mid-edge curvature has rotations of the edges.
+
+    Args:
+        skin: The sewn skin.
+        composite: The two materials.
+        bending: Curvature formula, seams and rest shape.
+        supports: Edges that keep their direction.
+
+    Raises:
+        ParameterError: The assembled rest shape is folded flat somewhere.
+    """
+
+    def __init__(
+        self, skin: Skin, composite: Composite, bending: Bending, supports: Supports
+    ) -> None:
+        # Membrane strain bends an offset print up to its free edges.
+        coupled = composite.print_side is not None
+        poisson = composite.reinforcement.poisson
+        self._hinges = find_hinges(skin, bending, supports, poisson, turn_free=coupled)
+        self.flaps, self.seen_flaps = self._hinges.flap, self._hinges.has_moment
+        rotations = bending.curvature == "midedge"
+        if rotations:
+            skin.mesh.topology.create_entities(1)
+            self.unknowns = _rotations(skin, self._hinges)
+        self._edges = _coefficients(skin, self._hinges, rotations=rotations)
+        sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
+        stiffness = []
+        for material, offset in sheets:
+            per_modulus = material.thickness**3 / 12 + offset**2 * material.thickness
+            stiffness.append((per_modulus * material.mu, per_modulus * material.lam))
+        self._mu, self._lam = (
+            [fem.Constant(skin.mesh, value) for value in pair]
+            for pair in zip(*stiffness, strict=True)
+        )
+
+    @override
+    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
+        return bending_energy(Lambda, t.mix(*self._mu), t.mix(*self._lam))
+
+    def folds(self, patch: Floats, angle: float) -> int:
+        """Return how many hinges of owned triangles fold by more than an angle in rad.
+
+        Each edge inside the skin has two.
+
+        Args:
+            patch: Positions of their corners and flaps, (cells, 6, 3).
+            angle: The angle.
+        """
+        cells = slice(0, len(patch))
+        inside = self._hinges.has_moment[cells] & ~self._hinges.mirror[cells].any(axis=2)
+        angles = edge_angles(patch[:, :3], patch[:, 3:], np.zeros_like(patch[:, 3:]))
+        return int(((np.abs(angles) > angle) & inside).sum())
+
+
+class OffsetPrint(Term):
+    """Print on one face of the fabric, whose stretch bends the sheet.
+
+    Args:
+        skin: The sewn skin.
+        composite: The two materials, and the side of the print.
+    """
+
+    def __init__(self, skin: Skin, composite: Composite) -> None:
+        strip = composite.reinforcement
+        factor = strip.thickness * composite.eccentricity
+        self._mu, self._lam = (
+            fem.Constant(skin.mesh, factor * value) for value in (strip.mu, strip.lam)
+        )
+
+    @override
+    def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
+        return coupling_energy(e, Lambda, t.mix(0, self._mu), t.mix(0, self._lam))
+
+
+def _rotations(skin: Skin, hinges: Hinges) -> Unknowns:
+    """Return the rotations of the edges; free, hinged and mirrored ones have none.
+
+    They are lengths. Whether an edge has one is what its owner knows.
+    """
+    index_map = skin.mesh.topology.index_map(1)
+    facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+    owned = skin.mesh.topology.index_map(2).size_local
+    turns = la.vector(index_map, 1)
+    np.maximum.at(turns.array, facets[:owned], np.abs(hinges.rotation[:owned]))
+    turns.scatter_reverse(la.InsertMode.add)
+    turns.scatter_forward()
+    fixed = np.asarray(turns.array == 0)[:, None]
+    return Unknowns(index_map, fixed, facets, lambda: pattern_edges(skin))
+
+
+def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
+    """Return constants of the triangles' edges as coefficients, without those that are zero."""
+    element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
+    space = fem.functionspace(skin.mesh, element)
+
+    def coefficient(values: Floats) -> Any:
+        function = fem.Function(space)
+        function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
+        return function
+
+    # Only owned triangles see all of their neighbours.
+    owned = slice(0, skin.mesh.topology.index_map(2).size_local)
+    free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
+    mirrored, shaped, freed = (
+        skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
+        for values in (hinges.mirror, hinges.rest, free)
+    )
+    return Edges(
+        tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
+        rests=coefficient(hinges.rest) if shaped else None,
+        turns=coefficient(hinges.rotation) if rotations else None,
+        mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
+        folds=coefficient(hinges.has_moment.astype(np.float64)) if freed else None,
+    )

@@ -1,0 +1,114 @@
+"""Tile that repeats: x = F̄ x̄ + w with a periodic w; triangles see images across the border."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, override
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem
+
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.forms.periodic import placed
+from toros_fem.mechanics.skin.hinges import neighbours
+from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.skin import Skin
+
+
+class Images(Term):
+    """Images of a tile's nodes, and the mean deformation gradient F̄ that places them.
+
+    The columns of F̄, times the tile's length, are unknowns of the first rank. Positions and F̄ are
+    in axes n, t, z. The term has no energy.
+
+    Attributes:
+        periodic: The tile and the prescribed components of F̄.
+        shifts: Distance of each node that a triangle sees from the node's own place, in columns of
+            F̄ over the tile's length, (cells, nodes, 2).
+        images: Whether each node of the owned triangles is an image, (k, nodes).
+        dofs: Local unknowns of F̄n and F̄t, (2, 3), on every rank.
+
+    Args:
+        skin: The tile's sewn skin.
+        periodic: The tile.
+        bends: Whether the triangles see flaps.
+    """
+
+    def __init__(self, skin: Skin, periodic: Periodic, *, bends: bool) -> None:
+        self.periodic, self._skin = periodic, skin
+        tile = periodic.tile
+        wraps = tile.wraps[skin.cell]
+        if bends:
+            wraps = np.concatenate([wraps, _wraps_of_flaps(skin, wraps)], axis=1)
+        self._steps = (wraps @ tile.lattice) / periodic.length
+        self.images: Bools = np.any(wraps[: len(skin.owned_cells)] != 0, axis=2)
+        space = fem.functionspace(skin.mesh, basix.ufl.element("DG", "triangle", 0, shape=(2,)))
+        self._row = space.dofmap.list[:, 0]
+        self._coefficients: list[Any] = [fem.Function(space) for _ in range(wraps.shape[1])]
+        self.shifts: Floats = np.zeros_like(self._steps)
+        self.turn(0.0)
+        columns = np.tile(np.arange(2, dtype=np.int32), (len(wraps), 1))
+        self.unknowns = Unknowns(
+            blocks_of_first_rank(skin.comm, 2),
+            np.array(periodic.prescribed).T,
+            columns,
+            placed=True,
+        )
+
+    def turn(self, angle: float) -> None:
+        """Set the angle in rad between n and the first axis of the flat sheet."""
+        c, s = np.cos(angle), np.sin(angle)
+        self.shifts = self._steps @ np.array([[c, -s], [s, c]])
+        for k, coefficient in enumerate(self._coefficients):
+            coefficient.x.array.reshape(-1, 2)[self._row] = self.shifts[:, k]
+
+    @override
+    def place(self, patch: Sequence[Any]) -> Sequence[Any]:
+        return placed(patch, self._coefficients)
+
+    @override
+    def number(self, patch: Patch, dofs: LocalInts) -> None:
+        self.dofs = dofs
+        self._size = patch.space.dofmap.index_map.size_local
+
+    @override
+    def add_rest(self, x: Floats) -> None:
+        self.set_mean_gradient(x, np.eye(3)[:, :2])
+
+    @override
+    def moved(self, nodes: Floats, q: Floats) -> Floats:
+        moves = self.shifts[: len(self.images), : nodes.shape[1]] @ q[self.dofs]
+        return np.asarray(nodes + moves)
+
+    def set_mean_gradient(self, x: Floats, gradient: Floats) -> None:
+        """Write a mean deformation gradient F̄, (3, 2), into the owned unknowns of a state."""
+        owned = self.dofs < self._size
+        values = self.periodic.length * np.asarray(gradient).T
+        x[self.dofs[owned]] = values[owned]
+
+    def mean_gradient(self, x: Floats) -> Floats:
+        """Return F̄ of a state, (3, 2), on every rank (collective)."""
+        return np.asarray(self._columns(x).T / self.periodic.length)
+
+    def mean_force(self, variation: Floats) -> Floats:
+        """Return ∂E/∂F̄ in J, (3, 2), on every rank, from the first variation of E (collective)."""
+        return np.asarray(self.periodic.length * self._columns(variation).T)
+
+    def _columns(self, x: Floats) -> Floats:
+        first = self._skin.comm.rank == 0
+        return np.asarray(self._skin.comm.bcast(x[self.dofs] if first else None, root=0))
+
+
+def _wraps_of_flaps(skin: Skin, wraps: Ints) -> Ints:
+    """Wraps of the flaps as the triangle sees them, (cells, 3, 2)."""
+    corner = skin.position_space.dofmap.list
+    neighbour, opposite = neighbours(skin)
+    first = np.roll(corner, -1, axis=1)
+    there = np.argmax(corner[neighbour] == first[:, :, None], axis=2)
+    own = np.roll(wraps, -1, axis=1)
+    # Both triangles of an edge see its first end. Where they see it at different places, the whole
+    # neighbour is shifted by the difference.
+    return np.asarray(wraps[neighbour, opposite] + own - wraps[neighbour, there])

@@ -1,0 +1,87 @@
+"""Membrane energy of fabric and print, eqs. (1-3), or its relaxation by wrinkles."""
+
+from __future__ import annotations
+
+from typing import Any, override
+
+import numpy as np
+from dolfinx import fem, la
+
+from toros_fem.base.array_types import Floats
+from toros_fem.forms.energy import LoadForms, SkinForms
+from toros_fem.forms.jets import Scalar
+from toros_fem.forms.kinematics import Strain, Triangle
+from toros_fem.forms.membrane import Logarithm, barrier
+from toros_fem.forms.tension_field import relaxed
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
+from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.skin import Skin
+
+
+class Sheet(Term):
+    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
+
+    Args:
+        skin: The sewn skin.
+        composite: The two materials and the stretch bounds.
+        design: Densities between them.
+    """
+
+    bounds: StretchBounds
+
+    def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
+        fabric, strip = composite.fabric, composite.reinforcement
+        self._ends = [(m.thickness * m.mu, m.thickness * m.lam) for m in (fabric, strip)]
+        domain = skin.mesh
+        self._mu, self._lam = (
+            [fem.Constant(domain, value) for value in pair]
+            for pair in zip(*self._ends, strict=True)
+        )
+        # Owned triangles come first in the mesh, each with flat corners of its own.
+        owned = domain.topology.index_map(2).size_local
+        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
+        self._limits: tuple[Any, Any]
+        if composite.shares_bounds:
+            shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
+            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
+            c1, c2 = (fem.Constant(domain, value) for value in shared)
+            self._limits = c1, c2
+        else:
+            self.bounds = MixedBounds(design.density, flat, composite)
+            self._limits = self.bounds.coefficients
+
+    def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
+        """Stiffnesses and bounds of a triangle."""
+        return t.mix(*self._mu), t.mix(*self._lam), *self._limits
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return barrier(e, *self._law(t), log)
+
+    @override
+    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
+        if isinstance(self.bounds, MixedBounds):
+            self.bounds.take_residual(forms.residual, work)
+
+    @override
+    def after_design(self) -> None:
+        if isinstance(self.bounds, MixedBounds):
+            self.bounds.update()
+
+    @override
+    def moduli(self, design: Densities) -> Floats | float:
+        return np.asarray(design.mix(*(2 * mu + lam for mu, lam in self._ends)))
+
+
+class TensionSheet(Sheet):
+    """The same sheet where it wrinkles instead of taking compression."""
+
+    def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
+        super().__init__(skin, composite, design)
+        self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return relaxed(e, *self._law(t), self._residual, log)

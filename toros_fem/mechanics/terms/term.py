@@ -1,0 +1,145 @@
+"""A term of a skin's energy: what it may add, and nothing by default."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, override
+
+import numpy as np
+from dolfinx import fem, la
+
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.compiled_forms import assembled, compiled
+from toros_fem.forms.bending import Edges
+from toros_fem.forms.energy import EnergyTerm, LoadForms, SkinForms
+from toros_fem.forms.jets import Jet, Scalar
+from toros_fem.forms.kinematics import Strain, Triangle
+from toros_fem.forms.membrane import Logarithm
+from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.patch_space import Patch, Unknowns
+from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
+
+
+class Term(EnergyTerm):
+    """A term of a skin's energy; each method adds nothing where a term does not define it.
+
+    A term states its law in UFL, by `of_strain`, `of_curvature`, `of_both` or `of_place`, as
+    `forms.energy.EnergyTerm` says. What UFL cannot say it states as energy, gradient and entries of
+    the second variation, on x, the owned unknowns of a state, to which the model has been set.
+    Methods on x are collective.
+
+    Attributes:
+        bounds: Stretch bounds, of the term that has them.
+        flaps, seen_flaps: Further node that each triangle sees across each edge, (cells, 3), and
+            whether it depends on it.
+        unknowns: Unknowns of the term; None for none.
+        pairs: Global rows and columns, row ≤ column, of `entries`, (2, p).
+        generation: How often `pairs` has changed.
+    """
+
+    bounds: StretchBounds | None = None
+    flaps: LocalInts | None = None
+    seen_flaps: Bools | None = None
+    unknowns: Unknowns | None = None
+    pairs: Ints = np.zeros((2, 0), dtype=np.int64)
+    generation: int = 0
+    _edges: Edges | None = None
+
+    @property
+    @override
+    def edges(self) -> Edges | None:
+        return self._edges
+
+    @override
+    def place(self, patch: Sequence[Any]) -> Sequence[Any]:
+        return patch
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return 0
+
+    @override
+    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
+        return 0
+
+    @override
+    def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
+        return 0
+
+    @override
+    def of_place(self, t: Triangle) -> Jet | None:
+        return None
+
+    def number(self, patch: Patch, dofs: LocalInts) -> None:
+        """Take the unknowns' numbers; `dofs` are the local ones of its own, (blocks, size)."""
+
+    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
+        """Take the forms of the skin, those of the term itself, and a vector to assemble into."""
+
+    def set_load(self, load: Load) -> None:
+        """Take what acts."""
+
+    def after_design(self) -> None:
+        """Follow a change of the design."""
+
+    def add_rest(self, x: Floats) -> None:
+        """Change the state at rest, whose positions are the assembled ones."""
+
+    def moved(self, nodes: Floats, q: Floats) -> Floats:
+        """Return where triangles see nodes, (cells, k, 3), from these and all local unknowns."""
+        return nodes
+
+    def energy(self, x: Floats) -> float:
+        """Return what is not in `of_…`, in J."""
+        return 0.0
+
+    def add_gradient(self, x: Floats, out: Floats) -> None:
+        """Add the first variation of `energy` in N."""
+
+    def entries(self, x: Floats, *, definite: bool) -> Floats:
+        """Return its second variation at `pairs` in N/m, or a positive semidefinite part."""
+        return np.zeros(0)
+
+    def grow(self, x: Floats) -> None:
+        """Let `pairs` cover what acts at a state."""
+
+    def add_applied(self, x: Floats, out: Floats) -> None:
+        """Add the force in N of a load, by which residuals are measured."""
+
+    def load_energy(self, x: Floats) -> float:
+        """Return the size in J of a load's part in the energy, to bound its rounding."""
+        return 0.0
+
+    def largest_step(self, x: Floats, step: Floats, factor: float, carried: Floats | None) -> float:
+        """Return a factor on a step, at most the given one; see `SkinModel.largest_step`."""
+        return factor
+
+    def refusal(self, x: Floats) -> str | None:
+        """Return why a state can be no start, as a sentence; None where it can."""
+        return None
+
+    def moduli(self, design: Densities) -> Floats | float:
+        """Return its part of h (2μ + λ), of the owned triangles or of all, in N/m."""
+        return 0.0
+
+
+class PotentialTerm(Term):
+    """A load with a potential, stated by `of_place`."""
+
+    @override
+    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
+        assert load is not None
+        self._load, self._work = load, work
+        self._variation = compiled(load.variation)
+        self._potential: Any = None  # compiled when it is asked for
+
+    def potential(self) -> float:
+        """Return its potential on this rank's triangles in J."""
+        if self._potential is None:
+            self._potential = compiled(self._load.potential)
+        return float(fem.assemble_scalar(self._potential))
+
+    def variation(self) -> Floats:
+        """Return the first variation of the potential in N: the negative of the force."""
+        return assembled(self._variation, self._work)
