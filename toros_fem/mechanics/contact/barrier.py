@@ -111,6 +111,7 @@ class Barrier:
         self._wide_potential = ipc.BarrierPotential(wide, sizes.stiffness, True)
         self._ccd = ipc.AdditiveCCD(conservative_rescaling=APPROACH)
         self._candidates = ipc.Candidates()
+        self._divided: tuple[Any, list[Any]] | None = None  # by the other surface
         # Begin of the straight way that the pairs are listed for, and the way itself.
         self._way: tuple[Floats, Floats] | None = None
         self._at: Floats | None = None
@@ -257,20 +258,31 @@ class Barrier:
             part = self._pair_set()
             part.pv_collisions = pairs
             sides.append(Side(self._potential, self._points, part, self._grounded, x))
-        count, surface = int(owners.max(initial=0)), [int(k) for k in owners]
         everything = np.arange(len(x))
-        parts = [self._pair_set() for _ in range(count)]
-        kinds = ("vv_collisions", "ev_collisions", "ee_collisions", "fv_collisions")
-        for kind in kinds if count else ():
-            chosen: list[list[Any]] = [[] for _ in range(count)]
-            for pair in getattr(self._pairs, kind):
-                met = {surface[v] for v in pair.vertex_ids(self._edges, self._faces) if v >= 0}
-                if len(met) == 2 and 0 in met:
-                    chosen[sum(met) - 1].append(pair)
-            for part, pairs in zip(parts, chosen, strict=True):
-                setattr(part, kind, pairs)
-        sides += [Side(self._potential, self._mesh, part, everything, x) for part in parts]
+        for candidates in self._candidates_by_surface(owners):
+            part = self._pair_set()
+            part.build(candidates, self._mesh, x, self._sizes.distance, self._sizes.thickness)
+            sides.append(Side(self._potential, self._mesh, part, everything, x))
         return sides
+
+    def _candidates_by_surface(self, owners: Ints) -> list[Any]:
+        """Return the listed pairs of the first surface with each other one.
+
+        A list serves many states, and is divided once: pairs are objects of Python here.
+        """
+        if self._divided is None or self._divided[0] is not self._candidates:
+            count, surface = int(owners.max(initial=0)), [int(k) for k in owners]
+            parts = [self._ipc.Candidates() for _ in range(count)]
+            for kind in ("ee_candidates", "fv_candidates") if count else ():
+                chosen: list[list[Any]] = [[] for _ in range(count)]
+                for pair in getattr(self._candidates, kind):
+                    met = {surface[v] for v in pair.vertex_ids(self._edges, self._faces) if v >= 0}
+                    if len(met) == 2 and 0 in met:
+                        chosen[sum(met) - 1].append(pair)
+                for part, pairs in zip(parts, chosen, strict=True):
+                    setattr(part, kind, pairs)
+            self._divided = self._candidates, parts
+        return self._divided[1]
 
     def _ground_of(self, pair: Any) -> int:
         """Return the number of the half-space of a pair."""
