@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_choice, require_positive, shown
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
@@ -22,6 +22,7 @@ KINDS = ("unstructured", "structured", "left", "union-jack", "crossed")
 TINY = 1e-9
 
 
+@collective("comm")
 def cylinder(
     comm: MPI.Comm,
     length: float,
@@ -65,15 +66,6 @@ def cylinder(
             or the planes, the caps or the kind of mesh are others.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    require_alike(
-        comm,
-        length=length,
-        diameter=diameter,
-        edge_length=edge_length,
-        mesh=mesh,
-        caps=caps,
-        planes=planes,
-    )
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
     require_choice("mesh", mesh, KINDS)
     if caps is not None:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import TargetError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_path, real_numbers, require_kind
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
@@ -20,6 +20,7 @@ from toros_fem.meshes.surface import Surface
 APART = 1e-5
 
 
+@collective("comm")
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     """Read target positions from a deformed copy of the assembled skin (collective).
 
@@ -40,7 +41,6 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
         TargetError: The file cannot be read, has a position that is not finite, or its mesh is
             not the pattern's.
     """
-    require_alike(comm, path=str(path), pattern=pattern)
     path = checked_path("path", path, TargetError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
     return on_first_rank(comm, lambda: _read(path, pattern))

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import spsolve
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_axes, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
@@ -22,6 +22,7 @@ TOP, BOTTOM = "top", "bottom"
 SLOPE = 0.02
 
 
+@collective("comm")
 def two_panels(
     comm: MPI.Comm,
     outline: npt.ArrayLike,
@@ -51,7 +52,6 @@ def two_panels(
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
             the edge length.
     """
-    require_alike(comm, outline=outline, edge_length=edge_length, lines=lines, planes=planes)
     if not isinstance(lines, list | tuple):
         raise OutlineError(f"lines = {shown(lines)} must be a list of lines, () for none.")
     planes = checked_axes("planes", planes, (0, 1), OutlineError)

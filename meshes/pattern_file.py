@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import PatternFileError, TorosError
 from toros_fem.base.files import UNREADABLE, reason
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 
@@ -50,6 +50,7 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
     np.savez_compressed(path, format=FORMAT, version=VERSION, **entries)
 
 
+@collective("comm")
 def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     """Read the pattern that `write_pattern` wrote, the same on all ranks (collective).
 
@@ -61,7 +62,6 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
         PatternFileError: There is no such file, it is another kind of file, of a newer version,
             lacks an entry, or holds no valid pattern.
     """
-    require_alike(comm, path=str(path))
     place = checked_path("path", path, PatternFileError)
     wanted = f"a {NAME} of `toros unwrap`"
     names = (*ARRAYS, *NUMBERS)
@@ -70,6 +70,7 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     )
 
 
+@collective("comm")
 def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     """Read a pattern and which of its triangles are printed, (t,) (collective).
 
@@ -80,7 +81,6 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     Raises:
         PatternFileError: As for `read_pattern`, or the file does not say what is printed.
     """
-    require_alike(comm, path=str(path))
     place = checked_path("path", path, PatternFileError)
     wanted = f"the {NAME} of a design"
 

@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_callable, require_choice, require_positive
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Pattern
@@ -39,6 +39,7 @@ def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Patt
     )
 
 
+@collective("comm")
 def rectangle(
     comm: MPI.Comm,
     length: float,
@@ -62,7 +63,6 @@ def rectangle(
         ParameterError: A length is not positive, or the kind of mesh is unknown.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    require_alike(comm, length=length, width=width, edge_length=edge_length, mesh=mesh, place=place)
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
     require_choice("mesh", mesh, KINDS)
@@ -86,6 +86,7 @@ def rectangle(
     return on_first_rank(comm, build)
 
 
+@collective("comm")
 def disc(
     comm: MPI.Comm,
     radius: float,
@@ -106,7 +107,6 @@ def disc(
         ParameterError: A length is not positive, or the kind of mesh is unknown.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    require_alike(comm, radius=radius, edge_length=edge_length, mesh=mesh, place=place)
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
     require_choice("mesh", mesh, ("structured", "unstructured"))

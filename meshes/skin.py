@@ -15,7 +15,7 @@ from mpi4py import MPI
 from toros_fem.base import compat
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PatternError, UnitWarning
-from toros_fem.base.mpi import gather_by_index, require_alike, warn_together
+from toros_fem.base.mpi import collective, gather_by_index, warn_together
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.partition import partitioner
 from toros_fem.meshes.pattern import Pattern
@@ -72,6 +72,7 @@ class Skin:
         return gather_by_index(self.comm, self.owned_cells, owned, len(self.pattern.panel))
 
 
+@collective("comm")
 def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     """Sew a pattern into a skin, distributed over a communicator (collective).
 
@@ -86,7 +87,6 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     Warns:
         UnitWarning: The skin is smaller than 0.1 mm or larger than 10 m.
     """
-    require_alike(comm, pattern=pattern)
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
     if comm.size > len(pattern.panel):
         raise PatternError(

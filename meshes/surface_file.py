@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError, UnitError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_path, real_numbers, require_count, require_positive
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import remove_thin, weld
@@ -27,6 +27,7 @@ UNITS = (("Metres", "1", 5e-3, 5.0), ("Millimetres", "1e-3", 5.0, 1e4))
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
 
 
+@collective("comm")
 def read_surface(
     comm: MPI.Comm, path: Path | str, scale: float = 1.0, component: int | None = None
 ) -> Surface:
@@ -53,7 +54,6 @@ def read_surface(
             are not edges of its triangles.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
-    require_alike(comm, path=str(path), scale=scale, component=component)
     path = checked_path("path", path, SurfaceError)
     require_positive(scale=scale)
     if component is not None:

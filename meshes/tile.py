@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
@@ -152,6 +152,7 @@ class Repeated:
     cell: Ints
 
 
+@collective("comm")
 def tile(
     comm: MPI.Comm,
     size: float | tuple[float, float],
@@ -177,7 +178,6 @@ def tile(
             cannot have the symmetry.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    require_alike(comm, size=size, edge_length=edge_length, mesh=mesh, symmetry=symmetry)
     sides = real_numbers("size", size, "one side of a square in m, or two (a, b)")
     if sides.shape not in ((), (2,)):
         raise ParameterError(f"size = {size!r} must be one side of a square in m, or two (a, b).")

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Ints
 from toros_fem.base.errors import SurfaceError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
 from toros_fem.meshes.arrange import arranged
 from toros_fem.meshes.chart import METHODS
@@ -51,6 +51,7 @@ class Unwrapped:
     methods: tuple[str, ...]
 
 
+@collective("comm")
 def unwrap(
     comm: MPI.Comm,
     surface: Surface,
@@ -85,14 +86,6 @@ def unwrap(
         SurfaceError: A seam is no edge of the surface, or a region cannot be laid flat by the
             requested method.
     """
-    require_alike(
-        comm,
-        surface=surface,
-        seams=seams,
-        method=method,
-        crease_angle=crease_angle,
-        max_stretch=max_stretch,
-    )
     require_kind("surface", surface, Surface, "a Surface, by read_surface")
     require_choice("method", method, METHODS)
     require_positive(**{"crease_angle, in rad,": crease_angle}, at_most=np.pi)

@@ -175,7 +175,8 @@ def test_part_is_whole(scene: Scene, comm: MPI.Comm) -> None:
     density = wavy(part.points[part.triangles].mean(axis=1))
     if scene.chamber is not None:
         density = 0.1 * density
-    found, shapes = [], []
+    found = []
+    shapes: list[np.ndarray] = []
     for pattern, planes, here in (
         (part, scene.planes, density), (images.pattern, (), images.at_cells(density))
     ):  # fmt: skip

@@ -20,6 +20,7 @@ from contracts.inner_refusals import INNER
 from contracts.refusals import ON_RANKS, REFUSALS, SQUARE, Scene, Table, _solver
 from toros_fem import errors as e
 from toros_fem import meshes as m
+from toros_fem.mechanics.paths.states import find_states
 
 # Characters of the longest message: about three lines of a terminal.
 LONGEST = 320
@@ -81,7 +82,12 @@ DIFFERENT: Table = {
     "pattern": lambda s: tf.sew(s.comm, s.by_rank(s.pattern, square())),
     "composite": lambda s: _solver(s, composite=tf.Composite(c1=s.by_rank(1.9, 1.8), bending=None)),
     "supports": lambda s: _solver(s, supports=s.by_rank(s.held, tf.clamp(s.pattern, ["tip"]))),
-    "pressure": lambda s: s.solver.solve(s.plain, s.by_rank(100.0, 200.0)),
+    "load": lambda s: s.solver.solve(s.plain, s.by_rank(100.0, 200.0)),
+    "trial": lambda s: s.solver.solve(s.plain, 100.0, trial=s.by_rank(False, True)),
+    "start": lambda s: s.solver.solve(s.plain, 100.0, s.by_rank(None, s.solver.model.assembled)),
+    "loads": lambda s: list(tf.trace(s.solver, s.plain, s.by_rank([1e2, 2e2], [1e2, np.nan]))),
+    "direct": lambda s: tf.estimate_error(s.solver, s.result, [], direct=s.by_rank(False, True)),
+    "tries": lambda s: find_states(s.solver, s.plain, 100.0, tries=s.by_rank(2, 3)),
     "filter_radius": lambda s: s.designed(filter_radius=s.by_rank(0.012, 0.013)),
     "target": lambda s: s.designed(target=s.by_rank(s.pattern.points, 1.1 * s.pattern.points)),
     "seed": lambda s: tf.optimize(s.design, [tf.Stage(1)], seed=s.comm.rank),

@@ -26,12 +26,12 @@ def kinds(model: SkinModel) -> list[np.ndarray]:
     """Return which unknowns are positions, turns of edges, the lattice, and free bodies."""
     places = np.zeros(model.size_local, dtype=bool)
     model.positions(places)[:] = True
-    lattice, bodies = ~places & False, ~places & False
+    lattice, bodies = ~places & False, np.zeros(model.size_local)
     if model.images is not None:
         lattice[model.images.dofs] = True
     if model.contact is not None:
         model.contact.set_motions(bodies, np.ones((model.free_bodies, 6)))
-    return [places, ~places & ~lattice & ~bodies, lattice, bodies]
+    return [places, ~places & ~lattice & (bodies == 0), lattice, bodies > 0]
 
 
 def ways(model: SkinModel) -> Iterator[np.ndarray]:

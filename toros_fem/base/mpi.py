@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import gc
 import hashlib
+import inspect
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +26,7 @@ from toros_fem.base.validation import is_number, require_kind, shown
 PATIENCE = 10.0
 
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
 def total(comm: MPI.Comm, value: float) -> float:
@@ -119,6 +122,61 @@ def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
             )
 
 
+def collective(
+    comm: str, *, owned: Sequence[str] = ()
+) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorate an entry that all ranks call: its arguments must be equal on all of them.
+
+    Where the communicator cannot be found the entry is called as it is, and refuses what it was
+    given.
+
+    Args:
+        comm: Where its communicator is: an argument and attributes, as "self.skin.comm".
+        owned: Arguments of which each rank has its own part: their type is compared, of arrays
+            also the number of axes.
+    """
+    first, *path = comm.split(".")
+
+    def decorate(entry: Callable[P, T]) -> Callable[P, T]:
+        signature = inspect.signature(entry)
+
+        @functools.wraps(entry)
+        def checked(*args: P.args, **kwargs: P.kwargs) -> T:
+            try:
+                given = signature.bind(*args, **kwargs).arguments
+                over = functools.reduce(getattr, path, given[first])
+            except (TypeError, KeyError, AttributeError):
+                return entry(*args, **kwargs)
+            require_comm(over)
+            if over.size > 1:
+                alike = {
+                    name: _Owned(value) if name in owned else value
+                    for name, value in given.items()
+                    if name != first
+                }
+                require_alike(over, **alike)
+            return entry(*args, **kwargs)
+
+        return checked
+
+    return decorate
+
+
+class _Owned:
+    """What one rank has of an argument."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __repr__(self) -> str:
+        return shown(self.value)
+
+    @property
+    def kind(self) -> str:
+        """What is equal on all ranks."""
+        return f"{type(self.value).__qualname__} {getattr(self.value, 'ndim', '')}"
+
+
 def _digest(value: Any) -> bytes:
     """Return a hash of a value that does not depend on the rank or the run."""
     found = hashlib.blake2b(digest_size=16)
@@ -126,6 +184,8 @@ def _digest(value: Any) -> bytes:
     if isinstance(value, np.ndarray) and value.dtype != object:
         found.update(f"{value.dtype.kind}{value.shape}".encode())
         found.update(value.tobytes())
+    elif isinstance(value, _Owned):
+        found.update(value.kind.encode())
     elif is_number(value):
         found.update(repr(float(value)).encode())
     elif isinstance(value, str | bytes | bool | Path | None):

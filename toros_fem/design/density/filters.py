@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import require_alike
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_choice, require_kind
 from toros_fem.design.density.cone import ConeFilter
 from toros_fem.design.density.helmholtz import HelmholtzFilter
@@ -47,6 +47,7 @@ class Filter(Protocol):
         ...
 
 
+@collective("skin.comm")
 def make_filter(
     name: str,
     skin: Skin,
@@ -67,7 +68,6 @@ def make_filter(
         ParameterError: The name is unknown, or the radius is out of bounds.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-    require_alike(skin.comm, filter=name, radius=radius, lattice=lattice)
     require_choice("filter", name, FILTERS)
     if name == "cone":
         return ConeFilter(skin, radius, lattice, whole)

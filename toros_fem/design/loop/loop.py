@@ -13,7 +13,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import largest, norm, require_alike
+from toros_fem.base.mpi import collective, largest, norm
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.density.projection import Projection
@@ -91,6 +91,7 @@ class ResumableCallback(Protocol):
         """Take the rows for which it was called before, on every rank."""
 
 
+@collective("problem.comm", owned=("start", "after", "journal"))
 def optimize(
     problem: DesignProblem,
     options: DesignOptions | Sequence[Stage] | None = None,
@@ -124,7 +125,6 @@ def optimize(
             failures.
     """
     require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
-    require_alike(problem.comm, options=options, seed=seed)
     require_count(0, seed=seed)
     if callback is not None:
         require_callable("callback", callback, "a function of an iteration and an evaluation")

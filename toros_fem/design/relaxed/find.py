@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import require_alike
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_count, require_kind, require_positive, shown
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.journal import Journal
@@ -114,6 +114,7 @@ class RelaxedResult:
     reason: str
 
 
+@collective("design.comm", owned=("after", "journal"))
 def find_lines(
     design: ShapeProblem,
     options: RelaxedOptions | None = None,
@@ -146,7 +147,6 @@ def find_lines(
     begin = time.perf_counter()
     require_kind("design", design, ShapeProblem, "a ShapeProblem, a ShapeDesign for instance")
     require_kind("options", options, (RelaxedOptions, type(None)), "RelaxedOptions, or None")
-    require_alike(design.comm, options=options, seed=seed)
     options = options or RelaxedOptions()
     skin = design.skin
     count = len(skin.pattern.panel)

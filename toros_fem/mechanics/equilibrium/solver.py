@@ -11,6 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, NoEquilibriumError, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
+    collective,
     largest,
     norm,
     on_first_rank,
@@ -136,6 +137,7 @@ class EquilibriumSolver:
         self._prescribed = PrescribedDisplacement(self.model)
         self._at: Equilibrium | None = None  # where the tangent is factorised
 
+    @collective("self.skin.comm", owned=("density", "start", "after", "sliding"))
     def solve(
         self,
         density: Floats,
@@ -182,7 +184,6 @@ class EquilibriumSolver:
         """
         comm, model = self.skin.comm, self.model
         given = load_of(load)
-        require_alike(comm, **vars(given))
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
         acting, density = given.on(model), model.check(density)
         start = after if start is None else start
@@ -223,6 +224,7 @@ class EquilibriumSolver:
         owned = found[self.skin.owned_vertices]
         return owned if model.refusal(model.state_of(owned)) is None else None
 
+    @collective("self.skin.comm", owned=("trial",))
     def finish(self, trial: Equilibrium) -> Equilibrium:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
 
@@ -254,6 +256,7 @@ class EquilibriumSolver:
         numbers = {**at.numbers(), "first_shift": self._snes.newton.first_shift}
         return self.model.patch.gather(at.state), numbers
 
+    @collective("self.skin.comm", owned=("density",))
     def restore(
         self,
         density: Floats,

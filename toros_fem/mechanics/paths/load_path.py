@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot, require_alike
+from toros_fem.base.mpi import collective, dot
 from toros_fem.base.validation import require_kind
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -52,6 +52,7 @@ class LoadPath:
         OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
     """
 
+    @collective("solver.skin.comm", owned=("start",))
     def __init__(
         self,
         solver: EquilibriumSolver,
@@ -59,7 +60,6 @@ class LoadPath:
         start: Floats | None = None,
     ) -> None:
         require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
-        require_alike(solver.skin.comm, steps=steps)
         if not isinstance(steps, list | tuple) or not steps:
             raise ParameterError(f"steps = {steps!r} must be a list of loads, at least one.")
         self.solver, self.start = solver, start

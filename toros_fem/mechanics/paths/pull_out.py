@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_floats, real_numbers, require_kind, shown
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -39,6 +39,7 @@ class PullPoint:
     result: Equilibrium
 
 
+@collective("solver.skin.comm", owned=("density", "closed"))
 def pull_out(
     solver: EquilibriumSolver,
     density: Floats,

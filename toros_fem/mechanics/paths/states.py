@@ -8,7 +8,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import norm, require_alike
+from toros_fem.base.mpi import collective, norm
 from toros_fem.base.validation import require_count, require_kind, require_positive
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -52,6 +52,7 @@ class FoundStates:
         return f"{len(self.energies)} stable {noun} seen: {listed}{missed}."
 
 
+@collective("solver.skin.comm", owned=("solver", "density", "start"))
 def find_states(
     solver: EquilibriumSolver,
     density: Floats,
@@ -84,7 +85,6 @@ def find_states(
         EquilibriumError: There is no equilibrium to start from.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
-    require_alike(solver.skin.comm, tries=tries, size=size, seed=seed)
     require_count(1, tries=tries)
     require_count(0, seed=seed)
     what = "an Equilibrium, or None"

@@ -10,6 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import (
     require_callable,
     require_choice,
@@ -29,6 +30,7 @@ Start = Floats | Equilibrium | None
 Stop = Callable[[TracePoint], bool] | None
 
 
+@collective("solver.skin.comm", owned=("density", "start"))
 def trace(
     solver: EquilibriumSolver,
     density: Floats,

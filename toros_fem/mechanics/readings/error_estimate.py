@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_callable, require_kind, shown
 from toros_fem.measures.metrics import MetricFunction
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
@@ -46,6 +47,7 @@ class ErrorEstimate:
         )
 
 
+@collective("solver.skin.comm", owned=("result",))
 def estimate_error(
     solver: EquilibriumSolver,
     result: Equilibrium,

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import DensityError, ParameterError, TileFileError, TorosError
 from toros_fem.base.files import UNREADABLE, reason
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import (
     checked_path,
     require_choice,
@@ -127,13 +127,13 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     np.savez_compressed(folder / NAME, **entries)
 
 
+@collective("comm")
 def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     """Read the printed tile that `write_tile` wrote into a folder (collective).
 
     Raises:
         TileFileError: There is no such file, or an entry is missing or not valid.
     """
-    require_alike(comm, folder=str(folder))
     path = checked_path("folder", folder, TileFileError) / NAME
 
     def read() -> PrintedTile:
