@@ -62,8 +62,6 @@ class Approximation:
     def __init__(self, comm: MPI.Comm, variables: int, constraints: int) -> None:
         self._comm = comm
         self._n, self._m = variables, constraints
-        self._slope = np.empty((constraints + 1, variables))
-        self._weight, self._low, self._high = np.empty((3, variables))
         self.curvature: Floats = np.zeros(constraints + 1)
         self.size: Floats = np.zeros(constraints + 1)
         self.total_weight = 0.0
@@ -87,62 +85,41 @@ class Approximation:
             move: Move limit over the range, one for all variables or one for each.
             gradients: ∇fᵢ(xᵏ), the objective's first.
         """
-        sums: Floats = np.zeros(self._m + 2)
-        for part in cache_blocks(self._n):
-            here, d = x[part], distance[part]
-            lower, upper = bounds[0][part], bounds[1][part]
-            slope, weight = self._slope[:, part], self._weight[part]
-            for row, gradient in zip(slope, gradients, strict=True):
-                np.multiply(gradient[part], d, out=row)
-            span = np.maximum(upper - lower, TINY)
-            inverse = 1 / np.maximum(d, TINY)
-            limit = span * inverse
-            np.divide(2.0, limit, out=weight)
-            limit *= move if isinstance(move, float) else move[part]
-            np.minimum(limit, 0.9, out=limit)
-            low, high = self._low[part], self._high[part]
-            np.multiply(np.subtract(lower, here, out=low), inverse, out=low)
-            np.multiply(np.subtract(upper, here, out=high), inverse, out=high)
-            np.minimum(high, limit, out=high)
-            np.maximum(low, np.negative(limit, out=limit), out=low)
-            sums[:-1] += np.abs(slope) @ np.ones(len(d))
-            sums[-1] += weight[upper > lower].sum()  # what cannot move has no part in the mean
-        sums = sum_over_ranks(self._comm, sums)
+        lower, upper = bounds
+        span, d = np.maximum(upper - lower, TINY), np.maximum(distance, TINY)
+        self._slope = np.array(gradients) * distance
+        self._steep = np.abs(self._slope)
+        self._weight = 2 * d / span
+        limit = np.minimum(move * span / d, 0.9)
+        self._low, self._high = (
+            np.maximum((lower - x) / d, -limit),
+            np.minimum((upper - x) / d, limit),
+        )
+        weight = self._weight[upper > lower].sum()  # what cannot move has no part in the mean
+        sums = sum_over_ranks(self._comm, np.append(self._steep.sum(axis=1), weight))
         self.size, self.total_weight = sums[:-1], float(sums[-1])
 
     def evaluate_dual(self, multipliers: Floats) -> DualEvaluation:
         """Evaluate the approximations at the minimum of the Lagrangian over x (collective)."""
         m = self._m
-        changes, products = np.zeros(2 * m + 3), np.zeros((m + 1, m + 1))
-        work = np.empty((2, m + 1, BLOCK))
+        sums = np.zeros(m + 2 + (m + 1) ** 2)
         for part in cache_blocks(self._n):
-            slope, weight = self._slope[:, part], self._weight[part]
-            steep = np.abs(slope)
-            t, a, free = self._stationary(multipliers, part, steep)
+            t, a, free = self._minimum(multipliers, part)
             square = t * t
-            s = 1 / (1 - square)
-            self._add_changes(changes, part, steep, t, square, s)
+            # (1 − t²)⁻² times the root of 1/∂²φ/∂t²
+            root = np.sqrt((1 + square) / (2 * a * (1 - square))) / (1 - square)
+            by_slope = (1 + square) * self._slope[1:, part]
+            by_steep = 2 * MIXED * t * self._steep[1:, part]
             # Row i: ∂f̃ᵢ/∂t (1 − t²)² for ρ = 0; the last one: its derivative by ρ.
-            square += 1
-            a *= 2
-            root = np.sqrt(square * s / a)  # (1 − t²)⁻² times the root of 1/∂²φ/∂t²
-            root *= s
-            root = np.where(free, root, 0.0)
-            square *= root
-            t *= root
-            t *= 2
-            rows, copy = work[0, :, : len(t)], work[1, :, : len(t)]
-            np.multiply(weight, t, out=rows[-1])
-            t *= MIXED
-            np.multiply(slope[1:], square, out=rows[:-1])
-            steep[1:] *= t
-            rows[:-1] += steep[1:]
-            copy[:] = rows  # numpy is slower for a product of a matrix with itself
-            products += rows @ copy.T
-        sums = sum_over_ranks(self._comm, np.concatenate([changes, products.ravel()]))
+            rows = np.vstack([by_slope + by_steep, 2 * t * self._weight[part]])
+            rows *= np.where(free, root, 0.0)
+            # The copy: numpy is slower for a product of a matrix with itself.
+            products = rows @ rows.copy().T
+            sums += np.append(self._changes(t, part), products)
+        sums = sum_over_ranks(self._comm, sums)
         spread = np.hstack([np.eye(m), self.curvature[1:, None]])
-        hessian = spread @ sums[2 * m + 3 :].reshape(m + 1, m + 1) @ spread.T
-        return DualEvaluation(self._assemble(sums[: 2 * m + 3]), hessian)
+        hessian = spread @ sums[m + 2 :].reshape(m + 1, m + 1) @ spread.T
+        return DualEvaluation(self._whole(sums[: m + 2]), hessian)
 
     def write_minimizer(
         self,
@@ -153,51 +130,34 @@ class Approximation:
         out: Floats,
     ) -> None:
         """Write the minimum of the Lagrangian over x to `out`."""
-        for part in cache_blocks(self._n):
-            steep = np.abs(self._slope[:, part])
-            t = self._stationary(multipliers, part, steep)[0]
-            t *= distance[part]
-            t += x[part]
-            np.maximum(t, bounds[0][part], out=t)  # rounding may exceed the bound
-            np.minimum(t, bounds[1][part], out=out[part])
+        t, _, _ = self._minimum(multipliers, slice(None))
+        np.clip(x + distance * t, *bounds, out=out)  # rounding may exceed the bound
 
     def change_at(self, x: Floats, distance: Floats, trial: Floats) -> tuple[Floats, float]:
         """Return f̃ᵢ(trial) − fᵢ(xᵏ), and ∂f̃ᵢ/∂ρᵢ there, GCMMA's d (collective)."""
-        changes = np.zeros(2 * self._m + 3)
-        for part in cache_blocks(self._n):
-            t = (trial[part] - x[part]) / np.maximum(distance[part], TINY)
-            square = t * t
-            steep = np.abs(self._slope[:, part])
-            self._add_changes(changes, part, steep, t, square, 1 / (1 - square))
-        sums = sum_over_ranks(self._comm, changes)
-        return self._assemble(sums), float(sums[-1])
+        t = (trial - x) / np.maximum(distance, TINY)
+        sums = sum_over_ranks(self._comm, self._changes(t, slice(None)))
+        return self._whole(sums), float(sums[-1])
 
-    def _stationary(
-        self, multipliers: Floats, part: slice, steep: Floats
+    def _minimum(
+        self, multipliers: Floats, part: slice
     ) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
         """Return t at the minimum of the Lagrangian, a, and whether t is inside its box."""
-        weights = np.concatenate([[1.0], multipliers])
+        weights = np.append(1.0, multipliers)
         h = weights @ self._slope[:, part]
-        a = (MIXED * weights) @ steep
+        a = (MIXED * weights) @ self._steep[:, part]
         a += float(weights @ self.curvature) * self._weight[part]
-        t = a - h
-        t *= a + h
-        np.sqrt(t, out=t)
-        t += a
-        np.divide(np.negative(h, out=h), t, out=t)
-        inside = np.maximum(t, self._low[part], out=h)  # three times as fast as numpy's clip
-        np.minimum(inside, self._high[part], out=inside)
+        t = -h / (a + np.sqrt((a - h) * (a + h)))
+        # Three times as fast as numpy's clip.
+        inside = np.minimum(np.maximum(t, self._low[part]), self._high[part])
         return inside, a, inside == t
 
-    def _add_changes(
-        self, changes: Floats, part: slice, steep: Floats, t: Floats, square: Floats, s: Floats
-    ) -> None:
-        m = self._m
-        changes[: m + 1] += self._slope[:, part] @ (t * s)
-        bent = square * s
-        changes[m + 1 : -1] += steep @ bent
-        changes[-1] += self._weight[part] @ bent
+    def _changes(self, t: Floats, part: slice) -> Floats:
+        """Return f̃ᵢ(t) − fᵢ(xᵏ) for ρ = 0, and its derivative by ρ, of some variables."""
+        s = 1 / (1 - t * t)
+        bent = t * t * s
+        change = self._slope[:, part] @ (t * s) + MIXED * (self._steep[:, part] @ bent)
+        return np.append(change, self._weight[part] @ bent)
 
-    def _assemble(self, sums: Floats) -> Floats:
-        m = self._m
-        return np.asarray(sums[: m + 1] + MIXED * sums[m + 1 : -1] + self.curvature * sums[-1])
+    def _whole(self, sums: Floats) -> Floats:
+        return np.asarray(sums[:-1] + self.curvature * sums[-1])
