@@ -1,23 +1,18 @@
 """Coulomb's law at vertices: its derivatives, the library's law, and what a step leaves behind."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from kit.slopes import slope
 
 from toros_fem.base.array_types import Floats
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.pads import OneWay, Pads
 
 LAW = Coulomb(0.6, 1e-4)
-PADS = Pads(np.ones(1, dtype=bool), (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)
+PADS = Coulomb(0.8, 1e-4, 0.25, (1.0, 0.4, 0.2))
 NUMBERS = np.random.default_rng(0)
 NORMAL = NUMBERS.standard_normal((40, 3))
 # Half of them stick, half slide.
 MOTION = NUMBERS.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 3.0], 20)[:, None]
-
-Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 @pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
@@ -25,53 +20,51 @@ Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
     ("of", "by"),
     [("energy", "force"), ("force", "stiffness"), ("elastic", "elastic_by_motion")],
 )
-def test_derivatives_by_the_motion(law: Coulomb | OneWay, of: str, by: str) -> None:
-    function, derivative = getattr(law, of), getattr(law, by)
+def test_derivatives_by_the_motion(law: Coulomb, of: str, by: str) -> None:
     rng = np.random.default_rng(1)
     along = rng.standard_normal(MOTION.shape) * 1e-8
-    slopes = np.einsum("i...j,ij->i...", derivative(NORMAL, MOTION), along)
+    slopes = np.einsum("i...j,ij->i...", getattr(law.at(NORMAL, MOTION), by)(), along)
     weights = rng.standard_normal(slopes.shape)
 
     def value(step: float) -> float:
-        return float((weights * function(NORMAL, MOTION + step * along)).sum())
+        moved = law.at(NORMAL, MOTION + step * along)
+        return float((weights * getattr(moved, of)()).sum())
 
     wide = np.abs(weights * slopes).sum()
     assert (weights * slopes).sum() == pytest.approx(slope(value), abs=1e-7 * wide)
 
 
-@pytest.mark.parametrize(
-    ("function", "derivative"),
-    [(LAW.force, LAW.force_by_normal), (LAW.elastic, LAW.elastic_by_normal)],
-)
-def test_derivatives_by_the_normal_force(function: Function, derivative: Function) -> None:
+@pytest.mark.parametrize("of", ["force", "elastic"])
+def test_derivatives_by_the_normal_force(of: str) -> None:
     rng = np.random.default_rng(1)
     along = rng.standard_normal(NORMAL.shape) * 1e-4
-    slopes = np.einsum("ijk,ik->ij", derivative(NORMAL, MOTION), along)
+    by_normal = getattr(LAW.at(NORMAL, MOTION), f"{of}_by_normal")()
+    slopes = np.einsum("ijk,ik->ij", by_normal, along)
     weights = rng.standard_normal(slopes.shape)
 
     def value(step: float) -> float:
-        return float((weights * function(NORMAL + step * along, MOTION)).sum())
+        return float((weights * getattr(LAW.at(NORMAL + step * along, MOTION), of)()).sum())
 
     wide = np.abs(weights * slopes).sum()
     assert (weights * slopes).sum() == pytest.approx(slope(value), abs=1e-7 * wide)
 
 
 @pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
-def test_the_stiffness_has_no_negative_part(law: Coulomb | OneWay) -> None:
-    for matrix in law.stiffness(NORMAL, MOTION):
+def test_the_stiffness_has_no_negative_part(law: Coulomb) -> None:
+    for matrix in law.at(NORMAL, MOTION).stiffness():
         assert np.allclose(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
 
 
 @pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
-def test_no_motion_and_no_normal_force_are_regular(law: Coulomb | OneWay) -> None:
+def test_no_motion_and_no_normal_force_are_regular(law: Coulomb) -> None:
     nothing = np.zeros((1, 3))
     for normal, motion in ((NORMAL[:1], nothing), (nothing, MOTION[:1]), (nothing, nothing)):
         for name in ("energy", "force", "elastic"):
-            assert not getattr(law, name)(normal, motion).any()
+            assert not getattr(law.at(normal, motion), name)().any()
         for name in ("stiffness", "force_by_normal", "elastic_by_motion", "elastic_by_normal"):
-            assert np.isfinite(getattr(law, name)(normal, motion)).all()
-    assert np.linalg.norm(law.stiffness(NORMAL[:1], nothing)) > 0
+            assert np.isfinite(getattr(law.at(normal, motion), name)()).all()
+    assert np.linalg.norm(law.at(NORMAL[:1], nothing).stiffness()) > 0
 
 
 def test_as_the_library_of_contact_has_it() -> None:
@@ -99,12 +92,12 @@ def test_as_the_library_of_contact_has_it() -> None:
     pushed = -barrier.gradient(touching, mesh, points).reshape(-1, 3)
     assert np.linalg.norm(pushed, axis=1).min() > 0
     force = potential.gradient(pairs, mesh, motion).reshape(-1, 3)
-    assert LAW.force(pushed, motion) == pytest.approx(force, rel=1e-9)
-    assert LAW.energy(pushed, motion).sum() - potential(pairs, mesh, motion) == pytest.approx(
+    assert LAW.at(pushed, motion).force() == pytest.approx(force, rel=1e-9)
+    assert LAW.at(pushed, motion).energy().sum() - potential(pairs, mesh, motion) == pytest.approx(
         -LAW.slip / 3 * LAW.friction * np.linalg.norm(pushed, axis=1).sum(), rel=1e-9
     ), "the library's energy of no motion is a third of the slip"
     stiffness = potential.hessian(pairs, mesh, motion).toarray()
-    own = LAW.stiffness(pushed, motion)
+    own = LAW.at(pushed, motion).stiffness()
     for k in range(size):
         block = slice(3 * k, 3 * k + 3)
         assert own[k] == pytest.approx(stiffness[block, block], rel=1e-6, abs=1e-6 * own[k].max())
@@ -113,7 +106,7 @@ def test_as_the_library_of_contact_has_it() -> None:
         ipctk.FrictionPotential.DiffWRT.LAGGED_DISPLACEMENTS, thickness,
     ).toarray()  # fmt: skip
     curvature = barrier.hessian(touching, mesh, points).toarray()
-    by_normal = LAW.force_by_normal(pushed, motion)
+    by_normal = LAW.at(pushed, motion).force_by_normal()
     for k in range(size):
         block = slice(3 * k, 3 * k + 3)
         mine = by_normal[k] @ curvature[block, block]  # dN = − Hessian dx, and force = − gradient
@@ -129,7 +122,7 @@ def test_forces_do_not_depend_on_the_number_of_steps(steps: int) -> None:
     for begin, end in ((0.0, 5e-4), (5e-4, 4.6e-4)):
         for x in np.linspace(begin, end, steps + 1)[1:]:
             place = np.array([[x, 0.0, 0.0]])
-            force = LAW.force(normal, place - anchor)[0, 0]
-            anchor = place - LAW.elastic(normal, place - anchor)
+            force = LAW.at(normal, place - anchor).force()[0, 0]
+            anchor = place - LAW.at(normal, place - anchor).elastic()
     left = 0.6  # of the slip: a part 0.4 of it has gone back
     assert force == pytest.approx(LAW.friction * 2.0 * (2 - left) * left, rel=1e-9)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.mechanics.contact.friction import Coulomb
 from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, rotation
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
@@ -36,7 +36,7 @@ class SlidingFriction:
     All arrays are those of all n vertices. Poses are those of all bodies, (bodies, 6).
 
     Attributes:
-        law: Coulomb's law, of all but pads on the ground.
+        friction, slip: μ of all but pads on the ground, and the slip in m.
         sliding: Anchors at the begin of the step.
         normals: Normal force in N on each vertex from each side, (sides, n, 3), as of `lag`.
 
@@ -47,7 +47,7 @@ class SlidingFriction:
 
     def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
         assert contact.friction is not None
-        self.law = Coulomb(contact.friction, sizes.slip)
+        self.friction, self.slip = contact.friction, sizes.slip
         self._grounds, self._pads = len(contact.grounds), contact.pads
         self._centres = [body.centre for body in contact.bodies]
         self.sliding = self._settled = Sliding(np.zeros((self.sides, 0, 3)))
@@ -208,19 +208,22 @@ class SlidingFriction:
         normal part then matters. Else from those of `lag`, by default.
         """
         active = self.normals.any(axis=2)
-        normals, motion = (
-            self.normals[active],
-            (points - self.carried(anchors or self._settled, poses))[active],
-        )
-        values = getattr(self.law, quantity)(normals, motion)
-        if self._pads is not None:
-            side, vertex = np.nonzero(active)
-            rows = (side < self._grounds) & self._pads.vertices[vertex]
-            pads = self._pads.law(self.law.slip)
-            values[rows] = getattr(pads, quantity)(normals[rows], motion[rows])
+        motion = (points - self.carried(anchors or self._settled, poses))[active]
+        values = getattr(self._law(active).at(self.normals[active], motion), quantity)()
         out: Floats = np.zeros((*active.shape, *values.shape[1:]))
         out[active] = values
         return out
+
+    def _law(self, active: Bools) -> Coulomb:
+        """Return the law at the active vertices of all sides; pads have theirs on the ground."""
+        pads = self._pads
+        if pads is None:
+            return Coulomb(self.friction, self.slip)
+        side, vertex = np.nonzero(active)
+        padded = (side < self._grounds) & pads.vertices[vertex]
+        friction = np.where(padded, pads.backward, self.friction)
+        ratio = np.where(padded, pads.forward / pads.backward, 1.0)
+        return Coulomb(friction, self.slip, ratio, pads.direction)
 
     def _anchors(self, body: int) -> Floats:
         return np.asarray(self._settled.anchors[self._grounds + body])
