@@ -102,7 +102,7 @@ class Approximation:
     def evaluate_dual(self, multipliers: Floats) -> DualEvaluation:
         """Evaluate the approximations at the minimum of the Lagrangian over x (collective)."""
         m = self._m
-        sums = np.zeros(m + 2 + (m + 1) ** 2)
+        sums: Floats = np.zeros(m + 2 + (m + 1) ** 2)
         for part in cache_blocks(self._n):
             t, a, free = self._minimum(multipliers, part)
             square = t * t

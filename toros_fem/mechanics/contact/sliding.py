@@ -207,7 +207,7 @@ class SlidingFriction:
         Where normal forces change, motions count from the anchors of the begin (`sliding`): their
         normal part then matters. Else from those of `lag`, by default.
         """
-        active = self.normals.any(axis=2)
+        active = np.asarray(self.normals.any(axis=2))
         motion = (points - self.carried(anchors or self._settled, poses))[active]
         values = getattr(self._law(active).at(self.normals[active], motion), quantity)()
         out: Floats = np.zeros((*active.shape, *values.shape[1:]))

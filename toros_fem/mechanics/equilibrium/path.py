@@ -12,8 +12,11 @@ from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.equilibrium.newton import RegularisedNewton
 from toros_fem.mechanics.skin.load import Load
 
+# Fraction of the skin's size by which two states may differ and be the same.
+SAME = 1e-6
 # A singular tangent within this fraction of the load is near.
 NEAR = 0.05
 # Change of the load by which the change of the softest curvature is measured, and largest motion
@@ -48,6 +51,52 @@ class PathPoint:
         """Return the density and the load a fraction of the way to another point."""
         density = self.density + fraction * (other.density - self.density)
         return density, self.load.towards(other.load, fraction)
+
+
+def connect(
+    model: SkinModel,
+    newton: RegularisedNewton,
+    attempt: Callable[[Floats, Load], Attempt],
+    begin: PathPoint,
+    end: PathPoint,
+    *,
+    definite: bool,
+) -> tuple[bool | None, PathPoint]:
+    """Return whether the path between two equilibria jumps, and its end (collective).
+
+    Args:
+        model: The model, left at the end's density and load.
+        newton: Its solver; the tangent at the end is factorised, before and after.
+        attempt: Solves from a start under a load, which the model has.
+        begin, end: The equilibria.
+        definite: Whether there was no negative curvature on the way: the tangent may settle it.
+    """
+    comm, size = model.skin.comm, model.skin.pattern.size
+
+    def same(a: Floats, b: Floats) -> bool:
+        return largest(comm, float(np.abs(a - b).max(initial=0.0))) <= SAME * size
+
+    def distance(a: Floats, b: Floats) -> float:
+        return norm(comm, (a - b) * model.free)
+
+    if same(begin.state, end.state):
+        return False, end
+    if definite and leads_back(model, newton.factor, begin, end):
+        return False, end
+
+    def between(start: Floats, fraction: float) -> Attempt:
+        density, load = begin.towards(end, fraction)
+        model.set_density(density)
+        model.set_load(load)
+        return attempt(start, load)
+
+    jumps, reached = find_jump(distance, between, begin, end)
+    if not same(reached, end.state):
+        end = PathPoint(end.density, end.load, reached)
+    model.set_density(end.density)
+    model.set_load(end.load)
+    newton.stable(end.state)
+    return jumps, end
 
 
 def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> float | None:

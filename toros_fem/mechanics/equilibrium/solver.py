@@ -14,13 +14,11 @@ from toros_fem.base.mpi import (
     collective,
     largest,
     norm,
-    on_first_rank,
     require_alike,
     together,
     warn_together,
 )
 from toros_fem.base.validation import (
-    real_numbers,
     require_between,
     require_callable,
     require_flag,
@@ -30,7 +28,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.sliding import Sliding
-from toros_fem.mechanics.equilibrium.continuation import Attempt, ContinuationResult
+from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
@@ -41,21 +39,19 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
 from toros_fem.mechanics.equilibrium.krylov import gmres
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
+from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
+from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
 from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
-from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.skin import Skin, sew
 
-# Fraction of the skin's size by which two states may differ and be the same.
-SAME = 1e-6
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
 # GMRES with friction: residual over the right-hand side at which it ends, that is enough, and
@@ -194,12 +190,12 @@ class EquilibriumSolver:
             if start.density.shape[1:] == density.shape[1:]:  # not of a relaxed design and another
                 near = start
             start = start.state
-        state = self._start(start)
+        state = start_state(model, start)
         with together(comm):
             if near is not None and len(near.density) != len(density):
                 raise ParameterError("start is an equilibrium of another skin; give its positions.")
         if near is None and not trial:  # a trial may fail
-            self._require_apart(state, acting, cold=cold)
+            require_apart(model, state, acting, cold=cold)
         search = self._search(density.copy(), acting, state, near, trial=trial, direct=trial)
         search.cold = cold
         result = self._solve(search, sliding)
@@ -218,7 +214,8 @@ class EquilibriumSolver:
             These positions, relaxed where they leave the stretch bounds or nearly so; None if that
             does not help, or if surfaces overlap or cross that may touch.
         """
-        found, model = self._relaxed(positions), self.model
+        model = self.model
+        found = relaxed_start(model, positions)
         if found is None:
             return None
         owned = found[self.skin.owned_vertices]
@@ -485,7 +482,14 @@ class EquilibriumSolver:
         if end.load_factor == 1.0 and not search.trial:
             point = PathPoint(density, load, end.state)
             if origin is not None:
-                snapped, point = self._connect(attempts, origin, point, definite=definite)
+                snapped, point = connect(
+                    self.model,
+                    self._snes.newton,
+                    lambda start, at: attempts(self._prescribed(start, at.displacement)),
+                    origin,
+                    point,
+                    definite=definite,
+                )
                 end = ContinuationResult(point.state, 1.0, end.outcome)
             if origin is not None or not search.direct:
                 critical = critical_load(self.model, self._factor, point)
@@ -506,108 +510,6 @@ class EquilibriumSolver:
 
     def _same_design(self, one: Floats, two: Floats) -> bool:
         return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
-
-    def _connect(
-        self, attempts: Attempts, begin: PathPoint, end: PathPoint, *, definite: bool
-    ) -> tuple[bool | None, PathPoint]:
-        """Return whether the path between two equilibria jumps, and its end (collective).
-
-        Without a negative curvature on the way (`definite`) the tangent may settle it.
-
-        The tangent at the end is factorised, before and after.
-        """
-        comm, size = self.skin.comm, self.skin.pattern.size
-
-        def same(a: Floats, b: Floats) -> bool:
-            return largest(comm, float(np.abs(a - b).max(initial=0.0))) <= SAME * size
-
-        def distance(a: Floats, b: Floats) -> float:
-            return norm(comm, (a - b) * self.model.free)
-
-        if same(begin.state, end.state):
-            return False, end
-        if definite and leads_back(self.model, self._factor, begin, end):
-            return False, end
-
-        def attempt(start: Floats, fraction: float) -> Attempt:
-            density, load = begin.towards(end, fraction)
-            self.model.set_density(density)
-            self.model.set_load(load)
-            return attempts(self._prescribed(start, load.displacement))
-
-        jumps, reached = find_jump(distance, attempt, begin, end)
-        if not same(reached, end.state):
-            end = PathPoint(end.density, end.load, reached)
-        self.model.set_density(end.density)
-        self.model.set_load(end.load)
-        self._snes.newton.stable(end.state)
-        return jumps, end
-
-    def _start(self, start: Floats | None) -> Floats:
-        """Start as owned unknowns, checked (collective)."""
-        model = self.model
-        state = model.assembled
-        unknowns, nodes = state.shape, model.positions(state).shape
-        with together(self.skin.comm):
-            if start is not None:
-                start = real_numbers("start", start, "unknowns, or positions (n, 3), in m")
-                if start.shape not in (unknowns, nodes):
-                    raise ParameterError(
-                        f"start has shape {start.shape}; on this rank it must be {unknowns}, the "
-                        f"unknowns of this bending term, or {nodes}, positions."
-                    )
-        if start is not None and start.ndim == 2:
-            state = model.state_of(start)
-        elif start is not None:
-            state = start.copy()
-            if model.contact is not None:
-                state = model.contact.with_short_turns(start)
-        use = model.bounds.worst_of_start(model.corners(state))
-        if start is not None and 1 <= use < np.inf:
-            inside = self._relaxed(self.skin.gather_vertices(model.positions(state)))
-            if inside is not None:
-                model.positions(state)[:] = inside[self.skin.owned_vertices]
-                return state
-        if not use < 1:
-            bounds = model.composite.stated_bounds
-            what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
-            if start is None:
-                what = "assembled shape, from which a solve starts,"
-                remedy = f"Raise {bounds}, or fit the panels to the shape."
-            raise ParameterError(
-                f"the {what} leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
-                f"bound is 1. {remedy}"
-            )
-        return state
-
-    def _relaxed(self, positions: Floats) -> Floats | None:
-        """Return positions of all vertices inside the stretch bounds, or None (collective)."""
-        pattern, model = self.skin.pattern, self.model
-        return on_first_rank(
-            self.skin.comm,
-            lambda: relaxed_into_bounds(pattern, model.composite, model.supports.fixed, positions),
-        )
-
-    def _require_apart(self, state: Floats, load: Load, *, cold: bool) -> None:
-        """Check that contact can act on a start, with bodies at their poses or where made.
-
-        Raises:
-            ParameterError: Surfaces overlap or cross there.
-        """
-        model = self.model
-        model.set_load(load)
-        refusal = model.refusal(state)
-        if refusal is None:
-            return
-        if load.moves_bodies:  # they are moved in with the load
-            model.set_load(load.scaled(0.0))
-            if model.refusal(state) is None:
-                return
-        what, remedy = "start", "Start from the assembled positions, or from another equilibrium."
-        if cold:
-            what = "assembled shape, from which a solve starts,"
-            remedy = "Make ground and bodies further away."
-        raise ParameterError(f"contact cannot act on the {what}: {refusal}. {remedy}")
 
     def _result(
         self,

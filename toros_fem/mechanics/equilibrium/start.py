@@ -1,0 +1,88 @@
+"""Start of a solve: inside the stretch bounds, and where contact can act."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import on_first_rank, together
+from toros_fem.base.validation import real_numbers
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
+from toros_fem.mechanics.skin.load import Load
+
+
+def start_state(model: SkinModel, start: Floats | None) -> Floats:
+    """Return a start as owned unknowns (collective).
+
+    Args:
+        model: The model.
+        start: Owned unknowns, or positions of the owned nodes, (n, 3); None for the state at rest.
+            Where triangles leave the stretch bounds it is relaxed until they are inside.
+
+    Raises:
+        ParameterError: It does not fit, or leaves the stretch bounds and cannot be relaxed.
+    """
+    skin, state = model.skin, model.assembled
+    unknowns, nodes = state.shape, model.positions(state).shape
+    with together(skin.comm):
+        if start is not None:
+            start = real_numbers("start", start, "unknowns, or positions (n, 3), in m")
+            if start.shape not in (unknowns, nodes):
+                raise ParameterError(
+                    f"start has shape {start.shape}; on this rank it must be {unknowns}, the "
+                    f"unknowns of this bending term, or {nodes}, positions."
+                )
+    if start is not None and start.ndim == 2:
+        state = model.state_of(start)
+    elif start is not None:
+        state = start.copy()
+        if model.contact is not None:
+            state = model.contact.with_short_turns(start)
+    use = model.bounds.worst_of_start(model.corners(state))
+    if start is not None and 1 <= use < np.inf:
+        inside = relaxed_start(model, skin.gather_vertices(model.positions(state)))
+        if inside is not None:
+            model.positions(state)[:] = inside[skin.owned_vertices]
+            return state
+    if not use < 1:
+        bounds = model.composite.stated_bounds
+        what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
+        if start is None:
+            what = "assembled shape, from which a solve starts,"
+            remedy = f"Raise {bounds}, or fit the panels to the shape."
+        raise ParameterError(
+            f"the {what} leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
+            f"bound is 1. {remedy}"
+        )
+    return state
+
+
+def relaxed_start(model: SkinModel, positions: Floats) -> Floats | None:
+    """Return positions of all vertices inside the stretch bounds, or None (collective)."""
+    pattern, fixed = model.skin.pattern, model.supports.fixed
+    return on_first_rank(
+        model.skin.comm, lambda: relaxed_into_bounds(pattern, model.composite, fixed, positions)
+    )
+
+
+def require_apart(model: SkinModel, state: Floats, load: Load, *, cold: bool) -> None:
+    """Check that contact can act on a start, with bodies at their poses or where made.
+
+    Raises:
+        ParameterError: Surfaces overlap or cross there.
+    """
+    model.set_load(load)
+    refusal = model.refusal(state)
+    if refusal is None:
+        return
+    if load.moves_bodies:  # they are moved in with the load
+        model.set_load(load.scaled(0.0))
+        if model.refusal(state) is None:
+            return
+    what, remedy = "start", "Start from the assembled positions, or from another equilibrium."
+    if cold:
+        what = "assembled shape, from which a solve starts,"
+        remedy = "Make ground and bodies further away."
+    raise ParameterError(f"contact cannot act on the {what}: {refusal}. {remedy}")
