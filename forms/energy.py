@@ -11,7 +11,7 @@ import ufl
 
 from toros_fem.forms.bending import Edges, edge_angles
 from toros_fem.forms.jets import Jet, Scalar, by_vectors, compose, total
-from toros_fem.forms.kinematics import CELL, Strain, Triangle, metric
+from toros_fem.forms.kinematics import CELL, Strain, Triangle, edge_products
 from toros_fem.forms.lines import Lines
 from toros_fem.forms.membrane import Logarithm, log1p, plain_log
 
@@ -27,7 +27,12 @@ class EnergyTerm(Protocol):
         """Return the nodes that a triangle sees from the parts of a patch, or of a variation."""
 
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        """Return a law of the strain; `log` is ln(1 + y), as for `forms.membrane.barrier`."""
+        """Return a law of the strain.
+
+        It is convex in C, or outweighed by others: their sum makes the material part of the
+        tangent. It is asked twice, for value and derivatives, with another `log`, y ↦ ln(1 + y)
+        (`forms.membrane.barrier`).
+        """
 
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
         """Return a law of the curvature (xx, yy, xy)."""
@@ -146,11 +151,11 @@ def _stored(t: Triangle, terms: Sequence[EnergyTerm], geometric: Any) -> Jet:
     def strained(*edges: Any) -> Jet:
         return compose(
             lambda *of: of_strain(plain_log, *of),
-            metric(edges),
+            edge_products(edges),
             lambda first: _positive(first, geometric),
         )
 
-    measures = metric(t.edges)
+    measures = edge_products(t.edges)
     jet = by_vectors(strained, *t.edges)
     value = of_strain(log1p, *(measure.value for measure in measures))
     edges = next((term.edges for term in terms if term.edges is not None), None)
@@ -169,7 +174,8 @@ def _stored(t: Triangle, terms: Sequence[EnergyTerm], geometric: Any) -> Jet:
     bent = compose(of_curvature, angles, lambda first: [geometric * d for d in first])
     jet, value = jet + bent, value + bent.value
     given = [*measures, *angles]
-    if of_both(*(one.value for one in given)) != 0:
+    coupled = of_both(*(one.value for one in given))
+    if not isinstance(coupled, int):  # some term has such a law
         both = compose(of_both, given)
         jet, value = jet + both.scaled_hessian(geometric), value + both.value
     return Jet(value, jet.gradient, jet.hessian)

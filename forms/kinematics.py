@@ -63,7 +63,10 @@ class Triangle:
         )
 
     def mix(self, fabric: Any, reinforcement: Any) -> Any:
-        """Return a stiffness of the sheet between the lines, from the same of both materials."""
+        """Return a stiffness of the sheet between the lines, from the same of both materials.
+
+        Lines stiffen what is between them (`Lines.fabric_factor`).
+        """
         value = interpolate(self.density, fabric, reinforcement)
         return value if self.lines is None else self.lines.fabric_factor * value
 
@@ -80,13 +83,13 @@ class Triangle:
 
 
 class Strain:
-    """Invariants of the right Cauchy-Green tensor C = FᵀF, without cancellation.
+    """Right Cauchy-Green tensor C = FᵀF and its invariants, without cancellation.
 
     All are smooth in C also where the stretches λ₁ and λ₂ are equal, as long as the triangle has
     not collapsed.
 
     Attributes:
-        C: C₁₁, C₂₂, C₁₂.
+        C: C₁₁, C₂₂, C₁₂ by the axes of the triangle's flat chart.
         p: λ₁ λ₂.
         s: λ₁ + λ₂.
         total: λ₁ + λ₂ − 2.
@@ -101,7 +104,7 @@ class Strain:
         self.square = ((C[0] - C[1]) ** 2 + 4 * C[2] ** 2) / (self.s * self.s)
 
 
-def metric(edges: tuple[Vector, Vector]) -> list[Jet]:
+def edge_products(edges: tuple[Vector, Vector]) -> list[Jet]:
     """Return e₁·e₁, e₂·e₂ and e₁·e₂ of a triangle's deformed edges, in m²."""
     one, two = edges
     return [dot(one, one), dot(two, two), dot(one, two)]

@@ -11,7 +11,7 @@ from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from toros_fem.forms.kinematics import Triangle, metric
+from toros_fem.forms.kinematics import Triangle, edge_products
 from toros_fem.forms.tension_field import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -137,7 +137,7 @@ def test_states_are_those_of_the_energy(alone: MPI.Comm) -> None:
     model.set_density(density[skin.owned_cells])
     model.set_state(state)
     t = Triangle(ufl.split(model.q)[:3], ufl.Jacobian(skin.mesh), model.design.density)
-    e = t.strain([measure.value for measure in metric(t.edges)])
+    e = t.strain([measure.value for measure in edge_products(t.edges)])
     mu, lam = (
         TABLE_A.thickness * t.mix(plain, printed)
         for plain, printed in ((TABLE_A.mu, stiff.mu), (TABLE_A.lam, stiff.lam))

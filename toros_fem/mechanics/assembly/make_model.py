@@ -1,4 +1,4 @@
-"""The terms of a skin's energy: the one place that knows all of them by name."""
+"""The terms that a skin has: the one place that makes them."""
 
 from __future__ import annotations
 

@@ -61,6 +61,9 @@ class SkinModel:
         supports: Fixed components and directions.
         terms: Terms of the energy, asked in this order.
         design: What is designed.
+
+    Raises:
+        ParameterError: Not one of the terms has stretch bounds.
     """
 
     def __init__(
@@ -76,7 +79,10 @@ class SkinModel:
         self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
         self.weight, self.images = self._of(OwnWeight), self._of(Images)
         self._bend = self._of(Bend)
-        self.bounds: StretchBounds = next(t.bounds for t in terms if t.bounds is not None)
+        bounds = [term.bounds for term in terms if term.bounds is not None]
+        if len(bounds) != 1:
+            raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
+        self.bounds: StretchBounds = bounds[0]
 
         flaps = next((term.flaps for term in terms if term.flaps is not None), None)
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
@@ -377,6 +383,11 @@ class SkinModel:
             more = term.entries(state, definite=geometric == 0)
             out[begin : begin + len(more)] = more
             begin += len(more)
+
+    def first_entry(self, term: Term) -> int:
+        """Return the place of a term's first entry among those of `further_pairs`."""
+        before = self.terms[: self.terms.index(term)]
+        return sum(other.pairs.shape[1] for other in before)
 
     @property
     def further_pairs(self) -> Ints:

@@ -42,14 +42,13 @@ class UpperTangent:
         self.blocks = blocks = blocks or BlockPairs(model)
         self._generation = model.generation
         further_pairs = model.further_pairs
-        walls = further_pairs[0] * size + further_pairs[1]
+        more = further_pairs[0] * size + further_pairs[1]
         fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
-        further = [walls, fixed * (size + 1)]
+        further = [more, fixed * (size + 1)]
         if self.periodic is not None:
             further.append(self.periodic.keys)
         keys = np.concatenate(further)
-        self._last = blocks.count + len(walls)  # of the further numbers
-        self._own = blocks.count + len(walls) + len(fixed)
+        self._own = blocks.count + len(more) + len(fixed)
 
         entry, place = _with(blocks.keys, keys)
         # Entries are sorted by row, so those of one owner are neighbours.
@@ -108,7 +107,7 @@ class UpperTangent:
 
     @property
     def outgrown(self) -> bool:
-        """Whether the pairs in contact are others than when the map was made."""
+        """Whether the further pairs are others than when the map was made."""
         return self._generation != self._model.generation
 
     @property
@@ -144,9 +143,10 @@ class UpperTangent:
         gap = None if contact is None else contact.convexity_gap(state)
         if gap is None:
             return False
-        kept = self._entries.copy()
+        assert contact is not None
+        kept, begin = self._entries.copy(), self.blocks.count + self._model.first_entry(contact)
         self._entries[:] = 0
-        self._entries[self._last - len(gap) : self._last] = gap
+        self._entries[begin : begin + len(gap)] = gap
         self._add_up(out)
         self._entries[:] = kept
         return True

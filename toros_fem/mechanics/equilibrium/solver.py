@@ -253,7 +253,7 @@ class EquilibriumSolver:
         numbers = {**at.numbers(), "first_shift": self._snes.newton.first_shift}
         return self.model.patch.gather(at.state), numbers
 
-    @collective("self.skin.comm", owned=("density",))
+    @collective("self.skin.comm", owned=("density", "numbers"))
     def restore(
         self,
         density: Floats,

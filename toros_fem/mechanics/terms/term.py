@@ -24,10 +24,10 @@ from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 class Term(EnergyTerm):
     """A term of a skin's energy; each method adds nothing where a term does not define it.
 
-    A term states its law in UFL, by `of_strain`, `of_curvature`, `of_both` or `of_place`, as
-    `forms.energy.EnergyTerm` says. What UFL cannot say it states as energy, gradient and entries of
-    the second variation, on x, the owned unknowns of a state, to which the model has been set.
-    Methods on x are collective.
+    Most terms are a law in UFL and nothing else: `of_strain`, `of_curvature`, `of_both` or
+    `of_place`, as `forms.energy.EnergyTerm` says, and `moduli` if it stretches. What UFL cannot say
+    a term states as `energy`, `add_gradient` and `entries`, on x, the owned unknowns of a state, to
+    which the model has been set. Methods on x are collective.
 
     Attributes:
         bounds: Stretch bounds, of the term that has them.
@@ -45,6 +45,8 @@ class Term(EnergyTerm):
     pairs: Ints = np.zeros((2, 0), dtype=np.int64)
     generation: int = 0
     _edges: Edges | None = None
+
+    # A law.
 
     @property
     @override
@@ -71,6 +73,8 @@ class Term(EnergyTerm):
     def of_place(self, t: Triangle) -> Jet | None:
         return None
 
+    # What it follows.
+
     def number(self, patch: Patch, dofs: LocalInts) -> None:
         """Take the unknowns' numbers; `dofs` are the local ones of its own, (blocks, size)."""
 
@@ -89,6 +93,8 @@ class Term(EnergyTerm):
     def moved(self, nodes: Floats, q: Floats) -> Floats:
         """Return where triangles see nodes, (cells, k, 3), from these and all local unknowns."""
         return nodes
+
+    # Beyond UFL.
 
     def energy(self, x: Floats) -> float:
         """Return what is not in `of_…`, in J."""
