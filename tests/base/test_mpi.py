@@ -8,6 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.base import mpi
 from toros_fem.base.errors import ParameterError, UnitWarning
+from toros_fem.meshes import cylinder, sew
 
 
 def test_reductions(comm: MPI.Comm) -> None:
@@ -75,6 +76,13 @@ def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
         warnings.simplefilter("always")
         mpi.warn_together(comm, "odd", UnitWarning)
     assert len(found) == (1 if comm.rank == 0 else 0)
+
+
+def test_warnings_point_at_the_code_of_the_user(alone: MPI.Comm) -> None:
+    """However deep in the package they arise."""
+    with pytest.warns(UnitWarning) as found:
+        sew(alone, cylinder(alone, 30.0, 2.0, 0.5, mesh="structured"))
+    assert found[0].filename == __file__
 
 
 class EndedError(Exception):

@@ -25,6 +25,10 @@ from toros_fem.base.validation import is_number, require_kind, shown
 # Time in s that a rank with an error waits for the others before it ends them all.
 PATIENCE = 10.0
 
+# Folders of the package: warnings point at the code that calls it.
+_PACKAGE = Path(__file__).resolve().parents[1]
+OWN = (str(_PACKAGE), str(_PACKAGE.parent / "meshes"))
+
 T = TypeVar("T")
 P = ParamSpec("P")
 
@@ -205,9 +209,9 @@ def _digest(value: Any) -> bytes:
 
 
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
-    """Warn on the first rank; all ranks know the same."""
+    """Warn on the first rank, at the line of the user's code; all ranks know the same."""
     if comm.rank == 0:
-        warnings.warn(message, kind, stacklevel=3)
+        warnings.warn(message, kind, skip_file_prefixes=OWN)
 
 
 @contextmanager
