@@ -7,6 +7,7 @@ import functools
 import gc
 import hashlib
 import inspect
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -26,8 +27,8 @@ from toros_fem.base.validation import is_number, require_kind, shown
 PATIENCE = 10.0
 
 # Folders of the package: warnings point at the code that calls it.
-_PACKAGE = Path(__file__).resolve().parents[1]
-OWN = (str(_PACKAGE), str(_PACKAGE.parent / "meshes"))
+_PACKAGE = Path(__file__).parents[1]
+OWN = (f"{_PACKAGE}{os.sep}", f"{_PACKAGE.parent / 'meshes'}{os.sep}")
 
 T = TypeVar("T")
 P = ParamSpec("P")
