@@ -110,9 +110,7 @@ def skin_forms(
     density, lines = design
     t = Triangle(seen(q), ufl.Jacobian(domain), density, lines)
     variation, adjoint_parts = seen(ufl.TestFunction(space)), seen(adjoint)
-    stored = _stored(t, terms, geometric)
-    loads = [term.of_place(t) for term in terms]
-    whole = stored
+    whole, loads = _stored(t, terms, geometric), [term.of_place(t) for term in terms]
     for load in loads:
         if load is not None:
             whole = whole + load.scaled_hessian(geometric)

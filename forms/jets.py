@@ -17,8 +17,6 @@ import ufl
 # A UFL scalar, or a number.
 Scalar = Any
 Pair = tuple[int, int]
-# Unknowns with their factors, of a jet that is linear in them.
-Linear = Mapping[int, Scalar]
 
 
 def total(terms: Iterable[Scalar]) -> Scalar:

@@ -24,7 +24,7 @@ def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False, bodies
     unknowns, flaps = [], None
     if curvature is not None:
         bend = Bend(skin, Composite(), Bending(curvature), clamp(skin.pattern, ["base"]))
-        flaps = bend.flaps
+        flaps = bend.hinges.flap
         unknowns = [] if bend.unknowns is None else [bend.unknowns]
     if lattice:
         seen = np.tile(np.arange(2, dtype=np.int32), (len(skin.cell), 1))

@@ -410,7 +410,7 @@ class ShapeProblem(DesignProblem[Equilibrium]):
         """Return the gradients by one adjoint solve with the last tangent, eq. (19) (collective).
 
         K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives ∂f/∂ρ̄; the tangent
-        K and ∂T/∂x are written by hand.
+        ∂T/∂x is written by hand.
         """
         e = evaluation
         by_position = self.objective.backward(e.equilibrium.positions)

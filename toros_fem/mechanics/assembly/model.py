@@ -84,7 +84,7 @@ class SkinModel:
             raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
         self.bounds: StretchBounds = bounds[0]
 
-        flaps = next((term.flaps for term in terms if term.flaps is not None), None)
+        flaps = None if self._bend is None else self._bend.hinges.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
         self.patch = make_patch(skin, flaps, unknowns)
         dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
@@ -361,8 +361,8 @@ class SkinModel:
         owned = len(self._dofs)
         dofs = self._dofs.reshape(owned, -1)
         present = np.ones(dofs.shape, dtype=bool)
-        if self._bend is not None and self._bend.seen_flaps is not None:
-            present[:, 9:18] = np.repeat(self._bend.seen_flaps[:owned], 3, axis=1)
+        if self._bend is not None:
+            present[:, 9:18] = np.repeat(self._bend.hinges.has_moment[:owned], 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 
     def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:

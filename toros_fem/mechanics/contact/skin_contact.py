@@ -192,8 +192,9 @@ class SkinContact(Term):
 
     @override
     def grow(self, x: Floats) -> None:
-        self.generation += self._first("grow", *self._at(x))
-        self._take_pairs()
+        if self._first("grow", *self._at(x)):
+            self.generation += 1
+            self._take_pairs()
 
     @override
     def add_applied(self, x: Floats, out: Floats) -> None:

@@ -369,8 +369,7 @@ class EquilibriumSolver:
     def solve_tangent(self, rhs: Floats, at: Equilibrium, *, adjoint: bool = False) -> Floats:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
 
-        This is the adjoint solve of eq. (19). K is written by hand and tested against
-        `ufl.derivative` of the residual; without friction it is symmetric. With friction GMRES
+        This is the adjoint solve of eq. (19). Without friction K is symmetric. With friction GMRES
         solves, with the factors of the symmetric part.
 
         Args:

@@ -52,7 +52,7 @@ class FoundStates:
         return f"{len(self.energies)} stable {noun} seen: {listed}{missed}."
 
 
-@collective("solver.skin.comm", owned=("solver", "density", "start"))
+@collective("solver.skin.comm", owned=("density", "start"))
 def find_states(
     solver: EquilibriumSolver,
     density: Floats,

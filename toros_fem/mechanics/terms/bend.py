@@ -26,6 +26,9 @@ from toros_fem.meshes.skin import Skin
 class Bend(Term):
     """Bending by the angles at the edges; the mid-edge curvature has rotations of the edges.
 
+    Attributes:
+        hinges: Edges of the local triangles, and the nodes across them.
+
     Args:
         skin: The sewn skin.
         composite: The two materials.
@@ -42,13 +45,12 @@ class Bend(Term):
         # Membrane strain bends an offset print up to its free edges.
         coupled = composite.print_side is not None
         poisson = composite.reinforcement.poisson
-        self._hinges = find_hinges(skin, bending, supports, poisson, turn_free=coupled)
-        self.flaps, self.seen_flaps = self._hinges.flap, self._hinges.has_moment
+        self.hinges = find_hinges(skin, bending, supports, poisson, turn_free=coupled)
         rotations = bending.curvature == "midedge"
         if rotations:
             skin.mesh.topology.create_entities(1)
-            self.unknowns = _rotations(skin, self._hinges)
-        self._edges = _coefficients(skin, self._hinges, rotations=rotations)
+            self.unknowns = _rotations(skin, self.hinges)
+        self._edges = _coefficients(skin, self.hinges, rotations=rotations)
         sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
         stiffness = []
         for material, offset in sheets:
@@ -73,7 +75,7 @@ class Bend(Term):
             angle: The angle.
         """
         cells = slice(0, len(patch))
-        inside = self._hinges.has_moment[cells] & ~self._hinges.mirror[cells].any(axis=2)
+        inside = self.hinges.has_moment[cells] & ~self.hinges.mirror[cells].any(axis=2)
         angles = edge_angles(patch[:, :3], patch[:, 3:], np.zeros_like(patch[:, 3:]))
         return int(((np.abs(angles) > angle) & inside).sum())
 

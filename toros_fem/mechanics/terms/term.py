@@ -8,7 +8,7 @@ from typing import Any, override
 import numpy as np
 from dolfinx import fem, la
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.compiled_forms import assembled, compiled
 from toros_fem.forms.bending import Edges
 from toros_fem.forms.energy import EnergyTerm, LoadForms, SkinForms
@@ -31,16 +31,12 @@ class Term(EnergyTerm):
 
     Attributes:
         bounds: Stretch bounds, of the term that has them.
-        flaps, seen_flaps: Further node that each triangle sees across each edge, (cells, 3), and
-            whether it depends on it.
         unknowns: Unknowns of the term; None for none.
         pairs: Global rows and columns, row ≤ column, of `entries`, (2, p).
         generation: How often `pairs` has changed.
     """
 
     bounds: StretchBounds | None = None
-    flaps: LocalInts | None = None
-    seen_flaps: Bools | None = None
     unknowns: Unknowns | None = None
     pairs: Ints = np.zeros((2, 0), dtype=np.int64)
     generation: int = 0
