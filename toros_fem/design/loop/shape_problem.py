@@ -409,8 +409,8 @@ class ShapeProblem(DesignProblem[Equilibrium]):
     def respond_backward(self, evaluation: Evaluation[Equilibrium]) -> tuple[Floats, Floats | None]:
         """Return the gradients by one adjoint solve with the last tangent, eq. (19) (collective).
 
-        K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives ∂f/∂ρ̄; the tangent
-        ∂T/∂x is written by hand.
+        K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives K and ∂f/∂ρ̄; ∂T/∂x
+        is written by hand.
         """
         e = evaluation
         by_position = self.objective.backward(e.equilibrium.positions)
