@@ -1,7 +1,9 @@
-"""Differences between dolfinx 0.9 and 0.11, found by features; no other module handles them."""
+"""Differences between dolfinx 0.9 and 0.11, found by features, and what petsc4py and FFCx lack."""
 
 from __future__ import annotations
 
+import ctypes
+import logging
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import numpy.typing as npt
 from dolfinx import cpp, fem, mesh
 from dolfinx.graph import adjacencylist
 from mpi4py import MPI
+from petsc4py import PETSc
 
 
 def adjacency(values: npt.NDArray[np.int32], offsets: npt.NDArray[np.int32]) -> Any:
@@ -54,3 +57,18 @@ def function_space(domain: mesh.Mesh, element: Any, dofmap: Any, plain: fem.Func
     except TypeError:  # up to 0.9 the value shape is an argument
         space = make(domain._cpp_object, cpp_element, dofmap, plain.value_shape)
     return fem.FunctionSpace(domain, element, space)
+
+
+def option_used(name: str) -> bool:
+    """Return whether anything has asked for an option of PETSc's database."""
+    library, used = ctypes.CDLL(PETSc.__file__), ctypes.c_int()
+    library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
+    return bool(used.value)
+
+
+def give_warnings_back() -> None:
+    """Let Python show warnings again: FFCx sends them to a logger, where nobody may listen."""
+    listening = [logging.root, logging.getLogger("py.warnings")]
+    heard = [h for of in listening for h in of.handlers if not isinstance(h, logging.NullHandler)]
+    if not heard:
+        logging.captureWarnings(False)

@@ -189,5 +189,9 @@ class MaterialWarning(TorosWarning):
     """Materials are odd: the reinforcement is softer than the fabric."""
 
 
+class OptionWarning(TorosWarning):
+    """An option of PETSc that nothing uses."""
+
+
 class ResolutionWarning(TorosWarning):
     """A length of the filter does not fit the mesh or the skin."""

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.compat import give_warnings_back
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, require_kind, shown
 
@@ -212,6 +213,7 @@ def _digest(value: Any) -> bytes:
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
     """Warn on the first rank, at the line of the user's code; all ranks know the same."""
     if comm.rank == 0:
+        give_warnings_back()
         warnings.warn(message, kind, skip_file_prefixes=OWN)
 
 

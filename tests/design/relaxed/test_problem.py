@@ -9,7 +9,7 @@ from helpers.designs import make_problem
 from toros_fem.base.errors import DensityError
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
-from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 

@@ -23,6 +23,19 @@ class Progress(Command):
 
     every: Count = key(2, "iterations between two writes of the state")
     verbose: bool = key(False, "print every Newton step")
+    petsc: str = key(
+        "",
+        "options of PETSc for the equilibrium solver, each with the prefix -toros_, as in the "
+        "variable PETSC_OPTIONS: '-toros_snes_monitor -toros_snes_rtol 1e-8'",
+    )
+
+    TAKES: ClassVar = {"petsc": "OPTIONS"}
+
+    def petsc_given(self) -> AbstractContextManager[None]:
+        """Let PETSc have these options in a `with` block."""
+        from toros_fem.mechanics.equilibrium.petsc_options import given_options
+
+        return given_options(self.petsc)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +82,7 @@ class RunCommand(SceneCommand, Progress):
         "tables [[metric]] of its file; measures are bend, turn, twist, length, x, y, z, lean, and "
         "tip for the last four; may be given several times",
     )
-    TAKES: ClassVar = {**SceneCommand.TAKES, "output": "RUN", "metric": "WORDS"}
+    TAKES: ClassVar = {**SceneCommand.TAKES, **Progress.TAKES, "output": "RUN", "metric": "WORDS"}
 
     def scene(self, comm: MPI.Comm) -> SceneFile:
         """Read the scene that the options name, with the metrics that they add (collective).
@@ -95,5 +108,5 @@ class RunCommand(SceneCommand, Progress):
         """Design or simulate a scene in the run's folder (collective)."""
         from toros_fem.cli.command_line.running import run_scene
 
-        with self.meshes_allowed():
+        with self.meshes_allowed(), self.petsc_given():
             return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)

@@ -31,5 +31,5 @@ class Resume(Progress):
         from toros_fem.cli.command_line.running import resume_scene
         from toros_fem.meshes.triangle_limit import triangle_limit
 
-        with triangle_limit(None):  # what the run began with was allowed
+        with self.petsc_given(), triangle_limit(None):  # what the run began with was allowed
             return resume_scene(comm, self.run, every=self.every, verbose=self.verbose)

@@ -9,14 +9,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import TorosError
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.assembly.tangent import UpperTangent
-from toros_fem.mechanics.equilibrium import cholmod, petsc_factor
+from toros_fem.mechanics.equilibrium import cholmod
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
+from toros_fem.mechanics.equilibrium.full_tangent import FullTangent
 from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor, has_cholmod
+from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
-PREFIX = petsc_factor.PREFIX
 # Fraction of the diagonal that is added to M.
 LEAST = 1e-6
 # Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
@@ -38,7 +38,8 @@ class TangentFactor:
     unknowns, or where the option -toros_pc_factor_mat_solver_type says so.
 
     Attributes:
-        matrix, ksp: Matrix of `fill`, and solver by its factors, for PETSc.
+        matrix: The matrix of `fill` for PETSc, by its products.
+        usable: Whether there are factors, of a state that is not far.
         package: "cholmod" or "mumps".
         ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
         values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
@@ -56,7 +57,9 @@ class TangentFactor:
         self._model = model
         self._tangent = UpperTangent(model)
         self.periodic = self._tangent.periodic
-        self.count = 0
+        self.count, self.usable = 0, False
+        self._coupled: Floats | None = None
+        self._full: FullTangent | None = None
         self.scale: Floats = np.zeros(model.size_local)
         self._make_entries()
         self._state, self._has_material = model.assembled, False
@@ -67,13 +70,6 @@ class TangentFactor:
         size = (model.size_local, model.space.dofmap.index_map.size_global)
         self.matrix = PETSc.Mat().createPython((size, size), _Matrix(self), comm=comm)
         self.matrix.setUp()
-        self.ksp = PETSc.KSP().create(comm)
-        self.ksp.setOptionsPrefix(PREFIX)
-        self.ksp.setType(PETSc.KSP.Type.PREONLY)
-        self.ksp.setOperators(self.matrix)
-        pc = self.ksp.getPC()
-        pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(_Preconditioner(self))
 
     def _make_entries(self) -> None:
         self._exact, self._material, self._data, self._convexity = (
@@ -152,13 +148,28 @@ class TangentFactor:
             self.values = self._data
             self.values[self._tangent.diagonal] += diagonal * self.scale
         self.matrix.stateIncrease()
+        if self._full is not None:
+            self._full.fill(self._tangent.indptr, self._tangent.columns, self.values)
+
+    def assembled_matrix(self) -> PETSc.Mat:
+        """Return the matrix of `fill` with all its entries, which it keeps from now on."""
+        self._full = self._full or FullTangent(self._model.skin.comm, self._model.size_local)
+        return self._full.matrix
+
+    def couple(self, state: Floats | None) -> None:
+        """Add the derivative of friction by normal forces at a state to `matrix`; None takes it off.
+
+        It is not symmetric.
+        """
+        self._coupled = state
 
     def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
         self.count += 1
         self._analyse()
-        return self._factors.factorise(self.values)
+        self.usable = self._factors.factorise(self.values)
+        return self.usable
 
     def _analyse(self) -> None:
         """Analyse the pattern anew where contact has changed it since."""
@@ -179,17 +190,10 @@ class TangentFactor:
 
     def multiply_filled(self, x: Floats) -> Floats:
         """Return the product of the matrix of `fill` with a vector."""
-        return self._tangent.multiply(self.values, x)
-
-    def factorise_filled(self) -> None:
-        """Factorise the matrix of `fill`, which only MUMPS does where it is indefinite."""
-        self.count += 1
-        self._analyse()
-        if not self._factors.factorise(self.values) and self.package != "mumps":
-            raise TorosError(
-                "CHOLMOD stops at an indefinite tangent, and this type of SNES has no shifts. Take "
-                "MUMPS by -toros_pc_factor_mat_solver_type mumps."
-            )
+        product = self._tangent.multiply(self.values, x)
+        if self._coupled is not None:
+            product += self._model.friction_coupling(self._coupled, x)
+        return product
 
 
 class _Matrix:
@@ -210,25 +214,6 @@ class _Matrix:
 
     # The matrix is symmetric; line searches ask for this.
     multTranspose = mult  # noqa: N815
-
-
-class _Preconditioner:
-    """Preconditioner of PETSc's type "python"; set up only where the matrix has changed."""
-
-    def __init__(self, factor: TangentFactor) -> None:
-        self._factor = weakref.ref(factor)  # as in `_Matrix`
-
-    def setUp(self, _: PETSc.PC) -> None:
-        """Factorise."""
-        factor = self._factor()
-        assert factor is not None
-        factor.factorise_filled()
-
-    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Solve."""
-        factor = self._factor()
-        assert factor is not None
-        y.array_w[:] = factor.solve(x.array_r)
 
 
 def _threads() -> int:

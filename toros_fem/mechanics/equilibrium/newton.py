@@ -1,10 +1,12 @@
-"""Newton's method on the skin's energy, regularised where the tangent is not positive definite."""
+"""Stable equilibria near a start by PETSc's SNES, with what skins need in its hooks."""
 
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -12,20 +14,20 @@ from petsc4py import PETSc
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.equilibrium.continuation import Attempt
-from toros_fem.mechanics.equilibrium.krylov import conjugate_gradients, gmres
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.equilibrium.narrowing import into_bounds
+from toros_fem.mechanics.equilibrium.newton_step import NewtonResult, NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
+from toros_fem.mechanics.equilibrium.petsc_options import (
+    PREFIX,
+    refusals,
+    tell_unused,
+    with_defaults,
+)
+from toros_fem.mechanics.equilibrium.points import Point, Points
+from toros_fem.mechanics.equilibrium.saddle import softest_mode
+from toros_fem.mechanics.equilibrium.shift import ShiftedCholesky, ShiftLadder
 
-ARMIJO = 1e-4
-SMALLEST_STEP = 1e-10
-FIRST_SHIFT = 0.03
-# Factor by which the shift falls after a success.
-DECAY = 32.0
-SMALLEST_SHIFT = 2e-3
-FIRST_DIAGONAL = 1e-8
-LARGEST_SHIFT = 1e6
 # A step that leaves more of the residual than this fraction is corrected, so that the stiff parts
 # relax.
 RELAXED = 0.1
@@ -34,316 +36,231 @@ CORRECTIONS = 2
 MODIFIED_STEPS = 3
 # Fraction of the residual that a modified step may leave, and fraction of the predicted decrease
 # of the energy that the first one must reach.
-MODIFIED_RATE = 0.2
-MODIFIED_GAIN = 0.2
-# Conjugate gradients with older factors are taken where they leave at most this fraction of the
-# residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
-INEXACT = 1e-2
-CG_COST = 0.03
+MODIFIED_RATE, MODIFIED_GAIN = 0.2, 0.2
+# Krylov iterations with older factors are taken where they leave at most this fraction of the
+# residual after KRYLOV_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
+INEXACT, KRYLOV_COST = 1e-2, 0.03
+# They end early where they would leave more than SLOW times that at the rate so far.
+SLOW = 10.0
 # With friction, a step that leaves more of the residual than the fraction OVERSHOT may be halved.
 OVERSHOT = 0.7
 # With friction, steps with the whole derivative begin at the residual COUPLED over the load. GMRES
 # leaves the fraction COUPLED_LEFT, and the step at most COUPLED_RATE of the residual.
 COUPLED, COUPLED_LEFT, COUPLED_RATE, COUPLED_ITERATIONS = 1e-2, 1e-3, 0.3, 60
-# A start outside the bounds of its density comes inside in rounds, each solved for up to this
-# residual over the load.
-APPROACHED, ROUNDS = 0.1, 60
-# Number of saddles that a solve leaves before it gives up.
-ESCAPES = 10
+# Number of saddles that a solve leaves before it gives up, and the least part of a mode.
+ESCAPES, SMALLEST_ESCAPE = 10, 1e-10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
 STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of the residual and moves nothing
 # further than the fraction RESOLVED of the skin's size.
-UNRESOLVED = 1e-5
-STUCK = 0.5
-RESOLVED = 1e-9
+UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
+# Residual over the applied load at which a trial's objective is known well enough.
+TRIAL_TOLERANCE = 1e-6
+# PETSc's limits on failed line searches and linear solves: the hooks decide.
+UNLIMITED = 1_000_000
+
+Reason = PETSc.SNES.ConvergedReason
 
 
-@dataclass(frozen=True)
-class NewtonStep:
-    """One row of a solve's history.
+@dataclass(eq=False)
+class _Run:
+    """One solve: its limits, and what one hook leaves to the next.
 
-    Attributes:
-        pressure: Largest pressure of the level, in Pa.
-        residual: Norm of the first variation over the applied load before the step.
-        energy: Energy in J before the step.
-        shift: Regularisation added to the tangent, over its material part; 0 for pure Newton.
-        step: Fraction of the step that was taken; 0 in the row that ends a level.
-        modified: Whether it is a modified Newton step: an older factorisation alone.
-        inexact: Whether conjugate gradients found it with an older factorisation.
-        iterations: Number of conjugate gradient iterations, also of those that were not enough.
-        seconds: Wall time of the step on this rank.
+    `base` is the begin of the step, `step` Newton's step as far as the bounds allow, `cap` this
+    part of it, `longest` its largest component; `rate` the fraction of the residual that the next
+    modified step would leave, `predict` whether the first step is one, `first` whether this one is.
     """
 
-    pressure: float
-    residual: float
-    energy: float
-    shift: float
-    step: float
-    modified: bool
-    inexact: bool
-    iterations: int
-    seconds: float
+    base: Point
+    tolerance: float
+    finish: bool
+    predict: bool
+    reference: float
+    rounding: float
+    rate: float = np.inf
+    kind: str = "newton"
+    step: Floats | None = None
+    cap: float = 1.0
+    longest: float = np.inf
+    first: bool = False
+    iterations: int = 0
+    escapes: int = 0
+    proven: bool = False
 
-    def __str__(self) -> str:
-        kind = "newton" if self.step else "end"
-        if self.modified or self.inexact:
-            kind = "modified" if self.modified else f"cg {self.iterations}"
-        return (
-            f"{self.pressure:10.4g} Pa  {kind:8s}  residual {self.residual:8.2e}  "
-            f"energy {self.energy:+.9e} J  shift {self.shift:7.1e}  step {self.step:7.1e}  "
-            f"{self.seconds:6.3f} s"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class NewtonResult(Attempt):
-    """Result of one solve.
-
-    Attributes:
-        history: One row for each step, and the row that ends the solve.
-        definite: Whether no shift was needed and no saddle was met on the way.
-    """
-
-    history: tuple[NewtonStep, ...]
-    definite: bool
+    @property
+    def residual(self) -> float:
+        """Residual over the load at the begin of the step."""
+        return self.base.size / self.reference
 
 
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """A state, its energy, and its residual with its norm."""
+class Newton:
+    """Newton's method on E from a start, at the load and density set in the model.
 
-    state: Floats
-    energy: float
-    residual: Floats
-    size: float
+    SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
+    until the energy falls. The hooks hold what PETSc has not:
 
-
-class RegularisedNewton:
-    """Regularised Newton's method on E from a start, at the load and density set in the model.
-
-    Each step solves (K + τM) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
-    factorisation has no negative pivot, remembered from step to step. M is K's material part: it
-    resists strains, not the large rotations by which slender skins snap. p is capped where a
-    triangle would use up too much of its distance to the stretch bounds, and backtracked on the
-    energy. A long step stretches the triangles that it turns; a second solve with the same factors
-    corrects that (the second-order correction of constrained optimisation). Near the end, and at
-    the start with the factors of a neighbouring equilibrium, modified Newton steps reuse the
-    factorisation. Elsewhere these factors precondition conjugate gradients; K is factorised only
-    where few iterations are not enough.
-
-    Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
-    eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
-    mode. A state counts as equilibrium when K is positive definite and the residual is below the
-    tolerance times the applied load, or below the rounding of the positions. Where rounding
-    keeps the residual from falling further, STAGNATED is enough, or UNRESOLVED where Newton's step
-    is negligible.
+    - **Shift.** The preconditioner factorises K + τM with the smallest τ of a ladder that leaves no
+      negative pivot. M is K's material part: it resists strains, not the large rotations by which
+      slender skins snap. Where no step lowers the energy, τ grows.
+    - **Older factors** precondition CG; K is factorised only where few iterations are not enough.
+      Near the end, and at the start with the factors of a neighbouring equilibrium, modified steps
+      reuse K too. With friction GMRES takes the place of CG, and near the end K has the derivative
+      by normal forces, which is not symmetric.
+    - **Step limit** (pre-check of the line search): a step uses up a part of the distance to the
+      stretch bounds, and nothing passes through anything.
+    - **Correction.** A long step stretches the triangles that it turns. A second solve with the
+      same factors mends that (the second-order correction of constrained optimisation).
+    - **Rounding.** Near the end, and where energies differ by less than their rounding, the work of
+      the mean force tells the difference.
+    - **Proof** (convergence test): a state is an equilibrium where K is positive definite and the
+      residual is below the tolerance times the applied load, or below the rounding of the
+      positions. A saddle is left along its softest mode. Where rounding keeps the residual from
+      falling further, STAGNATED is enough, or UNRESOLVED where Newton's step is negligible.
 
     Attributes:
-        first_shift: Shift with which the first factorisation of a solve near the last one begins.
+        model, options: As given.
+        factor: The factorised tangent; after success it is that at the equilibrium.
+        ladder: Its shift.
+        tolerance, max_steps: Those of the options, or of PETSc's with the prefix "toros_".
+
+    Args:
+        model: The skin's model.
+        options: Tolerance and limits.
+        log: Called with every row of the history as it comes, on every rank.
     """
 
     def __init__(
         self,
         model: SkinModel,
-        factor: TangentFactor,
         options: NewtonOptions,
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
-        self.model, self.factor, self.options = model, factor, options
+        self.model, self.options, self._log = model, options, log
         self.comm = model.skin.comm
-        self._log = log
-        self._has_factors, self.first_shift = False, 0.0
-        self._max_iterations = round(CG_COST * model.space.dofmap.index_map.size_global**0.5)
-        self._reset()
-
-    def _reset(self, *, near: bool = False) -> None:
-        """Reset all data of the previous solve, which may have failed far away."""
-        first = self.first_shift if near else 0.0
+        self.factor = TangentFactor(model)
+        self.ladder = ShiftLadder(self.factor)
+        self._points = Points(model)
+        self._krylov = round(KRYLOV_COST * model.space.dofmap.index_map.size_global**0.5)
+        self._snes, self._x = self._make_snes()
+        self.tolerance, self._absolute, _, self.max_steps = self._snes.getTolerances()
+        self._own = self._snes.getType() == PETSc.SNES.Type.NEWTONLS
+        own_factors = self._snes.getKSP().getPC().getType() == PETSc.PC.Type.PYTHON
+        self._reuses = self._own and own_factors
+        limited = PETSc.Options(PREFIX).hasName("ksp_max_it")
+        self._limits_krylov = own_factors and not limited
+        self._run: _Run | None = None
+        self._told = False  # what options are unused
         self._history: list[NewtonStep] = []
-        # Neighbouring designs need like shifts in their first steps.
-        self._shift, self._stiffness, self._refused = first, 0.0, first > 0
-        self._first = self._definite = True
-        self._cg_iterations = 0
-        self._clock = time.perf_counter()
+        self._stiffness, self._clock, self._rhs_size = 0.0, 0.0, 0.0
 
-    def minimise(
+    def _make_snes(self) -> tuple[PETSc.SNES, PETSc.Vec]:
+        # PETSc holds hooks out of sight of Python's garbage collector, with some versions for ever.
+        def weakly(method: Callable[..., Any]) -> Callable[..., Any]:
+            held = weakref.WeakMethod(method)
+
+            def call(*given: Any) -> Any:
+                found = held()
+                assert found is not None
+                return found(*given)
+
+            return call
+
+        matrix = self.factor.matrix
+        x, residual = matrix.createVecs()
+        snes = PETSc.SNES().create(self.comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType(PETSc.SNES.Type.NEWTONLS)
+        snes.setFunction(weakly(self._residual), residual)
+        snes.setObjective(weakly(self._merit))
+        snes.setJacobian(weakly(self._tangent), matrix)
+        snes.setLineSearchPreCheck(weakly(self._limit))
+        snes.setConvergenceTest(weakly(self._end_step))
+        options = self.options
+        snes.setTolerances(rtol=options.tolerance, atol=0.0, stol=0.0, max_it=options.max_steps)
+        snes.setMaxStepFailures(UNLIMITED)
+        snes.setMaxLinearSolveFailures(UNLIMITED)
+        ksp = snes.getKSP()
+        symmetric = not self.model.slides
+        ksp.setType(PETSc.KSP.Type.CG if symmetric else PETSc.KSP.Type.GMRES)
+        if not symmetric:
+            ksp.setPCSide(PETSc.PC.Side.RIGHT)
+            ksp.setGMRESRestart(COUPLED_ITERATIONS)
+        ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
+        ksp.setConvergenceTest(weakly(self._end_iteration))
+        ksp.setTolerances(rtol=INEXACT if symmetric else COUPLED_LEFT)
+        pc = ksp.getPC()
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(ShiftedCholesky(self.ladder))
+        with refusals(), with_defaults():
+            snes.setFromOptions()
+        if pc.getType() != PETSc.PC.Type.PYTHON:
+            snes.setJacobian(weakly(self._tangent), matrix, self.factor.assembled_matrix())
+        return snes, x
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the last run of the SNES."""
+        return int(self._snes.getIterationNumber())
+
+    def __call__(
         self,
         start: Floats,
-        tolerance: float,
-        max_steps: int,
-        near: bool,
-        finish: bool = True,
-        monitor: Callable[[int, float], None] = lambda step, size: None,
+        *,
+        near: bool = False,
+        max_steps: int | None = None,
+        trial: bool = False,
     ) -> NewtonResult:
         """Find a stable equilibrium near a start (collective).
 
         Args:
             start: Owned unknowns.
-            tolerance: Residual over the applied load at which a state is an equilibrium.
-            max_steps: Largest number of steps that are not modified ones.
             near: Whether the start is the equilibrium of a neighbouring design or load.
-            finish: Whether to factorise the tangent at the end, to prove that the state is stable.
-            monitor: Called before each step with its number and the norm of the residual.
+            max_steps: Largest number of steps; None takes that of the options.
+            trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable.
 
         Returns:
-            If it converged and is finished, the tangent at its state is factorised.
+            If it converged and is no trial, the tangent at its state is factorised.
         """
-        self._reset(near=near)
-        begin = self._into_bounds(start, max_steps, near)
-        point, outcome = self._iterate(
-            begin,
-            tolerance,
-            max_steps,
-            near and begin is start,
-            monitor,
-            finish=finish,
-        )
-        history = tuple(self._history)
-        return NewtonResult(point.state, outcome, len(history), history, self._definite)
+        tolerance = max(self.tolerance, TRIAL_TOLERANCE) if trial else self.tolerance
+        left = max_steps or self.max_steps
+        self._history, self._stiffness, self._clock = [], 0.0, time.perf_counter()
+        self.ladder.reset(near=near)
+        begin, left = into_bounds(self, start, left, near=near)
+        near &= begin is start
+        state, outcome = self.minimise(begin, tolerance, left, near=near, finish=not trial)
+        rows = tuple(self._history)
+        return NewtonResult(state, outcome, len(rows), rows, self.ladder.definite)
 
-    def _into_bounds(self, start: Floats, max_steps: int, near: bool) -> Floats:
-        """Return the start, or a state near it inside the bounds of the density (collective).
-
-        Another density may have had wider bounds. The bounds of the triangles outside are widened,
-        then narrowed in rounds: the tangent predicts the motion by it, and Newton's steps correct
-        that, as in an interior point method. From afar (not `near`) all bounds begin wide: narrow
-        ones would cap every step of the whole skin.
-        """
-        model, bounds, state = self.model, self.model.bounds, start
-        if not isinstance(bounds, MixedBounds):
-            return start
-        if not bounds.loosen(model.corners(start), everywhere=not near):
-            return start
-        for _ in range(ROUNDS):
-            if not bounds.loosened:
-                break
-            left = max_steps - sum(row.step > 0 and not row.modified for row in self._history)
-            point, outcome = self._iterate(
-                state, APPROACHED, left, near and state is start, finish=False
-            )
-            state = point.state
-            if outcome <= 0:
-                break
-            state = self._narrowed(state, bounds)
-        bounds.update()
-        return state
-
-    def _narrowed(self, state: Floats, bounds: MixedBounds) -> Floats:
-        """Narrow loosened bounds, and return the state that goes with them."""
-        model = self.model
-        if not self.stable(state):
-            bounds.narrow(model.corners(state), None)
-            return state
-        model.set_state(state)
-        motion = -self.factor.solve(bounds.push() * model.free)
-        fraction = bounds.narrow(model.corners(state), model.corners(motion))
-        return np.asarray(state + fraction * motion)
-
-    def _iterate(
-        self,
-        start: Floats,
-        tolerance: float,
-        max_steps: int,
-        near: bool,
-        monitor: Callable[[int, float], None] = lambda step, size: None,
-        *,
-        finish: bool,
-    ) -> tuple[_Point, int]:
-        outcomes = PETSc.SNES.ConvergedReason
+    def minimise(
+        self, start: Floats, tolerance: float, max_steps: int, *, near: bool, finish: bool
+    ) -> tuple[Floats, int]:
+        """Run the SNES once; return where it ended, and PETSc's reason (collective)."""
         model = self.model
         self._lag(start)
-        point = self._at(start, model.energy(start))
+        begin = self._points.at(start)
         crossed = model.contact is not None and model.contact.crossed(start)
-        if not np.isfinite(point.energy) or crossed:
-            return point, int(outcomes.DIVERGED_FUNCTION_DOMAIN)
-        rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
-        reference = self.reference(start)
-        steps = escapes = 0
-        rate = np.inf  # fraction of the residual that the next modified step would leave
-        predict = near and self._has_factors
-        while True:
-            if point.size <= 10 * max(tolerance, STAGNATED) * reference:
-                reference = self.reference(point.state)
-            monitor(steps, point.size)
-            residual = point.size / reference
-            done = residual <= tolerance or point.size <= self._floor(reference)
-            if done and (not finish or self.stable(point.state)):
-                self._record(point, residual, 0.0)
-                return point, int(outcomes.CONVERGED_FNORM_RELATIVE)
-            # At a saddle there are no factors: its tangent is not positive definite.
-            if not done and (predict or residual * rate**MODIFIED_STEPS <= tolerance):
-                modified = self._modified_step(point, rounding, first=predict)
-                predict, rate = False, np.inf
-                if modified is not None:
-                    modified = self._lagged(modified)
-                    rate = modified.size / point.size
-                    self._record(point, residual, 1.0, modified=True)
-                    point = modified
-                    continue
-            if not done and model.slides and residual <= COUPLED and self._has_factors:
-                coupled = self._coupled_step(point)
-                if coupled is not None:
-                    self._record(point, residual, 1.0, modified=True)
-                    point = coupled
-                    continue
-            if steps == max_steps:
-                return point, int(outcomes.DIVERGED_MAX_IT)
-            if model.contact is not None and model.contact.falls(point.state):
-                return point, int(outcomes.DIVERGED_DTOL)
-            if escapes == ESCAPES:
-                return point, int(outcomes.DIVERGED_INNER)
-            steps += 1
-            inexact = False
-            if done:
-                escapes += 1
-                direction = self._softest(point.residual, escapes)
-            else:
-                direction, inexact = self._direction(point)
-            fraction, new = self._search(point, direction, rounding, escaping=done)
-            full = fraction == 1.0 and self._shift == 0.0 and not inexact
-            exact = not (done or inexact)
-            stuck = exact and self._stuck(point, new, direction, fraction)
-            if stuck and residual <= UNRESOLVED:
-                self._record(point, residual, 0.0)
-                return point, int(outcomes.CONVERGED_SNORM_RELATIVE)  # K is factorised, unshifted
-            self._record(point, residual, fraction, inexact=inexact)
-            if new is None and inexact:  # rounding, or a barrier that needs the exact direction
-                self._has_factors = False
-                continue
-            if new is None:
-                if residual <= STAGNATED and self.stable(point.state):
-                    return point, int(outcomes.CONVERGED_SNORM_RELATIVE)
-                if self._shift >= LARGEST_SHIFT / 8:
-                    return point, int(outcomes.DIVERGED_LINE_SEARCH)
-                self._shift, self._refused = max(FIRST_SHIFT, 16 * self._shift), True
-                continue
-            if inexact and residual <= UNRESOLVED and new.size > STUCK * point.size:
-                self._has_factors = False  # only the exact direction tells rounding
-            if not done:
-                new = self._correct(point, new, fraction)
-            new = self._lagged(new, point if fraction == 1 else None)
-            # Newton's residual falls quadratically; that of a modified step by twice this factor.
-            rate = 2 * new.size / point.size if full else np.inf
-            point = new
-
-    def _direction(self, point: _Point) -> tuple[Floats, bool]:
-        """Return Newton's direction, and whether it is inexact: found with older factors."""
-        self._assemble(point.state)
-        if self._has_factors and self._max_iterations >= 2:
-            found = conjugate_gradients(
-                self.comm,
-                self.factor.multiply,
-                self.factor.solve,
-                -point.residual,
-                INEXACT,
-                self._max_iterations,
-            )
-            self._cg_iterations = found.iterations
-            if found.positive and found.residual <= INEXACT:
-                return found.solution, True
-        self._factorise()
-        return -self.factor.solve(point.residual), False
+        if not np.isfinite(begin.energy) or crossed:
+            return start, int(Reason.DIVERGED_FUNCTION_DOMAIN)
+        self._run = run = _Run(
+            base=begin,
+            tolerance=tolerance,
+            finish=finish,
+            predict=near and self._own,
+            reference=self.reference(start),
+            rounding=model.energy_rounding() + 1e-14 * model.load_energy(start),
+        )
+        self._snes.setTolerances(rtol=tolerance, max_it=max_steps)
+        self._x.array[:] = start
+        with refusals():
+            self._snes.solve(None, self._x)
+        if not self._told:
+            self._told = True
+            tell_unused(self.comm)
+        state, outcome = np.array(self._x.array_r), int(self._snes.getConvergedReason())
+        # Another type of SNES, chosen by an option, may have stopped at a saddle.
+        if outcome > 0 and finish and not run.proven and not self.stable(state):
+            outcome = int(Reason.DIVERGED_INNER)
+        return state, outcome
 
     def reference(self, state: Floats) -> float:
         """Return the norm of the applied load in N, by which residuals are measured (collective).
@@ -351,153 +268,348 @@ class RegularisedNewton:
         Where supports move, or without any load, it is that of their reaction. Without any
         reaction it is the force of a strain of 1e-4.
         """
-        load = norm(self.comm, self.model.applied_load(state))
-        if load > 0 and self.model.load.displacement is not None:
-            return max(load, norm(self.comm, self.model.reaction(state)))
-        if load > 0:
+        model = self.model
+        load = norm(self.comm, model.applied_load(state))
+        if load > 0 and model.load.displacement is None:
             return load
-        pattern = self.model.skin.pattern
-        least = 1e-4 * self.model.mean_modulus() * float(np.sqrt(pattern.areas.sum()))
-        return max(least, norm(self.comm, self.model.reaction(state)))
+        reaction = norm(self.comm, model.reaction(state))
+        if load > 0:
+            return max(load, reaction)
+        area = float(model.skin.pattern.areas.sum())
+        return max(1e-4 * model.mean_modulus() * area**0.5, reaction)
 
     def direction(self, state: Floats, residual: Floats) -> Floats:
         """Return Newton's direction against a residual in N, with the tangent at a state."""
         self._assemble(state)
-        self._factorise()
+        self.ladder.factorise()
         return -self.factor.solve(residual)
 
     def stable(self, state: Floats) -> bool:
         """Return whether the tangent at a state is positive definite; leaves it factorised."""
         self._assemble(state)
-        self._has_factors = self.factor.factorise(0.0)
-        return self._has_factors
+        return self.factor.factorise()
 
-    def _at(self, state: Floats, energy: float) -> _Point:
-        residual = self.model.residual(state)
-        return _Point(state, energy, residual, norm(self.comm, residual))
+    # The hooks of SNES, in the order in which a step calls them.
 
-    def _record(
-        self,
-        point: _Point,
-        residual: float,
-        step: float,
-        *,
-        modified: bool = False,
-        inexact: bool = False,
-    ) -> None:
-        now = time.perf_counter()
-        shift = 0.0 if modified or inexact or not step else self._shift
-        row = NewtonStep(
-            self.model.load.largest,
-            residual,
-            point.energy,
-            shift,
-            step,
-            modified,
-            inexact,
-            self._cg_iterations,
-            now - self._clock,
-        )
-        self._cg_iterations = 0
-        self._clock = now
-        self._history.append(row)
-        if self._log is not None:
-            self._log(row)
+    def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array_w[:] = self._points.residual(x.array_r)
 
-    def _floor(self, reference: float) -> float:
-        """Return the residual's norm by rounding of the positions alone, once K is known.
+    def _tangent(self, snes: PETSc.SNES, x: PETSc.Vec, _: PETSc.Mat, __: PETSc.Mat) -> None:
+        """Assemble the tangent, or leave that of an older state for a modified step."""
+        run, usable = self._now, self.factor.usable and self._reuses
+        promised = run.predict or run.residual * run.rate**MODIFIED_STEPS <= run.tolerance
+        run.first, run.predict, run.rate = run.predict, False, np.inf
+        if usable and promised:
+            run.kind = "modified"
+            return
+        self._assemble(np.array(x.array_r))
+        self.factor.fill()
+        coupled = usable and self.model.slides and run.residual <= COUPLED
+        run.kind = "coupled" if coupled else "cg" if usable and self._krylov >= 2 else "newton"
+        self.factor.couple(run.base.state if coupled else None)
+        self.ladder.renew = run.kind == "newton"
+        if self._limits_krylov:
+            snes.getKSP().setTolerances(
+                max_it=COUPLED_ITERATIONS if coupled else max(self._krylov, 1)
+            )
 
-        Close to the stretch bounds it would exceed any load, so that it is limited.
+    def _end_iteration(self, ksp: PETSc.KSP, count: int, size: float) -> int:
+        """Test the linear solve; give up where its rate so far is far too slow."""
+        reasons = PETSc.KSP.ConvergedReason
+        relative, _, _, limit = ksp.getTolerances()
+        if count == 0:
+            self._rhs_size = size
+        left = size / self._rhs_size if self._rhs_size > 0 else 0.0
+        if not np.isfinite(left):
+            return int(reasons.DIVERGED_NANORINF)
+        if left <= relative:
+            return int(reasons.CONVERGED_RTOL)
+        slow = self._limits_krylov and np.log(left) * limit > np.log(SLOW * relative) * count
+        ends = count >= limit or (count > 0 and slow)
+        return int(reasons.DIVERGED_MAX_IT if ends else reasons.ITERATING)
+
+    def _limit(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
+        """Renew a step of older factors that does not serve; shorten it by bounds and contact."""
+        run = self._now
+        run.iterations = 0
+        while run.kind != "newton" and not self._serves(y):
+            self._renew(y)
+        if run.kind == "newton":
+            self._descend(y)
+            self._shorten(y)
+        run.step = np.array(y.array_r)
+        return True
+
+    def _merit(self, _: PETSc.SNES, x: PETSc.Vec) -> float:
+        """Return the energy in J less that at the begin of the step."""
+        run, state = self._now, x.array_r
+        if self._points.same(state, run.base.state):
+            return 0.0
+        if run.kind == "coupled":  # friction has no potential
+            return self._points.at(state).size - run.base.size
+        return self._change(state)
+
+    def _end_step(
+        self, snes: PETSc.SNES, count: int, norms: tuple[float, float, float]
+    ) -> Reason | int:
+        """Correct the state that the line search found, and test it.
+
+        petsc4py 3.22 has no post-check of the line search, where PETSc would change a state.
         """
-        return min(self._rounding(), STAGNATED * reference)
+        run, x = self._now, snes.getSolution()
+        found = point = self._points.at(x.array_r)
+        if not np.isfinite(point.size):
+            return Reason.DIVERGED_FNORM_NAN
+        outcome = None
+        if count > 0 and self._own:
+            outcome, point = self._advance(point)
+        elif count > 0:
+            self._record("newton", 1.0)
+        run.base = point
+        if outcome is None:
+            outcome = self._judge(count)
+        if run.base is not found:
+            x.array[:] = run.base.state
+            snes.getFunction()[0].array[:] = run.base.residual
+            snes.setFunctionNorm(run.base.size)
+        return outcome
 
-    def _rounding(self) -> float:
-        """Return the norm in N by which rounded positions may change the residual."""
-        return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
+    def _advance(self, found: Point) -> tuple[int | None, Point]:
+        """Return why the solve ends, or None, and the point from which it goes on."""
+        run, base = self._now, self._now.base
+        moved = not self._points.same(found.state, base.state)
+        fraction = 0.0
+        if moved and run.step is not None:
+            along = dot(self.comm, base.state - found.state, run.step)
+            fraction = run.cap * round(along / dot(self.comm, run.step, run.step), 9)
+        whole = fraction == 1.0 and run.kind == "newton" and self.ladder.shift == 0
+        if self._stuck(found.size if fraction == 1.0 else np.inf):
+            run.proven = True  # K is factorised there, unshifted
+            self._record("end", 0.0)
+            return int(Reason.CONVERGED_SNORM_RELATIVE), base
+        self._record(run.kind, fraction)
+        if not moved:
+            return self._refused(), base
+        new = found
+        if run.kind == "cg" and run.residual <= UNRESOLVED and new.size > STUCK * base.size:
+            self.factor.usable = False  # only the exact direction tells rounding
+        if run.kind in ("newton", "cg"):
+            new = self._correct(base, new, fraction)
+        if run.kind != "coupled":
+            new = self._lagged(new, base if fraction == 1.0 else None)
+        # Newton's residual falls quadratically; that of a modified step by twice this factor.
+        if whole or run.kind == "modified":
+            run.rate = (2 if whole else 1) * new.size / base.size
+        return None, new
 
-    def _stuck(self, old: _Point, new: _Point | None, direction: Floats, fraction: float) -> bool:
-        """Return whether rounding limits the residual: Newton's step is negligible.
+    def _refused(self) -> int | None:
+        """Return why the solve ends where no part of a step lowers the energy; None if it goes on."""
+        run = self._now
+        if run.kind != "newton":  # rounding, or a barrier that needs the exact direction
+            self.factor.usable = False
+            if run.kind == "coupled":
+                self._lag(run.base.state)
+            return None
+        if run.residual <= STAGNATED and self.stable(run.base.state):
+            run.proven = True
+            return int(Reason.CONVERGED_SNORM_RELATIVE)
+        if self.ladder.exhausted:
+            return int(Reason.DIVERGED_LINE_SEARCH)
+        self.ladder.enlarge()
+        return None
 
-        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
-        """
-        if self._shift > 0:
+    def _judge(self, count: int) -> int:
+        """Return PETSc's reason at the point from which a step would begin."""
+        run = self._now
+        if run.base.size <= 10 * max(run.tolerance, STAGNATED) * run.reference:
+            run.reference = self.reference(run.base.state)
+        size = run.base.size
+        if size <= max(run.tolerance * run.reference, self._floor(), self._absolute):
+            run.proven = run.finish and self.stable(run.base.state)
+            if run.proven or not run.finish or not self._own:
+                self._record("end", 0.0)
+                return int(Reason.CONVERGED_FNORM_RELATIVE)
+            if run.escapes == ESCAPES:
+                return int(Reason.DIVERGED_INNER)
+            run.base = self._escape(run.base)
+        contact = self.model.contact
+        if contact is not None and contact.falls(run.base.state):
+            return int(Reason.DIVERGED_DTOL)
+        if count >= self._snes.getTolerances()[3]:
+            return int(Reason.DIVERGED_MAX_IT)
+        return int(Reason.ITERATING)
+
+    # What the hooks use.
+
+    @property
+    def _now(self) -> _Run:
+        assert self._run is not None
+        return self._run
+
+    def _serves(self, y: PETSc.Vec) -> bool:
+        """Return whether a step by older factors is good enough; it is shortened then."""
+        run, base = self._now, self._now.base
+        run.iterations += self._snes.getKSP().getIterationNumber()
+        size = norm(self.comm, y.array_r)
+        if self._snes.getKSP().getConvergedReason() < 0 or not np.isfinite(size):
             return False
-        if new is not None and fraction == 1.0 and new.size <= STUCK * old.size:
+        self._shorten(y)
+        if run.kind == "cg":
+            return True
+        if run.cap < 1 and not run.first:
             return False
-        if old.size > self._rounding():
-            return False
-        moved = largest(self.comm, float(np.abs(direction).max(initial=0.0)))
-        return moved <= RESOLVED * self.model.skin.pattern.size
+        trial = base.state - y.array_r
+        if run.kind == "coupled":
+            self._lag(trial)
+            return self._points.at(trial).size <= COUPLED_RATE * base.size
+        change = self._change(trial)
+        if run.first:
+            return change <= -MODIFIED_GAIN / 2 * dot(self.comm, base.residual, y.array_r)
+        return change <= run.rounding and self._points.at(trial).size <= MODIFIED_RATE * base.size
+
+    def _change(self, state: Floats) -> float:
+        """Return the change of the energy in J since the begin of the step."""
+        run = self._now
+        change = self._points.energy(state) - run.base.energy
+        if not np.isfinite(change) or (abs(change) > run.rounding and run.residual > UNRESOLVED):
+            return change
+        mean_force = (self._points.residual(state) + run.base.residual) / 2
+        return dot(self.comm, mean_force, state - run.base.state)
+
+    def _renew(self, y: PETSc.Vec) -> None:
+        """Solve for the step anew: a modified one by the tangent of this state, others by factors."""
+        run = self._now
+        if run.kind == "coupled":
+            self._lag(run.base.state)
+            self.factor.couple(None)
+        if run.kind == "modified":
+            self._assemble(run.base.state)
+        run.kind = "cg" if run.kind == "modified" and self._krylov >= 2 else "newton"
+        self._solve(y, 0.0)
+
+    def _solve(self, y: PETSc.Vec, shift: float) -> None:
+        self.factor.fill(shift)
+        self.ladder.renew = self._now.kind == "newton"
+        self._snes.getKSP().solve(self._snes.getFunction()[0], y)
+
+    def _back(self, rhs: Floats) -> Floats:
+        """Solve with the factors of the last step, or with what an option has put in their place."""
+        if self._reuses:
+            return self.factor.solve(rhs)
+        right, solution = self._x.duplicate(), self._x.duplicate()
+        right.array[:] = rhs
+        self._snes.getKSP().solve(right, solution)
+        return np.array(solution.array_r)
+
+    def _descend(self, y: PETSc.Vec) -> None:
+        """Let the shift grow until the step goes downhill."""
+        run, ksp, reasons = self._now, self._snes.getKSP(), PETSc.KSP.ConvergedReason
+        while True:
+            reason = ksp.getConvergedReason()
+            solved = reason > 0 or reason == reasons.DIVERGED_MAX_IT
+            if solved and dot(self.comm, run.base.residual, y.array_r) > 0:
+                return
+            if self.ladder.exhausted:
+                y.set(0.0)
+                return
+            self.ladder.enlarge()
+            self._solve(y, self.ladder.shift)
+
+    def _shorten(self, y: PETSc.Vec) -> None:
+        """Take the part of the step that stretch bounds and contact allow."""
+        run = self._now
+        run.longest = largest(self.comm, float(np.abs(y.array_r).max(initial=0.0)))
+        run.cap = self._cap(run.base.state, -y.array_r)
+        y.scale(run.cap)
+
+    def _cap(self, state: Floats, step: Floats) -> float:
+        return self.model.largest_step(state, step, self.options.fraction_to_barrier)
 
     def _assemble(self, state: Floats) -> None:
         self.factor.assemble(state)
         self._stiffness = norm(self.comm, self.factor.scale)
 
-    def _factorise(self) -> None:
-        """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
-        # A smaller shift is worth a factorisation only if the last try of one succeeded.
-        shift = self._shift if self._refused else self._shift / DECAY
-        shift = shift if shift >= SMALLEST_SHIFT else 0.0
-        refused = False
-        self._has_factors = self.factor.factorise(shift)
-        while not self._has_factors and shift < LARGEST_SHIFT:
-            shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
-            refused = True
-            self._has_factors = self.factor.factorise(shift)
-        if self._first:
-            lower = shift / 4 if shift >= 4 * SMALLEST_SHIFT else 0.0
-            self._first, self.first_shift = False, shift if refused else lower
-        self._refused = refused and not self._refused
-        self._definite &= shift == 0
-        self._shift = shift
+    def _record(self, kind: str, step: float) -> None:
+        run, now = self._now, time.perf_counter()
+        row = NewtonStep(
+            self.model.load.largest,
+            run.residual,
+            run.base.energy,
+            self.ladder.shift if kind == "newton" else 0.0,
+            step,
+            kind,
+            run.iterations,
+            now - self._clock,
+        )
+        self._clock = now
+        self._history.append(row)
+        if self._log is not None:
+            self._log(row)
 
-    def _softest(self, residual: Floats, seed: int) -> Floats:
-        """Return the mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin.
+    def _floor(self) -> float:
+        """Return the residual's norm by rounding of the positions alone, once K is known.
 
-        The curvature is measured by the diagonal: the material part would hide the buckling mode.
+        Close to the stretch bounds it would exceed any load, so that it is limited.
         """
-        self._shift, diagonal, self._has_factors = 0.0, FIRST_DIAGONAL, False
-        self._definite = False
-        while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
-            diagonal *= 4
-        # A start that is the same on any number of ranks: drawn by assembled vertex.
-        model, generator = self.model, np.random.default_rng(seed)
-        drawn = generator.standard_normal(model.skin.pattern.points.shape)
-        mode = model.state_of(drawn[model.skin.owned_vertices])
-        if model.contact is not None:
-            model.contact.set_motions(mode, generator.standard_normal((model.free_bodies, 6)))
-        for _ in range(20):
-            mode = self.factor.solve(self.factor.scale * mode)
-            mode /= norm(self.comm, mode)
-        mode *= -1.0 if dot(self.comm, mode, residual) > 0 else 1.0
-        return 0.01 * self.model.skin.pattern.size * mode
+        return min(self._rounding(), STAGNATED * self._now.reference)
 
-    def _cap(self, state: Floats, direction: Floats) -> float:
-        """Return the fraction of a step that stretch bounds and contact allow."""
-        return self.model.largest_step(state, direction, self.options.fraction_to_barrier)
+    def _rounding(self) -> float:
+        """Return the norm in N by which rounded positions may change the residual."""
+        return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
-    def _modified_step(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
-        """Return the point after a step with the old factors; None if it gains too little."""
-        direction = -self.factor.solve(point.residual)
-        if not np.isfinite(norm(self.comm, direction)):
-            return None
-        fraction = self._cap(point.state, direction)
-        if fraction < 1 and not first:
-            return None
-        trial = point.state + fraction * direction
-        energy = self.model.energy(trial)
-        slope = fraction * dot(self.comm, point.residual, direction)
-        if not energy - point.energy <= (MODIFIED_GAIN / 2 * slope if first else rounding):
-            return None
-        new = self._at(trial, energy)
-        return new if first or new.size <= MODIFIED_RATE * point.size else None
+    def _stuck(self, size: float) -> bool:
+        """Return whether rounding limits the residual: Newton's whole step is negligible.
+
+        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
+
+        Args:
+            size: Norm of the residual after the whole step; infinite if it was shortened.
+        """
+        run = self._now
+        exact = run.kind == "newton" and self.ladder.shift == 0
+        if not exact or run.residual > UNRESOLVED or size <= STUCK * run.base.size:
+            return False
+        small = run.longest <= RESOLVED * self.model.skin.pattern.size
+        return small and run.base.size <= self._rounding()
+
+    def _correct(self, old: Point, new: Point, fraction: float) -> Point:
+        """Solve for the residual beyond its linear prediction: the second-order correction."""
+        for _ in range(CORRECTIONS):
+            if new.size <= RELAXED * old.size:
+                break
+            change = -self._back(new.residual - (1 - fraction) * old.residual)
+            # Contact may lie between two states whose energies tell nothing of it.
+            if self.model.contact is not None and self._cap(new.state, change) < 1:
+                break
+            state = new.state + change
+            if not self._points.energy(state) < new.energy:
+                break
+            new = self._points.at(state)
+        return new
+
+    def _escape(self, saddle: Point) -> Point:
+        """Return a lower point along the softest mode of a saddle."""
+        run = self._now
+        run.escapes += 1
+        self.ladder.shift, self.ladder.definite = 0.0, False
+        mode = softest_mode(self.model, self.factor, saddle.residual, run.escapes)
+        self.factor.usable = False
+        fraction = self._cap(saddle.state, mode)
+        while fraction > SMALLEST_ESCAPE:
+            state = saddle.state + fraction * mode
+            if self._points.energy(state) - saddle.energy < -run.rounding:
+                self._record("escape", fraction)
+                return self._points.at(state)
+            fraction /= 2
+        return saddle
 
     def _lag(self, state: Floats) -> None:
         """Let friction have the normal forces of a state; energy and residual are by these."""
+        self._points.forget()
         if self.model.contact is not None:
             self.model.contact.lag_friction(state)
 
-    def _lagged(self, point: _Point, before: _Point | None = None) -> _Point:
+    def _lagged(self, point: Point, before: Point | None) -> Point:
         """Return the point with friction by the normal forces of its own state.
 
         Where these overshoot, the point half way from the one before may be nearer to equilibrium:
@@ -506,78 +618,13 @@ class RegularisedNewton:
         if not self.model.slides:
             return point
         self._lag(point.state)
-        found = self._at(point.state, self.model.energy(point.state))
+        found = self._points.at(point.state)
         if before is None or found.size <= OVERSHOT * before.size:
             return found
         middle = (before.state + point.state) / 2
         self._lag(middle)
-        half = self._at(middle, self.model.energy(middle))
+        half = self._points.at(middle)
         if half.size < OVERSHOT * found.size and np.isfinite(half.energy):
             return half
         self._lag(point.state)
-        return found
-
-    def _coupled_step(self, point: _Point) -> _Point | None:
-        """Return the point after a step with the derivative of friction by normal forces too.
-
-        It is not symmetric: GMRES solves, with the last factors. None if it gains too little.
-        """
-        self._assemble(point.state)
-        direction, left = gmres(
-            self.comm,
-            lambda x: self.factor.multiply(x) + self.model.friction_coupling(point.state, x),
-            self.factor.solve,
-            -point.residual,
-            COUPLED_LEFT,
-            COUPLED_ITERATIONS,
-        )
-        if not (left <= 10 * COUPLED_LEFT and self._cap(point.state, direction) == 1):
-            return None
-        trial = point.state + direction
-        self._lag(trial)
-        new = self._at(trial, self.model.energy(trial))
-        if np.isfinite(new.energy) and new.size <= COUPLED_RATE * point.size:
-            return new
-        self._lag(point.state)
-        return None
-
-    def _correct(self, old: _Point, new: _Point, fraction: float) -> _Point:
-        """Solve for the residual beyond its linear prediction: the second-order correction."""
-        for _ in range(CORRECTIONS):
-            if new.size <= RELAXED * old.size:
-                break
-            change = -self.factor.solve(new.residual - (1 - fraction) * old.residual)
-            # Contact may lie between two states whose energies tell nothing of it.
-            if self.model.contact is not None and self._cap(new.state, change) < 1:
-                break
-            state = new.state + change
-            energy = self.model.energy(state)
-            if not energy < new.energy:
-                break
-            new = self._at(state, energy)
-        return new
-
-    def _search(
-        self, point: _Point, direction: Floats, rounding: float, *, escaping: bool
-    ) -> tuple[float, _Point | None]:
-        """Return the fraction of the step and the point there; 0, None if no step lowers E."""
-        if not np.isfinite(norm(self.comm, direction)):
-            return 0.0, None
-        slope = dot(self.comm, point.residual, direction)
-        fraction = self._cap(point.state, direction)
-        while fraction > SMALLEST_STEP:
-            trial = point.state + fraction * direction
-            energy = self.model.energy(trial)
-            change = energy - point.energy
-            if change <= ARMIJO * fraction * slope and (change < -rounding or not escaping):
-                return fraction, self._at(trial, energy)
-            if abs(change) <= rounding and not escaping:
-                new = self._at(trial, energy)
-                if abs(dot(self.comm, new.residual, direction)) <= 0.9 * abs(slope):
-                    return fraction, new
-            if np.isfinite(energy) and change > fraction * slope:
-                quadratic = -slope * fraction**2 / (2 * (change - fraction * slope))
-                fraction = min(max(quadratic, 0.1 * fraction), 0.5 * fraction)
-            else:
-                fraction *= 0.5
-        return 0.0, None
+        return self._points.at(point.state)

@@ -12,7 +12,7 @@ from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.equilibrium.newton import RegularisedNewton
+from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.skin.load import Load
 
 # Fraction of the skin's size by which two states may differ and be the same.
@@ -55,7 +55,7 @@ class PathPoint:
 
 def connect(
     model: SkinModel,
-    newton: RegularisedNewton,
+    newton: Newton,
     attempt: Callable[[Floats, Load], Attempt],
     begin: PathPoint,
     end: PathPoint,

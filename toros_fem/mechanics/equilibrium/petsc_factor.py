@@ -8,8 +8,8 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats, LocalInts
 from toros_fem.base.errors import TorosError
+from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
-PREFIX = "toros_"
 # Codes of MUMPS' INFOG(1): a request for more working space, and a singular matrix.
 LARGEST_SPACE = 4000
 MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)

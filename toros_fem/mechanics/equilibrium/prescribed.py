@@ -9,7 +9,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.equilibrium.newton import RegularisedNewton
+from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.mirror import FLAT
@@ -65,7 +65,7 @@ class PrescribedDisplacement:
 
     def follow(
         self,
-        newton: RegularisedNewton,
+        newton: Newton,
         state: Floats,
         end: Load,
         longest: float,

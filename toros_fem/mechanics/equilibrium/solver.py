@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MaterialWarning, NoEquilibriumError, ParameterError, UnitWarning
+from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
     collective,
     largest,
@@ -28,6 +28,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.sliding import Sliding
+from toros_fem.mechanics.equilibrium.attempts import Attempts
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
 from toros_fem.mechanics.equilibrium.equilibrium import (
@@ -36,12 +37,12 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
     numbers_read,
     readings,
 )
-from toros_fem.mechanics.equilibrium.krylov import gmres
-from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.friction_solve import solve_with_friction
+from toros_fem.mechanics.equilibrium.newton import Newton
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
 from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
 from toros_fem.mechanics.skin.chambers import Chambers
@@ -54,9 +55,6 @@ from toros_fem.meshes.skin import Skin, sew
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
-# GMRES with friction: residual over the right-hand side at which it ends, that is enough, and
-# largest number of iterations.
-LINEAR_TOLERANCE, LINEAR_ALLOWED, LINEAR_ITERATIONS = 1e-11, 1e-8, 200
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
 
@@ -128,8 +126,8 @@ class EquilibriumSolver:
             design=design,
         )
         self.options = options or NewtonOptions()
-        self._snes = SnesSolver(self.model, self.options, log)
-        self._factor = self._snes.factor
+        self._newton = Newton(self.model, self.options, log)
+        self._factor = self._newton.factor
         self._prescribed = PrescribedDisplacement(self.model)
         self._at: Equilibrium | None = None  # where the tangent is factorised
 
@@ -250,7 +248,7 @@ class EquilibriumSolver:
         Args:
             at: An equilibrium of this solver; of the last one a restored run goes on to the bit.
         """
-        numbers = {**at.numbers(), "first_shift": self._snes.newton.first_shift}
+        numbers = {**at.numbers(), "first_shift": self._newton.ladder.first}
         return self.model.patch.gather(at.state), numbers
 
     @collective("self.skin.comm", owned=("density", "numbers"))
@@ -275,7 +273,7 @@ class EquilibriumSolver:
             ParameterError: The unknowns are those of another skin.
             EquilibriumError: It is no equilibrium any more, and there is none near.
         """
-        model, newton = self.model, self._snes.newton
+        model, newton = self.model, self._newton
         given = replace(
             load or Load(),
             pressure=numbers["pressures"],
@@ -292,10 +290,10 @@ class EquilibriumSolver:
         self._set(density, acting, read["begin"], state)
         residual = self._residual_at(state)
         # Another machine may round otherwise, and another load leaves a residual.
-        known = residual <= max(self._snes.tolerance, SAME_RESIDUAL * read["residual"])
+        known = residual <= max(self._newton.tolerance, SAME_RESIDUAL * read["residual"])
         if not (known and newton.stable(state)):
             return self.solve(density, acting, start=state, sliding=read["begin"])
-        newton.first_shift = numbers["first_shift"]
+        newton.ladder.first = numbers["first_shift"]
         state.setflags(write=False)
         found = Equilibrium(
             **read,
@@ -353,7 +351,7 @@ class EquilibriumSolver:
             if not at.complete or at.state.shape != (self.model.size_local,):
                 raise refusal
         self._set(at.density, at.load, at.begin, at.state)
-        if not self._snes.newton.stable(at.state):
+        if not self._newton.stable(at.state):
             raise refusal
         self._at = at
 
@@ -393,21 +391,7 @@ class EquilibriumSolver:
                 "there is no adjoint through friction on free bodies; hold or move the bodies, or "
                 "leave the friction out."
             )
-        solution, left = gmres(
-            self.skin.comm,
-            lambda x: factor.multiply(x) + model.friction_coupling(at.state, x, transposed=adjoint),
-            factor.solve,
-            rhs,
-            LINEAR_TOLERANCE,
-            LINEAR_ITERATIONS,
-        )
-        if left > LINEAR_ALLOWED:
-            raise NoEquilibriumError(
-                f"the linear solve with friction leaves {left:.1g} of its right-hand side after "
-                f"{LINEAR_ITERATIONS} iterations: the equilibrium is near to slipping as a whole. "
-                "Shorten the step of the path, or lower the friction."
-            )
-        return solution
+        return solve_with_friction(model, factor, at.state, rhs, transposed=adjoint)
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices (collective).
@@ -448,8 +432,8 @@ class EquilibriumSolver:
     ) -> Search:
         return Search(
             self.model,
-            self._snes,
-            Attempts(self._snes, near=near is not None),
+            self._newton,
+            Attempts(self._newton, near=near is not None),
             self._prescribed,
             density,
             load,
@@ -483,7 +467,7 @@ class EquilibriumSolver:
             if origin is not None:
                 snapped, point = connect(
                     self.model,
-                    self._snes.newton,
+                    self._newton,
                     lambda start, at: attempts(self._prescribed(start, at.displacement)),
                     origin,
                     point,
@@ -505,7 +489,7 @@ class EquilibriumSolver:
     def _residual_at(self, state: Floats) -> float:
         """Return the norm of the first variation over the applied load (collective)."""
         size = norm(self.skin.comm, self.model.residual(state))
-        return size / self._snes.newton.reference(state)
+        return size / self._newton.reference(state)
 
     def _same_design(self, one: Floats, two: Floats) -> bool:
         return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0

@@ -10,15 +10,16 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.equilibrium.attempts import Attempts
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
     run_continuation,
 )
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.skin.load import Load
 
 # First increment of a continuation from one design to another, as a fraction of the whole.
@@ -47,7 +48,7 @@ class Search:
 
     Attributes:
         model: The skin's model.
-        snes: Its solver from one start.
+        newton: Its solver from one start.
         attempts: What was tried.
         prescribed: Motion of fixed components.
         density, load: Those of the equilibrium.
@@ -62,7 +63,7 @@ class Search:
     """
 
     model: SkinModel
-    snes: SnesSolver
+    newton: Newton
     attempts: Attempts
     prescribed: PrescribedDisplacement
     density: Floats
@@ -85,7 +86,7 @@ class Search:
     def max_steps(self) -> int:
         """Largest number of steps of the first attempt."""
         few = FEW_STEPS if self.model.contact is None else FEW_IN_CONTACT
-        return min(few, self.snes.max_steps) if self.trial else self.snes.max_steps
+        return min(few, self.newton.max_steps) if self.trial else self.newton.max_steps
 
     def attempt(
         self, start: Floats, density: Floats, load: Load, max_steps: int | None = None
@@ -137,7 +138,7 @@ class Search:
         model.set_density(self.density)
         for _ in range(CARRIES):
             model.set_load(begin.towards(end, gone))
-            moved, part = self.prescribed.follow(self.snes.newton, state, end, longest)
+            moved, part = self.prescribed.follow(self.newton, state, end, longest)
             there = 1.0 if part == 1 else gone + part * (1 - gone)
             model.set_load(begin.towards(end, there) if there < 1 else end)
             found = self.attempts(moved, trial=self.trial or there < 1)
@@ -270,7 +271,7 @@ def by_pressure(search: Search) -> ContinuationResult | None:
 
 def patiently(search: Search) -> ContinuationResult | None:
     """Take many steps from where the first cold attempt stopped."""
-    most = MORE_STEPS * search.snes.max_steps
+    most = MORE_STEPS * search.newton.max_steps
     return reached(search.attempt(search.cold_end.state, search.density, search.load, most))
 
 

@@ -19,7 +19,7 @@ from toros_fem.design.density.projection import Projection
 from toros_fem.design.density.symmetric import SymmetricFilter
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile

@@ -12,14 +12,15 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.equilibrium.attempts import Attempts
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
     run_continuation,
 )
-from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.newton import Newton
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.skin.designs import check_density
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
@@ -106,8 +107,8 @@ class TileSolver:
         self.skin, self.periodic = skin, periodic
         self.options = options or NewtonOptions()
         self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
-        self._snes = SnesSolver(self.model, self.options, log)
-        images, periodic_tangent = self.model.images, self._snes.factor.periodic
+        self._newton = Newton(self.model, self.options, log)
+        images, periodic_tangent = self.model.images, self._newton.factor.periodic
         assert images is not None
         assert periodic_tangent is not None
         self._periodic_tangent, self._images, self._turn = periodic_tangent, images, images.turn
@@ -161,7 +162,7 @@ class TileSolver:
         self._forget()
         self._turn(angle)
         self.model.set_density(density)
-        attempts = Attempts(self._snes)
+        attempts = Attempts(self._newton)
         begin, state = np.eye(3)[:, :2], self._assembled(angle)
         if start is not None:
             begin, state = start.gradient, start.state
@@ -266,7 +267,7 @@ class TileSolver:
         self._require_last(at)
         rhs: Floats = np.zeros_like(at.state)
         self._images.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
-        adjoint = self._snes.factor.solve(rhs * self.model.free)
+        adjoint = self._newton.factor.solve(rhs * self.model.free)
         sensitivity = self.model.density_sensitivity(at.state, adjoint)
         return np.asarray(-sensitivity / self.periodic.length)
 
@@ -281,7 +282,7 @@ class TileSolver:
         self._forget()
         self._turn(angle)
         self.model.set_density(density)
-        return self._snes.newton.stable(state)
+        return self._newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
         """Return whether a flat equilibrium is unstable out of its plane (collective).
@@ -338,7 +339,7 @@ class TileSolver:
             force = self._periodic_tangent.force(self._entries, prescribed)
             state: Floats = np.zeros_like(force)
             self._images.set_mean_gradient(state, prescribed)
-            state -= self._snes.factor.solve(force * self.model.free)
+            state -= self._newton.factor.solve(force * self.model.free)
             for array in (force, state):
                 array.setflags(write=False)
             self._responses[key] = force, state
