@@ -36,7 +36,7 @@ from contracts.refusals import (
 )  # fmt: skip
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import offset_thresholds, threshold_for_width
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -48,7 +48,8 @@ from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.starts import best_start
 from toros_fem.design.mma.optimizer import MMA
-from toros_fem.design.relaxed.smoothing import Smoothing
+from toros_fem.design.relaxed.families import FixedDirections
+from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.panels.panel_drawing import panel_drawings
@@ -563,9 +564,9 @@ def _stepped() -> MMA:
 ONES = _vector(1.0, 1.0)
 DESIGNS: Table = {
     **each(Projection, {"beta": 0.0}, {"eta": 1.5}),
-    "a cone around a tile": lambda s: ConeFilter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
-    "a lattice of one vector": lambda s: ConeFilter(s.skin, 0.012, lattice=np.ones(2)),
-    "a cone of radius -1": lambda s: ConeFilter(s.skin, -1.0),
+    "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
+    "a lattice of one vector": lambda s: cone_filter(s.skin, 0.012, lattice=np.ones(2)),
+    "a cone of radius -1": lambda s: cone_filter(s.skin, -1.0),
     "a perimeter that is not sharp": lambda s: Perimeter(s.skin, 0.012, 0.0),
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)
        for name in ("cone", "helmholtz")},
@@ -583,7 +584,7 @@ DESIGNS: Table = {
     "factors of no line": lambda s: widened(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), np.ones((1, 1))
     ),
-    "directions within a radius of 0": lambda s: Smoothing(s.skin, 0.0, 1),
+    "directions within a radius of 0": lambda s: smoothing(s.skin, 0.0, FixedDirections()),
     **{f"starts by {seeds}": lambda s, seeds=seeds: best_start(
         ALONE, lambda comm: s.design, tf.DesignOptions((tf.Stage(1),)), seeds)
        for seeds in ([], [3, 3])},
