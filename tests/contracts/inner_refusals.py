@@ -31,7 +31,6 @@ from contracts.refusals import (
     _metric,
     _pattern,
     _solver,
-    _vector,
     each,
 )  # fmt: skip
 from toros_fem import meshes as m
@@ -47,7 +46,7 @@ from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.starts import best_start
-from toros_fem.design.mma.optimizer import MMA
+from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.design.relaxed.families import FixedDirections
 from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.making.options import ManufactureOptions
@@ -551,17 +550,17 @@ def _field() -> LineField:
 
 
 def _mma(**more: Any) -> MMA:
-    return MMA(_vector(0.0, 0.0), _vector(1.0, 1.0), **more)
+    return MMA(ALONE, np.zeros(2), np.ones(2), **more)
 
 
 def _stepped() -> MMA:
     """Two residuals, one step in."""
-    mma, x = _mma(residuals=2), _vector(1.0, 1.0)
-    mma.step(x, 0.0, x, (), (), [1.0, 2.0], [x, x])
+    mma, x = _mma(residuals=2), np.ones(2)
+    mma.step(x, Functions(0.0, x, residuals=[1.0, 2.0], residual_jacobian=[x, x]))
     return mma
 
 
-ONES = _vector(1.0, 1.0)
+ONES = np.ones(2)
 DESIGNS: Table = {
     **each(Projection, {"beta": 0.0}, {"eta": 1.5}),
     "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
@@ -591,16 +590,20 @@ DESIGNS: Table = {
     "2 levels with 3 sets of options": lambda s: tf.optimize_levels(
         [s.design] * 2, [tf.DesignOptions((tf.Stage(1),))] * 3, seed=1
     ),
-    "a move of 0": lambda s: _mma(move=_vector(0.5, 0.0)),
-    "a move of 1.5": lambda s: _mma(move=_vector(0.5, 1.5)),
-    "a move of NaN": lambda s: _mma(move=_vector(0.5, NAN)),
-    "a step without residuals": lambda s: _mma(residuals=2).step(ONES, 0.0, ONES),
-    "a retry with one residual": lambda s: _stepped().retry(ONES, 0.0, (), [1.0]),
-    "a retry with three residuals": lambda s: _stepped().retry(ONES, 0.0, (), [1.0, 2.0, 3.0]),
-    "a check without residuals": lambda s: _stepped().conservative(ONES, 0.0),
-    "a retry with values": lambda s: _stepped().retry(ONES, 0.0, [0.0] * 4),
+    "a move of 0": lambda s: _mma(move=np.array([0.5, 0.0])),
+    "a move of 1.5": lambda s: _mma(move=np.array([0.5, 1.5])),
+    "a move of NaN": lambda s: _mma(move=np.array([0.5, NAN])),
+    "a step without residuals": lambda s: _mma(residuals=2).step(ONES, Functions(0.0, ONES)),
+    "a retry with one residual": lambda s: _stepped().retry(ONES, Functions(0.0, residuals=[1.0])),
+    "a retry with three residuals": lambda s: _stepped().retry(
+        ONES, Functions(0.0, residuals=[1.0, 2.0, 3.0])
+    ),
+    "a check without residuals": lambda s: _stepped().conservative(ONES, Functions(0.0)),
+    "a retry with values": lambda s: _stepped().retry(ONES, Functions(0.0, values=[0.0] * 4)),
     "scaled by 0": lambda s: _stepped().rescale(0.0),
-    "a residual without constraints": lambda s: _mma(constraints=1).kkt_residual(ONES, ONES),
+    "a residual without constraints": lambda s: _mma(constraints=1).kkt_residual(
+        ONES, Functions(0.0, ONES)
+    ),
 }  # fmt: skip
 
 

@@ -395,22 +395,17 @@ def designed(
     scaled.refer(base)
     slopes = scaled.gradients(base)
     every = [slopes.objective, slopes.rest, *slopes.constraints, *slopes.residuals]
-    point = variables.vector(start, pressures).array.copy()
+    point = variables.vector(start, pressures)
     size = len(variables.gather(point))
     drawn = 1e-3 * np.random.default_rng(15).uniform(-1, 1, size)
 
     def values(x: Floats) -> Floats:
-        density, moved = variables.design(vector_of(x))
+        density, moved = variables.design(x)
         there = problem.simulate(density, base.equilibrium.state, moved or None)
         return numbers(scaled.values(there))
 
-    def vector_of(x: Floats) -> Any:
-        vector = variables.vector(start)
-        vector.array[:] = x
-        return vector
-
     return Stage(
-        skin.comm, values, point, variables.scatter(drawn), [row.array.copy() for row in every],
+        skin.comm, values, point, variables.scatter(drawn), every,
         variables.gather, 1e-9,
     )  # fmt: skip
 
