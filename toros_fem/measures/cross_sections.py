@@ -52,9 +52,6 @@ class CrossSections:
             numbers.
         orientation_weights: Weight of each cross-section's orientation relative to the one
             before, (k,), pure numbers; the first one is compared with its assembled orientation.
-
-    Raises:
-        ParameterError: The arrays do not fit, are negative, or all zero.
     """
 
     labels: Ints

@@ -178,3 +178,5 @@ def test_a_gradient_of_a_residual_must_be_finite() -> None:
     bad = np.array([1.0, np.nan, 1.0, 1.0])
     with pytest.raises(ParameterError, match="not finite on some rank"):
         mma.step(x, Functions(1.0, np.ones(4), residuals=[0.1], residual_jacobian=[bad]))
+    assert (x == 0.5).all()
+    assert mma.state.previous is None

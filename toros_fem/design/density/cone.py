@@ -46,8 +46,7 @@ def cone_filter(
         return (radius - pairs.distance) * areas[pairs.cell]
 
     def weights(pairs: Pairs) -> list[Floats]:
-        weight = cone(pairs)
-        return [weight / pairs.sums(weight)[pairs.row]]
+        return [pairs.fractions(cone(pairs))]
 
     def weight_slopes(pairs: Pairs) -> list[Floats]:
         """Return the gradient of the weights with respect to the point that they belong to."""

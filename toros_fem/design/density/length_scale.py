@@ -52,9 +52,6 @@ class LengthScale:
         epsilon: ε, the upper bound of both constraints; 1e-3 in the paper, with which any number
             of thin lines passes. None: for each of the two, the value for straight lines or gaps
             of 0.85 times the requested width and of length R.
-
-    Raises:
-        ParameterError: A value is not positive, or a threshold is out of bounds.
     """
 
     line_width: float | None = None

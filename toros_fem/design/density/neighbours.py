@@ -47,6 +47,10 @@ class Pairs:
         """Return the sum of a weight over the pairs of each point, (rows,)."""
         return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
 
+    def fractions(self, weight: Floats) -> Floats:
+        """Return a weight over its sum over the pairs of the same point."""
+        return np.asarray(weight / self.sums(weight)[self.row])
+
 
 class Neighbourhood:
     """Search for the centroids within a radius of points on the same panel.

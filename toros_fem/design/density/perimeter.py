@@ -70,7 +70,7 @@ class Perimeter:
 
         def mean_weights(pairs: Pairs) -> list[Floats]:
             weight = areas[pairs.cell] if area_weighted else np.ones(len(pairs.cell))
-            return [weight / pairs.sums(weight)[pairs.row]]
+            return [pairs.fractions(weight)]
 
         near = Neighbourhood(skin.pattern, window, lattice, whole)
         (self._mean,) = neighbour_matrices(skin, near, mean_weights)

@@ -42,9 +42,6 @@ class MMAOptions:
             direction, and where it turns back.
         penalty: cᵢ, the penalty for violating a constraint by one unit.
         tolerance: Largest residual of the subproblem; near the solution it is solved more exactly.
-
-    Raises:
-        ParameterError: A value is out of bounds.
     """
 
     move: float = 0.2
