@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed, values_of
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.variables import Variables
-from toros_fem.design.mma.optimizer import MMA
+from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.cleaning import clean
@@ -149,9 +148,13 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
 
     options = DesignOptions()
     variables = Variables(problem, options)
-    mma = MMA(*variables.bounds, constraints=2, options=options.mma, move=variables.move)
+    mma = MMA(
+        problem.comm, *variables.bounds, constraints=2, options=options.mma, move=variables.move
+    )
     x = variables.vector(density, problem.pressures)
-    slopes: list[PETSc.Vec] = [variables.vector(rng.standard_normal(len(density))) for _ in "fgh"]
+    slopes = [variables.vector(rng.standard_normal(len(density))) for _ in "fgh"]
+
+    here = Functions(1.0, slopes[0], [-0.1, 0.1], slopes[1:])
 
     def smooth() -> None:
         found = filter.forward(density)
@@ -180,7 +183,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
         "perimeter_s": both(problem.perimeter, projected),
         "objective_s": both(problem.objective, positions),
         "metrics_s": measured,
-        "mma_s": lambda: mma.step(x, 1.0, slopes[0], [-0.1, 0.1], slopes[1:]),
+        "mma_s": lambda: mma.step(x, here),
         "energy_s": lambda: model.energy(state),
         "force_s": lambda: model.residual(state),
         "assembly_s": lambda: factor.assemble(state),

@@ -31,12 +31,11 @@ from contracts.refusals import (
     _metric,
     _pattern,
     _solver,
-    _vector,
     each,
 )  # fmt: skip
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import offset_thresholds, threshold_for_width
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -47,8 +46,9 @@ from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.starts import best_start
-from toros_fem.design.mma.optimizer import MMA
-from toros_fem.design.relaxed.smoothing import Smoothing
+from toros_fem.design.mma.optimizer import MMA, Functions
+from toros_fem.design.relaxed.families import FixedDirections
+from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.panels.panel_drawing import panel_drawings
@@ -550,22 +550,22 @@ def _field() -> LineField:
 
 
 def _mma(**more: Any) -> MMA:
-    return MMA(_vector(0.0, 0.0), _vector(1.0, 1.0), **more)
+    return MMA(ALONE, np.zeros(2), np.ones(2), **more)
 
 
 def _stepped() -> MMA:
     """Two residuals, one step in."""
-    mma, x = _mma(residuals=2), _vector(1.0, 1.0)
-    mma.step(x, 0.0, x, (), (), [1.0, 2.0], [x, x])
+    mma, x = _mma(residuals=2), np.ones(2)
+    mma.step(x, Functions(0.0, x, residuals=[1.0, 2.0], residual_jacobian=[x, x]))
     return mma
 
 
-ONES = _vector(1.0, 1.0)
+ONES = np.ones(2)
 DESIGNS: Table = {
     **each(Projection, {"beta": 0.0}, {"eta": 1.5}),
-    "a cone around a tile": lambda s: ConeFilter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
-    "a lattice of one vector": lambda s: ConeFilter(s.skin, 0.012, lattice=np.ones(2)),
-    "a cone of radius -1": lambda s: ConeFilter(s.skin, -1.0),
+    "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
+    "a lattice of one vector": lambda s: cone_filter(s.skin, 0.012, lattice=np.ones(2)),
+    "a cone of radius -1": lambda s: cone_filter(s.skin, -1.0),
     "a perimeter that is not sharp": lambda s: Perimeter(s.skin, 0.012, 0.0),
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)
        for name in ("cone", "helmholtz")},
@@ -583,23 +583,27 @@ DESIGNS: Table = {
     "factors of no line": lambda s: widened(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), np.ones((1, 1))
     ),
-    "directions within a radius of 0": lambda s: Smoothing(s.skin, 0.0, 1),
+    "directions within a radius of 0": lambda s: smoothing(s.skin, 0.0, FixedDirections()),
     **{f"starts by {seeds}": lambda s, seeds=seeds: best_start(
         ALONE, lambda comm: s.design, tf.DesignOptions((tf.Stage(1),)), seeds)
        for seeds in ([], [3, 3])},
     "2 levels with 3 sets of options": lambda s: tf.optimize_levels(
         [s.design] * 2, [tf.DesignOptions((tf.Stage(1),))] * 3, seed=1
     ),
-    "a move of 0": lambda s: _mma(move=_vector(0.5, 0.0)),
-    "a move of 1.5": lambda s: _mma(move=_vector(0.5, 1.5)),
-    "a move of NaN": lambda s: _mma(move=_vector(0.5, NAN)),
-    "a step without residuals": lambda s: _mma(residuals=2).step(ONES, 0.0, ONES),
-    "a retry with one residual": lambda s: _stepped().retry(ONES, 0.0, (), [1.0]),
-    "a retry with three residuals": lambda s: _stepped().retry(ONES, 0.0, (), [1.0, 2.0, 3.0]),
-    "a check without residuals": lambda s: _stepped().conservative(ONES, 0.0),
-    "a retry with values": lambda s: _stepped().retry(ONES, 0.0, [0.0] * 4),
+    "a move of 0": lambda s: _mma(move=np.array([0.5, 0.0])),
+    "a move of 1.5": lambda s: _mma(move=np.array([0.5, 1.5])),
+    "a move of NaN": lambda s: _mma(move=np.array([0.5, NAN])),
+    "a step without residuals": lambda s: _mma(residuals=2).step(ONES, Functions(0.0, ONES)),
+    "a retry with one residual": lambda s: _stepped().retry(ONES, Functions(0.0, residuals=[1.0])),
+    "a retry with three residuals": lambda s: _stepped().retry(
+        ONES, Functions(0.0, residuals=[1.0, 2.0, 3.0])
+    ),
+    "a check without residuals": lambda s: _stepped().conservative(ONES, Functions(0.0)),
+    "a retry with values": lambda s: _stepped().retry(ONES, Functions(0.0, values=[0.0] * 4)),
     "scaled by 0": lambda s: _stepped().rescale(0.0),
-    "a residual without constraints": lambda s: _mma(constraints=1).kkt_residual(ONES, ONES),
+    "a residual without constraints": lambda s: _mma(constraints=1).kkt_residual(
+        ONES, Functions(0.0, ONES)
+    ),
 }  # fmt: skip
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from helpers.designs import case_of, problem_of, shape_design
 from helpers.scenes import square
 from mpi4py import MPI
-from petsc4py import PETSc
 
 import toros_fem as tf
 from toros_fem import meshes as m
@@ -26,7 +25,7 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.mma.optimizer import MMA, MMAOptions
+from toros_fem.design.mma.optimizer import MMA, Functions, MMAOptions
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
@@ -516,25 +515,26 @@ DESIGNS: Table = {
 }
 
 
-def _vector(*values: float) -> PETSc.Vec:
-    return PETSc.Vec().createWithArray(np.array(values), comm=MPI.COMM_SELF)
+HALF, ONES = np.full(2, 0.5), np.ones(2)
 
 
 def _mma() -> MMA:
-    return MMA(_vector(0.0, 0.0), _vector(1.0, 1.0))
+    return MMA(MPI.COMM_SELF, np.zeros(2), ONES)
+
+
+def _bounds(lower: object, upper: object) -> MMA:
+    return MMA(MPI.COMM_SELF, lower, upper)
 
 
 OPTIMIZER: Table = {
-    "MMA's bounds are lists": lambda s: MMA([0.0], [1.0]),
-    "MMA's bounds are exchanged": lambda s: MMA(_vector(1.0), _vector(0.0)),
-    "MMA's bounds are infinite": lambda s: MMA(_vector(0.0), _vector(INF)),
-    "MMA's bounds have other sizes": lambda s: MMA(_vector(0.0), _vector(1.0, 1.0)),
-    "MMA's constraints are a half": lambda s: MMA(_vector(0.0), _vector(1.0), 0.5),
-    "MMA's value is NaN": lambda s: _mma().step(_vector(0.5, 0.5), NAN, _vector(1.0, 1.0)),
-    "MMA's gradient is NaN": lambda s: _mma().step(_vector(0.5, 0.5), 1.0, _vector(NAN, 1.0)),
-    "MMA's values are too many": lambda s: _mma().step(
-        _vector(0.5, 0.5), 1.0, _vector(1.0, 1.0), [1.0]
-    ),
+    "MMA's bounds are text": lambda s: _bounds("low", "high"),
+    "MMA's bounds are exchanged": lambda s: _bounds([1.0], [0.0]),
+    "MMA's bounds are infinite": lambda s: _bounds([0.0], [INF]),
+    "MMA's bounds have other sizes": lambda s: _bounds([0.0], [1.0, 1.0]),
+    "MMA's constraints are a half": lambda s: MMA(MPI.COMM_SELF, np.zeros(2), ONES, 0.5),
+    "MMA's value is NaN": lambda s: _mma().step(HALF, Functions(NAN, ONES)),
+    "MMA's gradient is NaN": lambda s: _mma().step(HALF, Functions(1.0, np.array([NAN, 1.0]))),
+    "MMA's values are too many": lambda s: _mma().step(HALF, Functions(1.0, ONES, [1.0])),
 }
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
@@ -49,7 +49,7 @@ def make_problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> Sh
     return ShapeProblem(
         solver=solver,
         objective=ShapeObjective(skin, target),
-        filter=ConeFilter(skin, RADIUS),
+        filter=cone_filter(skin, RADIUS),
         pressure=5e3,
         projection=Projection(beta),
         passive=np.where(wall, np.nan, 1.0),

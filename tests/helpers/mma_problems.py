@@ -5,16 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from toros_fem.design.mma.approximation import Approximation
 from toros_fem.design.mma.subproblem import Penalty, Solution, solve_subproblem
 
 Problem = Callable[[np.ndarray], tuple[float, np.ndarray, list[float], list[np.ndarray]]]
-
-
-def vec(values: np.ndarray, comm: MPI.Comm = MPI.COMM_SELF) -> PETSc.Vec:
-    return PETSc.Vec().createWithArray(np.array(values, dtype=float), comm=comm)
 
 
 def beam(x: np.ndarray) -> tuple[float, np.ndarray, list[float], list[np.ndarray]]:
@@ -40,17 +35,17 @@ class Case:
     penalty: float = 1000.0
     move: float = 1.0
 
-    def solve(self, start: np.ndarray | None = None) -> tuple[np.ndarray, Solution]:
-        model = Approximation(MPI.COMM_SELF, len(self.x), len(self.values))
-        bounds = (self.lower, self.upper)
-        model.expand(self.x, self.distance, bounds, self.move, list(self.gradients))
+    def approximation(self) -> Approximation:
+        bounds, rows = (self.lower, self.upper), list(self.gradients)
+        model = Approximation(MPI.COMM_SELF, self.x, self.distance, bounds, self.move, rows)
         model.curvature = self.curvature
-        ones = np.ones(len(self.values))
+        return model
+
+    def solve(self, start: np.ndarray | None = None) -> tuple[np.ndarray, Solution]:
+        model, ones = self.approximation(), np.ones(len(self.values))
         penalty = Penalty(self.penalty * ones, ones)
         solution = solve_subproblem(model, self.values, penalty, start, 1e-9)
-        out = np.empty_like(self.x)
-        model.write_minimizer(solution.multipliers, self.x, self.distance, bounds, out)
-        return out, solution
+        return model.minimizer(solution.multipliers), solution
 
     def classical(self) -> tuple[np.ndarray, ...]:
         """Svanberg's p, q, b, asymptotes and box, as his paper writes them."""

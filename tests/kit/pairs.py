@@ -22,20 +22,20 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, total
-from toros_fem.design.density.cone import ConeFilter
-from toros_fem.design.density.filters import Filter, make_filter
+from toros_fem.design.density.cone import cone_filter
+from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.density.symmetric import SymmetricFilter
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.variables import Scaled, Values, Variables
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
-from toros_fem.design.relaxed.smoothing import Smoothing
+from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
@@ -58,7 +58,6 @@ from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
-Families = FixedDirections | FreeDirections
 EXACT = NewtonOptions(tolerance=1e-12)
 
 
@@ -121,12 +120,12 @@ def filtered(skin: Skin, made: Filter) -> Stage:
     weight, slopes = cells(skin, 3, -1, 1), np.ascontiguousarray(cells(skin, 4, -1e-3, 1e-3, 2).T)
 
     def values(x: Floats) -> Floats:
-        slope = dot(skin.comm, slopes.ravel(), made.slope(x).ravel())
+        slope = dot(skin.comm, slopes.ravel(), made.slope.forward(x).ravel())
         return np.array([dot(skin.comm, weight, made.forward(x)), slope])
 
     point, step = cells(skin, 1, -0.5, 1.5), cells(skin, 15, -1, 1)
     values(point)
-    back = [made.backward(weight), made.slope_backward(slopes)]
+    back = [made.backward(weight), made.slope.backward(slopes)]
     return Stage(skin.comm, values, point, step, back, skin.gather_cells)
 
 
@@ -144,7 +143,7 @@ def on_half(name: str, comm: MPI.Comm) -> Stage:
 def on_tile(name: str, symmetry: str, comm: MPI.Comm) -> Stage:
     skin, found = sew(comm, small_tile().pattern), small_tile()
     inner = make_filter(name, skin, TILE_RADIUS, found.lattice if name == "cone" else None)
-    return filtered(skin, SymmetricFilter(skin, inner, found.symmetry_maps(symmetry)))
+    return filtered(skin, inner.after(group_mean(skin, found.symmetry_maps(symmetry))))
 
 
 def projected(beta: float, eta: float, comm: MPI.Comm) -> Stage:
@@ -219,7 +218,7 @@ def smoothed(families: Families, turn: float, comm: MPI.Comm) -> Stage:
     skin = sew(comm, two_sheets(turn))
     count, own = families.fields, skin.owned_cells
     designed = np.arange(len(skin.pattern.panel)) % 7 != 0
-    smooth = Smoothing(skin, 0.02, count, families.transport, families.centre, designed)
+    smooth = smoothing(skin, 0.02, families, designed)
     weight, point = (cells(skin, seed, -1, 2, count).ravel() for seed in (3, 1))
 
     def values(x: Floats) -> Floats:
@@ -361,12 +360,12 @@ def tile_problem(
         TileSolver(skin, Composite(), Periodic(found, UNIAXIAL, True)), DIRECTIONS, strain,
         comm if batched else None,
     )  # fmt: skip
-    inner = ConeFilter(skin, TILE_RADIUS, found.lattice)
+    inner = cone_filter(skin, TILE_RADIUS, found.lattice)
     place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
     problem = TileProblem(
         solver=solver,
         objective=objective,
-        filter=SymmetricFilter(skin, inner, found.symmetry_maps(symmetry)),
+        filter=inner.after(group_mean(skin, found.symmetry_maps(symmetry))),
         projection=Projection(4.0),
         passive=np.where(place.max(axis=1) < 0.12, 1.0, np.nan),
         perimeter=Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice),
@@ -396,22 +395,17 @@ def designed(
     scaled.refer(base)
     slopes = scaled.gradients(base)
     every = [slopes.objective, slopes.rest, *slopes.constraints, *slopes.residuals]
-    point = variables.vector(start, pressures).array.copy()
+    point = variables.vector(start, pressures)
     size = len(variables.gather(point))
     drawn = 1e-3 * np.random.default_rng(15).uniform(-1, 1, size)
 
     def values(x: Floats) -> Floats:
-        density, moved = variables.design(vector_of(x))
+        density, moved = variables.design(x)
         there = problem.simulate(density, base.equilibrium.state, moved or None)
         return numbers(scaled.values(there))
 
-    def vector_of(x: Floats) -> Any:
-        vector = variables.vector(start)
-        vector.array[:] = x
-        return vector
-
     return Stage(
-        skin.comm, values, point, variables.scatter(drawn), [row.array.copy() for row in every],
+        skin.comm, values, point, variables.scatter(drawn), every,
         variables.gather, 1e-9,
     )  # fmt: skip
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import sum_over_ranks
-from toros_fem.base.validation import checked_floats
 from toros_fem.measures.rotation import polar_rotation, require_determined
-from toros_fem.measures.shape import Nodes, Objective, checked_target, require_objective
+from toros_fem.measures.shape import (
+    Nodes,
+    Objective,
+    checked_target,
+    require_objective,
+    weighted_areas,
+)
 
 
 class AlignedObjective:
@@ -25,9 +29,8 @@ class AlignedObjective:
         weights: Factor on each vertex's area in the fit, (n,); None: 1.
 
     Raises:
-        ParameterError: The weights do not fit, are negative, or all zero.
-        TargetError: The target does not fit; or, on use, the skin or the target lies on a line,
-            so that the best rotation is not unique.
+        TargetError: On use, if the skin or the target lies on a line, so that the best rotation is
+            not unique.
     """
 
     def __init__(
@@ -35,15 +38,8 @@ class AlignedObjective:
     ) -> None:
         target = checked_target(skin, target)
         require_objective("objective", objective)
-        count = len(skin.pattern.points)
-        factors: Floats = np.ones(count)
-        if weights is not None:
-            factors = checked_floats("weights", weights, f"finite and ({count},)", (count,))
-        if not (factors.min() >= 0 and factors.max() > 0):
-            raise ParameterError("weights must not be negative, and not all zero.")
-        weight = skin.pattern.vertex_areas * factors
-        weight = weight / weight.sum()
-        owned = skin.owned_vertices
+        weight = weighted_areas(skin, "weights", weights, 1.0)[:, 0]
+        weight, owned = weight / weight.sum(), skin.owned_vertices
         self._comm, self._objective = skin.comm, objective
         self._centre = weight @ target
         self._target = target[owned] - self._centre

@@ -83,9 +83,6 @@ def twist_between(
     Args:
         pattern, positions, of, against: As of `bend_between`.
         along: The axis, (3,), a unit vector.
-
-    Raises:
-        MetricError: As of `bend_between`.
     """
     axis = np.asarray(along, dtype=np.float64)
     angle = 2 * np.arctan2(*swing_free(_turn(pattern, positions, of, against), axis))
@@ -118,9 +115,6 @@ def tip_frame(
     Args:
         pattern, positions, of, against: As of `bend_between`.
         along: The axis of the assembled region, (3,), a unit vector.
-
-    Raises:
-        MetricError: As of `bend_between`.
     """
     axis = np.asarray(along, dtype=np.float64)
     before, after = _means(pattern, positions, of)

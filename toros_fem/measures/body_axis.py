@@ -80,15 +80,10 @@ class BodyAxis:
     ) -> Deformer:
         """Return the target that shortens the body, then twists it, then bends it.
 
-        Each is spread evenly between `begin` and `end`. Before, the body stays; beyond, it goes on
-        straight.
-
-        Args:
-            angle: Bend in rad; None for none.
-            twist: Twist in rad, positive if counter-clockwise seen from the tip; None for none.
-            shortening: Fraction of the length between `begin` and `end`; None for none.
-            neutral: Distance in m from the axis, towards the inner side, of the line that keeps
-                its length in a bend.
+        Angles are in rad; a twist is positive if counter-clockwise seen from the tip, `shortening`
+        is a fraction of the length, and `neutral` the distance in m from the axis, towards the
+        inner side, of the line that keeps its length in a bend. Each is spread evenly between
+        `begin` and `end`. Before, the body stays; beyond, it goes on straight.
         """
         length, ratio = self.end - self.begin, 1 - (shortening or 0.0)
         slender = compose(contract(ratio), turned(twist or 0.0, ratio * length))
@@ -103,13 +98,11 @@ class BodyAxis:
         return deform
 
     def metric(self, name: str, target: float | None) -> Metric:
-        """Return a number that a target along the axis is judged by.
+        """Return a number that a target along the axis is judged by, or only watched.
 
-        Args:
-            name: "angle", by which the tip bends in the plane of the target, in degrees; "twist" of
-                the tip about the axis in degrees; "shortening", the decrease in per cent of the
-                distance between the mean vertices of the tip and of the section at `begin`.
-            target: Its target; None if it is only watched.
+        Names are "angle", by which the tip bends in the plane of the target, in degrees; "twist" of
+        the tip about the axis in degrees; "shortening", the decrease in per cent of the distance
+        between the mean vertices of the tip and of the section at `begin`.
         """
 
         def measure(pattern: Pattern, positions: Floats) -> float:
@@ -141,15 +134,9 @@ def body_axis(
 ) -> BodyAxis:
     """Return the axis of a body.
 
-    Args:
-        pattern: The body.
-        along, toward: Perpendicular directions, of `DIRECTIONS`: from root to tip, and where bends
-            go to.
-        begin, end: Distances in m from the near end between which a target deforms the body; None
-            takes the far end, or where a tip that is not flat begins.
-
-    Raises:
-        ParameterError: The directions are not perpendicular, or the distances do not fit.
+    The perpendicular directions, of `DIRECTIONS`, are from root to tip and where bends go to. A
+    target deforms the body between `begin` and `end`, in m from its near end; None takes the far
+    end, or where a tip that is not flat begins.
     """
     axis, side = (unit_vector(word) for word in (along, toward))
     if abs(axis @ side) > 0.5:

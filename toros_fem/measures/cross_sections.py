@@ -22,18 +22,9 @@ def label_cross_sections(
 ) -> Ints:
     """Return the cross-section of each assembled vertex, (n,).
 
-    The cross-sections are slabs of equal length along a direction.
-
-    Args:
-        pattern: The pattern.
-        vertices: Vertices to label; all others are in no cross-section, −1.
-        along: Direction in the assembled skin, (3,).
-        count: Number of slabs.
-        border: Whether the outermost vertices, those of a tube's end, form one cross-section
-            more, the last.
-
-    Raises:
-        ParameterError: `count` is not at least 1.
+    The cross-sections are slabs of equal length along a direction of the assembled skin, (3,).
+    Other vertices than those given are in none, −1. With `border` the outermost vertices, those of
+    a tube's end, form one cross-section more, the last.
     """
     require_count(1, count=count)
     labels = np.full(len(pattern.points), -1)
@@ -61,9 +52,6 @@ class CrossSections:
             numbers.
         orientation_weights: Weight of each cross-section's orientation relative to the one
             before, (k,), pure numbers; the first one is compared with its assembled orientation.
-
-    Raises:
-        ParameterError: The arrays do not fit, are negative, or all zero.
     """
 
     labels: Ints
@@ -116,17 +104,8 @@ class CrossSectionObjective:
     best maps the assembled section onto the deformed one, and R₋₁ = 1; Qₖ* is that of the target.
     For a small angle δ between the two the term is tₖ δ². Bending and twist are compared from
     section to section, so that a target of several turns is not mistaken for a shorter one. Each
-    vertex counts by its flat area. A section may swell freely.
-
-    Args:
-        skin: The sewn skin.
-        target: Target positions of all assembled vertices, (n, 3), in m.
-        sections: Groups and weights.
-
-    Raises:
-        TargetError: The target does not fit or is not finite; or a section with an orientation
-            weight lies on a line, as assembled, in the target, or later in a simulated shape.
-        ParameterError: The sections belong to another pattern.
+    vertex counts by its flat area. A section may swell freely. One with an orientation weight must
+    not lie on a line, as assembled, in the target, or in a simulated shape (TargetError).
     """
 
     def __init__(self, skin: Nodes, target: Floats, sections: CrossSections) -> None:

@@ -123,13 +123,9 @@ class Figure:
 
 
 def formatted(value: float | None, unit: str, digits: int = 4, *, sign: bool = False) -> str:
-    """Return a value with its unit, such as "180°"; a dash for None.
+    """Return a value, or a change of it, with its unit, such as "180°"; a dash for None.
 
-    Args:
-        value: The value, or a change of it.
-        unit: Its unit as an ending of `UNITS`.
-        digits: Significant digits.
-        sign: Whether to write its sign, as "+3°".
+    The unit is an ending of `UNITS`; with `sign` a change is written as "+3°".
     """
     if value is None:
         return NONE

@@ -31,9 +31,6 @@ class Body:
         size: Diameter or edge length in m.
         centre: Centre in m.
         rounding: Radius of a box's edges over half its size, in (0, 1].
-
-    Raises:
-        ParameterError: The shape is unknown, or a number is out of bounds.
     """
 
     shape: str
@@ -77,11 +74,8 @@ class Body:
 def mean_gap(body: Body, pattern: Pattern, positions: Floats, touching: Bools) -> float:
     """Return the mean distance in m of vertices from a body, inside counted as outside.
 
-    Args:
-        body: The body.
-        pattern: The pattern, whose flat areas are the weights.
-        positions: Positions of all its vertices, (n, 3), in m.
-        touching: Which of them count, (n,).
+    Those of all vertices at `positions`, (n, 3), in m, that are `touching`, (n,), count by their
+    flat areas.
     """
     distance, _ = body.distance(positions[touching])
     return float(np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
@@ -98,9 +92,6 @@ class GapObjective:
         body: The body to be gripped.
         weights: Factor on each vertex's flat area, (n,), ≥ 0.
         factor: Factor on T.
-
-    Raises:
-        ParameterError: The weights do not fit, are negative, or all zero.
     """
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:

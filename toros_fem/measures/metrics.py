@@ -70,10 +70,6 @@ class Metric:
         measure: Function that returns the computed value in that unit.
         scale: Distance from the target that counts as much as the whole target of another metric;
             None takes the size of the target.
-
-    Raises:
-        ParameterError: Name or unit is not an identifier, a number is not finite, or `measure`
-            cannot be called.
     """
 
     name: str
@@ -120,9 +116,7 @@ class Metric:
     def of_whole(self, planes: Sequence[int]) -> Metric:
         """Return the same metric of the whole skin, as a function of its part.
 
-        Args:
-            planes: Axes of the planes that the part is cut at, as of `meshes.mirrored`; () for a
-                skin that is whole.
+        `planes` are the axes of the planes that the part is cut at, as of `meshes.mirrored`.
         """
 
         def measure(pattern: Pattern, positions: Floats) -> float:
@@ -139,22 +133,11 @@ class Metric:
         return f"{self.name} in {unit_of(self.unit).words}"
 
     def formatted(self, value: float | None, digits: int = 3, *, sign: bool = False) -> str:
-        """Return a value with its unit, such as "180°", or a dash for None.
-
-        Args:
-            value: The value, or a change of it.
-            digits: Significant digits.
-            sign: Whether to write its sign, as "+3°".
-        """
+        """Return a value with its unit, as the function `formatted` does."""
         return formatted(value, self.unit, digits, sign=sign)
 
     def figure(self, value: float | None, interval: float | None = None) -> Figure:
-        """Return the figure of a value, within `TOLERANCE` of the target if it is reached.
-
-        Args:
-            value: Value in the metric's unit; None without an equilibrium.
-            interval: Half-width of the interval that holds the true value; None if unknown.
-        """
+        """Return the figure of a value, within `TOLERANCE` of the target if it is reached."""
         tolerance = None
         if self.target is not None:
             tolerance = TOLERANCE * (abs(self.target) or self.scale or 1.0)
@@ -162,11 +145,7 @@ class Metric:
 
 
 def check_metrics(metrics: Sequence[Metric]) -> None:
-    """Check that metrics come as a list and have different keys.
-
-    Raises:
-        ParameterError: They do not; of two with one key one would overwrite the other.
-    """
+    """Check that metrics come as a list and have different keys."""
     if not isinstance(metrics, list | tuple):
         raise ParameterError(f"metrics = {shown(metrics)} must be a list of Metrics.")
     for metric in metrics:
@@ -196,9 +175,6 @@ class Measurement:
         pressure: Pressure in Pa.
         value: The value, in the metric's unit.
         source: Who measured it, as legends say it.
-
-    Raises:
-        ParameterError: A number is not finite, or a text is none.
     """
 
     key: str
@@ -228,19 +204,12 @@ def turn_angle(
 
     Each section's best rigid rotation turns the direction `along` into n; its angle is
     atan2(n·toward, n·along). It is continued from section to section, so that it may exceed 180°.
-
-    Args:
-        pattern: The pattern.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        sections: Vertices of each cross-section, starting at the body's root.
-        along, toward: Perpendicular unit vectors, (3,): the axis of the assembled body, and the
-            direction that it bends towards.
+    `sections` are the vertices of each, starting at the body's root. The axis of the assembled body
+    and the direction that it bends towards are perpendicular unit vectors, (3,).
     """
     plane = np.array([toward, along], dtype=np.float64)
-    angles = []
-    for ring in sections:
-        n = best_rotation(pattern.points[ring], positions[ring]) @ plane[1]
-        angles.append(np.arctan2(*(plane @ n)))
+    rotations = _rotations(pattern, positions, sections)
+    angles = [np.arctan2(*(plane @ (rotation @ plane[1]))) for rotation in rotations]
     return float(np.unwrap(np.array(angles))[-1])
 
 
@@ -289,18 +258,18 @@ def turn_about(
 ) -> float:
     """Return the twist in rad of a body about its axis, as of `twist_angle`.
 
-    Args:
-        pattern: The pattern.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        sections: Vertices of each cross-section, starting at the body's root.
-        along: Unit vector along the assembled body, (3,).
+    `sections` are the vertices of each cross-section, starting at the body's root, and `along` is
+    the unit vector along the assembled body, (3,).
     """
     axis = np.asarray(along, dtype=np.float64)
-    rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
-    first = 2 * np.arctan2(*swing_free(rotations[0], axis))
-    steps = [2 * np.arctan2(*swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)]
-    turns = np.array([first, *steps])
+    rotations = [np.eye(3), *_rotations(pattern, positions, sections)]
+    turns = 2 * np.array([np.arctan2(*swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)])
     return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())
+
+
+def _rotations(pattern: Pattern, positions: Floats, sections: Sequence[Ints]) -> list[Floats]:
+    """Return the best rigid rotation of each cross-section, (3, 3)."""
+    return [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
 
 
 def length_ratio(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
@@ -324,11 +293,7 @@ def length_ratio(pattern: Pattern, positions: Floats, panel: str = "wall") -> fl
 
 
 def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
-    """Return 1 − `length_ratio`: the decrease of the distance between a tube's two ends.
-
-    Args:
-        pattern, positions, panel: As of `length_ratio`.
-    """
+    """Return 1 − `length_ratio`: the decrease of the distance between a tube's two ends."""
     return 1 - length_ratio(pattern, positions, panel)
 
 
@@ -367,14 +332,8 @@ def distance(
 ) -> float:
     """Return the root mean square distance from a target in m, each vertex by its flat area.
 
-    Args:
-        pattern: The pattern.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        target: Target positions, (n, 3), in m.
-        aligned: Whether the best-fitting rigid motion is removed first (Kabsch 1976).
-
-    Raises:
-        TargetError: The target is that of another pattern, a refined one for instance.
+    Positions and target are those of all vertices, (n, 3), in m. If `aligned`, the best-fitting
+    rigid motion is removed first (Kabsch 1976).
     """
     if target.shape != positions.shape:
         raise TargetError(

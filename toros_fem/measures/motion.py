@@ -54,16 +54,9 @@ class Motion:
 def motion_along(
     skin: Skin, objective: Objective, positions: Floats, moves: Sequence[Floats]
 ) -> Motion:
-    """Return the residuals along some directions (collective).
+    """Return the residuals along directions Y at the owned nodes, each (n, 3) (collective).
 
-    Args:
-        skin: The sewn skin.
-        objective: T.
-        positions: x₀ at the owned nodes, (n, 3), in m.
-        moves: Directions Y at the owned nodes, each (n, 3), in any unit.
-
-    Returns:
-        One residual for each direction; a direction without any motion has a residual of 0.
+    Directions may have any unit; one without any motion has a residual of 0.
     """
     comm = skin.comm
     here: Floats = np.array(positions)

@@ -18,14 +18,8 @@ def polar_rotation(moments: Floats) -> tuple[Floats, Floats]:
 
     R is the best rotation of a onto b. δR = R [ω]× with ω = B⁻¹ axial(Rᵀ δM), where
     axial(N) = (N₃₂ − N₂₃, N₁₃ − N₃₁, N₂₁ − N₁₂) and B = tr(P) 1 − P, P = Rᵀ M: from
-    δM = δR P + R δP with P and δP symmetric.
-
-    Args:
-        moments: M, shape (…, 3, 3).
-
-    Returns:
-        R and B, shape (…, 3, 3). B is singular where R is not unique: the points lie on a line, or
-        one set is the mirror image of the other.
+    δM = δR P + R δP with P and δP symmetric. All are (…, 3, 3). B is singular where R is not
+    unique: the points lie on a line, or one set is the mirror image of the other.
     """
     u, _, vt = np.linalg.svd(moments)
     sign = np.ones(moments.shape[:-1])
@@ -37,15 +31,9 @@ def polar_rotation(moments: Floats) -> tuple[Floats, Floats]:
 
 
 def require_determined(matrices: Floats, names: Sequence[str], remedy: str) -> None:
-    """Check that the best rotations are unique.
+    """Check that the best rotations of named points onto the target are unique.
 
-    Args:
-        matrices: B of `polar_rotation`, in m², shape (k, 3, 3), the same on all ranks.
-        names: Name of the points that each rotation maps onto the target.
-        remedy: Remedy, a sentence for the error message.
-
-    Raises:
-        TargetError: A matrix has no inverse, or nearly so.
+    B of `polar_rotation`, (k, 3, 3), in m², is the same on all ranks; `remedy` ends the message.
     """
     for name, values in zip(names, np.linalg.eigvalsh(matrices), strict=True):
         if not values[0] > DETERMINED * values[-1]:

@@ -47,11 +47,7 @@ class Nodes(Protocol):
 
 
 def require_objective(name: str, value: Any) -> None:
-    """Check that a value has the methods of an objective.
-
-    Raises:
-        ParameterError: It has not.
-    """
+    """Check that a value has the methods of an objective."""
     if not all(callable(getattr(value, method, None)) for method in ("forward", "backward")):
         raise ParameterError(
             f"{name} = {shown(value)} must be an objective, with methods forward and backward."
@@ -93,10 +89,6 @@ class ShapeObjective:
         weights: Factor on each vertex's area in w, shape (n,), or (n, 3) for each component,
             ≥ 0; with 0 the vertex is free. Σ w is then the mean over the components.
         relative: Factor on each vertex's area in r, shape (n,), ≥ 0; None: 0.
-
-    Raises:
-        TargetError: The target has another number of vertices or is not finite.
-        ParameterError: Factors do not fit or are negative, or all weights are zero.
     """
 
     def __init__(
@@ -107,19 +99,15 @@ class ShapeObjective:
         relative: Floats | None = None,
     ) -> None:
         target = checked_target(skin, target)
-        n = len(skin.pattern.points)
-        areas = skin.pattern.vertex_areas
         by_component = weights is not None and np.ndim(weights) == 2
-        position = areas[:, None] * _factors("weights", weights, (n, 3 if by_component else 1), 1.0)
-        if not position.max() > 0:
-            raise ParameterError("weights must not all be zero.")
-        orientation = areas * _factors("relative", relative, (n, 1), 0.0).ravel()
+        position = weighted_areas(skin, "weights", weights, 1.0, 3 if by_component else 1)
+        orientation = weighted_areas(skin, "relative", relative, 0.0)
         unit = position.sum() / position.shape[1] * skin.pattern.size**2
         owned = skin.owned_vertices
         self._comm = skin.comm
         self._target = target[owned]
         self._weight = position[owned] / unit
-        self._relative = orientation[owned, None] / unit if orientation.max() > 0 else None
+        self._relative = orientation[owned] / unit if orientation.max() > 0 else None
         self._relative_sum = float(orientation.sum() / unit)
 
     def forward(self, positions: Floats) -> float:
@@ -170,21 +158,13 @@ class ShapePart:
 
 
 def require_nodes(skin: Any) -> None:
-    """Check that an objective is given a skin.
-
-    Raises:
-        ParameterError: It is something else.
-    """
+    """Check that an objective is given a skin."""
     if not all(hasattr(skin, name) for name in ("pattern", "comm", "owned_vertices")):
         raise ParameterError(f"skin = {shown(skin)} must be a Skin, by sew(comm, pattern).")
 
 
 def checked_target(skin: Nodes, target: Floats) -> Floats:
-    """Return the target positions of all assembled vertices, (n, 3), checked.
-
-    Raises:
-        TargetError: The target has another number of vertices or is not finite.
-    """
+    """Return the target positions of all assembled vertices, (n, 3), checked."""
     require_nodes(skin)
     n = len(skin.pattern.points)
     target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
@@ -200,11 +180,9 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
 
 
 def require_near(pattern: Pattern, target: Floats) -> None:
-    """Check that a skin can be thought to reach its target positions (n, 3) in m.
+    """Check that a target, (n, 3), is not `FAR` times as large as the skin, or as far away.
 
-    Raises:
-        TargetError: The target is `FAR` times as large as the skin, as one in millimetres would be,
-            or as far away from it.
+    One in millimetres would be.
     """
     size, goal = pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
     if goal > FAR * size:
@@ -220,13 +198,23 @@ def require_near(pattern: Pattern, target: Floats) -> None:
         )
 
 
-def _factors(name: str, given: Floats | None, shape: tuple[int, int], default: float) -> Floats:
+def weighted_areas(
+    skin: Nodes, name: str, given: Floats | None, default: float, columns: int = 1
+) -> Floats:
+    """Return the flat areas of all vertices times factors, checked, (n, columns).
+
+    Factors are not negative; where they are 1 by default, they are not all zero.
+    """
+    areas = skin.pattern.vertex_areas[:, None]
+    shape = (len(areas), columns)
     if given is None:
-        return np.full(shape, default)
+        return areas * np.full(shape, default)
     factors = real_numbers(name, given, "one factor for each vertex")
-    if factors.shape not in (shape, shape[:1]) or (factors.ndim == 1) != (shape[1] == 1):
+    if factors.shape not in (shape, shape[:1]) or (factors.ndim == 1) != (columns == 1):
         allowed = f"({shape[0]},)" + (f" or ({shape[0]}, 3)" if name == "weights" else "")
         raise ParameterError(f"{name} have shape {factors.shape}; the shape must be {allowed}.")
     if not (np.isfinite(factors).all() and factors.min() >= 0):
         raise ParameterError(f"{name} must be finite and not negative.")
-    return factors.reshape(shape)
+    if default > 0 and not factors.max() > 0:
+        raise ParameterError(f"{name} must not all be zero.")
+    return areas * factors.reshape(shape)

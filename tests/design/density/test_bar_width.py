@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import dot
 from toros_fem.design.density.bar_width import filtered_bar, offset_thresholds, threshold_for_width
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import rectangle, sew
 
@@ -44,7 +44,7 @@ def test_areas_change_by_the_way_of_the_border(alone: MPI.Comm) -> None:
     skin = sew(alone, rectangle(alone, size, size, 1.2e-3, mesh="unstructured"))
     pattern = skin.pattern
     away = np.linalg.norm(pattern.centroids[skin.owned_cells] - size / 2, axis=1)
-    filtered = ConeFilter(skin, radius).forward(np.where(away < disc, 1.0, 0.0))
+    filtered = cone_filter(skin, radius).forward(np.where(away < disc, 1.0, 0.0))
     own = pattern.areas[skin.owned_cells]
     for offset in (0.05, 0.15):
         levels = (*offset_thresholds("cone", offset), 0.5)

@@ -6,13 +6,13 @@ from helpers.scenes import square, table
 from helpers.warned import warned
 from mpi4py import MPI
 
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.meshes import Skin, cylinder, sew
 
 
 def test_filter_against_its_definition(short_tube: Skin) -> None:
     pattern, radius = short_tube.pattern, 8e-3
-    cone = ConeFilter(short_tube, radius)
+    cone = cone_filter(short_tube, radius)
     density = np.random.default_rng(0).random(len(pattern.panel))
     found = short_tube.gather_cells(cone.forward(density[short_tube.owned_cells]))
     distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
@@ -25,7 +25,7 @@ def test_filter_of_a_half_plane(alone: MPI.Comm) -> None:
     """Against the exact response of the cone to a straight edge."""
     skin = sew(alone, cylinder(alone, 0.05, 0.02, 1.2e-3))
     pattern, radius = skin.pattern, 9e-3
-    cone = ConeFilter(skin, radius)
+    cone = cone_filter(skin, radius)
     edge = 0.025
     step = (pattern.centroids[skin.owned_cells, 1] > edge).astype(float)
     filtered = skin.gather_cells(cone.forward(step))
@@ -46,7 +46,7 @@ def test_at_points_is_the_filtered_field(short_tube: Skin) -> None:
     """Exact at the vertices; the value of the nearest triangle where none is within the radius."""
     pattern = short_tube.pattern
     density = np.random.default_rng(0).random(len(pattern.panel))
-    cone = ConeFilter(short_tube, 8e-3)
+    cone = cone_filter(short_tube, 8e-3)
     found = cone.at_points(density[short_tube.owned_cells])
     for point in (0, 11, len(found) - 1):
         panel = pattern.panel[np.any(pattern.flat_triangles == point, axis=1)][0]
@@ -54,7 +54,7 @@ def test_at_points_is_the_filtered_field(short_tube: Skin) -> None:
         weight = np.maximum(8e-3 - distance, 0) * pattern.areas * (pattern.panel == panel)
         assert found[point] == pytest.approx(weight @ density / weight.sum(), rel=1e-12)
     with warned(short_tube.comm, match="hardly filters"):
-        narrow = ConeFilter(short_tube, 1e-4)
+        narrow = cone_filter(short_tube, 1e-4)
     assert narrow.forward(density[short_tube.owned_cells]) == pytest.approx(
         density[short_tube.owned_cells]
     )
@@ -70,7 +70,7 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     size, n, radius = 0.02, 6, 8e-3
     tile = sew(alone, square(n=n, size=size))
     density = np.random.default_rng(0).random(2 * n * n)
-    cone = ConeFilter(tile, radius, lattice=size * np.eye(2))
+    cone = cone_filter(tile, radius, lattice=size * np.eye(2))
     found = tile.gather_cells(cone.forward(density[tile.owned_cells]))
     pattern = tile.pattern
     every = [pattern.centroids + [i * size, j * size] for i in (-1, 0, 1) for j in (-1, 0, 1)]
@@ -78,12 +78,12 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     weight = np.maximum(radius - distance, 0) * np.tile(pattern.areas, 9)
     expected = weight @ np.tile(density, 9) / weight.sum(axis=1)
     assert found == pytest.approx(expected, rel=1e-12)
-    slanted = ConeFilter(tile, 6e-3, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
-    straight = ConeFilter(tile, 6e-3, lattice=size * np.eye(2))
+    slanted = cone_filter(tile, 6e-3, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
+    straight = cone_filter(tile, 6e-3, lattice=size * np.eye(2))
     mine = density[tile.owned_cells]
     assert slanted.forward(mine) == pytest.approx(straight.forward(mine), rel=1e-12)
 
 
 def test_a_radius_too_small_warns(short_tube: Skin) -> None:
     with warned(short_tube.comm, match="under 1.5 edge lengths"):
-        ConeFilter(short_tube, 3e-3)
+        cone_filter(short_tube, 3e-3)

@@ -1,7 +1,5 @@
 """Constraints on widths: exact tables, gradients, and the lines that they detect."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from helpers.scenes import square, table
@@ -9,50 +7,43 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.linear import Filter, Linear
 from toros_fem.design.density.neighbours import mean_edge
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew
 
 
-@dataclass
-class HatBar:
+def hat_bar(x: Floats, width: float) -> Filter:
     """A straight bar along y under the one-dimensional hat of R = 1: exact ρ̃ and ∇ρ̃."""
 
-    x: Floats
-    width: float
-    name: str = "cone"
-    radius: float = 1.0
+    def left_of(t: Floats) -> Floats:
+        t = np.clip(t, -1, 1)
+        return 0.5 + t - np.sign(t) * t**2 / 2
 
-    def forward(self, density: Floats) -> Floats:
-        def left_of(t: Floats) -> Floats:
-            t = np.clip(t, -1, 1)
-            return 0.5 + t - np.sign(t) * t**2 / 2
+    def hat(t: Floats) -> Floats:
+        return np.maximum(1 - np.abs(t), 0)
 
-        return left_of(self.x + self.width / 2) - left_of(self.x - self.width / 2)
-
-    def slope(self, density: Floats) -> Floats:
-        hat = lambda t: np.maximum(1 - np.abs(t), 0)  # noqa: E731
-        across = hat(self.x + self.width / 2) - hat(self.x - self.width / 2)
+    def slope(density: Floats) -> Floats:
+        across = hat(x + width / 2) - hat(x - width / 2)
         return np.array([across, np.zeros_like(across)])
 
-    def backward(self, gradient: Floats) -> Floats:
+    def value(density: Floats) -> Floats:
+        return left_of(x + width / 2) - left_of(x - width / 2)
+
+    def unused(given: Floats) -> Floats:
         raise NotImplementedError
 
-    def slope_backward(self, gradient: Floats) -> Floats:
-        raise NotImplementedError
-
-    def at_points(self, density: Floats) -> Floats:
-        raise NotImplementedError
+    return Filter(value, unused, "cone", 1.0, Linear(slope, unused), unused)
 
 
 @pytest.mark.parametrize(("width", "decay"), [(0.6, 4.0), (0.7, 30.0), (0.8, 1.0)])
 def test_g_r_against_the_table_of_bars(width: float, decay: float) -> None:
     """The table's continuous value, a bar on a sheet 6 R wide, by a fine mesh's midpoint sum."""
     skin = sew(MPI.COMM_SELF, square(n=120, size=6.0))
-    bar = HatBar(skin.pattern.centroids[skin.owned_cells, 0] - 3.0, width)
+    bar = hat_bar(skin.pattern.centroids[skin.owned_cells, 0] - 3.0, width)
     everywhere = np.ones(len(skin.owned_cells), dtype=bool)
     parameters = LengthScale(solid_threshold=0.7, void_threshold=0.3, decay=decay, epsilon=1e-5)
     limits = LengthScaleConstraints(skin, bar, parameters, everywhere)
@@ -106,7 +97,7 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
 
 
 def test_length_scale_parameters(short_tube: Skin) -> None:
-    flat = ConeFilter(short_tube, 8e-3)
+    flat = cone_filter(short_tube, 8e-3)
     designed = np.ones(len(short_tube.owned_cells), dtype=bool)
     default = LengthScaleConstraints(short_tube, flat, LengthScale(), designed)
     assert default.solid_threshold == pytest.approx(0.7799, abs=1e-3)
@@ -130,7 +121,7 @@ def test_length_scale_parameters(short_tube: Skin) -> None:
 def test_summary_says_whether_both_hold(short_tube: Skin) -> None:
     designed = np.ones(len(short_tube.owned_cells), dtype=bool)
     limits = LengthScaleConstraints(
-        short_tube, ConeFilter(short_tube, 8e-3), LengthScale.paper(short_tube), designed
+        short_tube, cone_filter(short_tube, 8e-3), LengthScale.paper(short_tube), designed
     )
     found = limits.summary(np.array([1e-3, 2e-4]))
     assert found == {

@@ -8,10 +8,10 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.mpi import dot
+from toros_fem.design.density.linear import product
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
     Pairs,
-    Product,
     mean_edge,
     neighbour_matrices,
 )
@@ -29,17 +29,16 @@ def test_pairs_against_all_distances(short_tube: Skin, monkeypatch: pytest.Monke
     for at_once in (2_000_000, 1000):
         monkeypatch.setattr("toros_fem.design.density.neighbours.PAIRS", at_once)
         search = Neighbourhood(pattern, RADIUS)
-        found, begin = np.zeros_like(near), 0
+        found = np.zeros_like(near)
         for pairs in search.pairs(pattern.centroids, pattern.panel):
-            row = begin + pairs.row
+            row = pairs.begin + pairs.row
             assert not found[row, pairs.cell].any()
             found[row, pairs.cell] = True
             assert pairs.offset == pytest.approx(offset[row, pairs.cell])
             assert pairs.distance == pytest.approx(distance[row, pairs.cell])
             assert pairs.sums(pairs.distance) == pytest.approx(
-                (near * distance)[begin : begin + pairs.rows].sum(axis=1)
+                (near * distance)[pairs.begin : pairs.begin + pairs.rows].sum(axis=1)
             )
-            begin += pairs.rows
         assert np.array_equal(found, near)
         assert np.array_equal(search.counts(pattern.centroids, pattern.panel), near.sum(axis=1))
     assert np.array_equal(
@@ -71,8 +70,8 @@ def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
         search = Neighbourhood(skin.pattern, RADIUS)
         matrices = neighbour_matrices(skin, search, weigh, 2)
         mine = values[skin.owned_cells]
-        acts = (Product.forward, Product.backward)
-        return [skin.gather_cells(act(matrix, mine)) for matrix in matrices for act in acts]
+        both = [act(mine) for matrix in matrices for act in (matrix.forward, matrix.backward)]
+        return [skin.gather_cells(one) for one in both]
 
     one, other = np.random.default_rng(0).random((2, len(tube.pattern.panel)))
     alone = products(sew(MPI.COMM_SELF, tube.pattern), one)
@@ -98,10 +97,10 @@ def test_products_make_no_vectors() -> None:
         y.array[:] = x.array.sum()
 
     matrix = SimpleNamespace(createVecs=vectors, mult=mult, multTranspose=mult)
-    product = Product(matrix)  # type: ignore[arg-type]
-    first = product.forward(np.ones(2))
-    assert product.backward(np.ones(3)).tolist() == [3.0, 3.0]
-    assert product.forward(np.zeros(2)).tolist() == [0.0] * 3
+    made_of = product(matrix)  # type: ignore[arg-type]
+    first = made_of.forward(np.ones(2))
+    assert made_of.backward(np.ones(3)).tolist() == [3.0, 3.0]
+    assert made_of.forward(np.zeros(2)).tolist() == [0.0] * 3
     assert first.tolist() == [2.0] * 3, "a result is not changed by the next product"
     assert len(made) == 1
 

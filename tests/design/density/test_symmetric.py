@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from helpers.tiles import SIDE, random_cells, solver_of, tile_of
 
-from toros_fem.design.density.cone import ConeFilter
-from toros_fem.design.density.helmholtz import HelmholtzFilter
-from toros_fem.design.density.symmetric import SymmetricFilter
+from toros_fem.design.density.cone import cone_filter
+from toros_fem.design.density.helmholtz import helmholtz_filter
+from toros_fem.design.density.linear import group_mean
 from toros_fem.meshes import SYMMETRIES
 
 EDGES = 6
@@ -21,23 +21,24 @@ def test_symmetric_filter(symmetry: str, kind: str) -> None:
     """ρ̃ is symmetric for any density; a symmetric density is only filtered."""
     found = tile_of(EDGES)
     skin = solver_of(found).skin
-    inner = (ConeFilter(skin, RADIUS, found.lattice) if kind == "cone"
-             else HelmholtzFilter(skin, RADIUS))  # fmt: skip
+    inner = (cone_filter(skin, RADIUS, found.lattice) if kind == "cone"
+             else helmholtz_filter(skin, RADIUS))  # fmt: skip
     symmetry_maps = found.symmetry_maps(symmetry)
-    symmetric = SymmetricFilter(skin, inner, symmetry_maps)
+    group = group_mean(skin, symmetry_maps)
+    symmetric = inner.after(group)
     assert (symmetric.name, symmetric.radius) == (kind, RADIUS)
     density = random_cells(found)[skin.owned_cells]
     filtered = skin.gather_cells(symmetric.forward(density))
     for image in symmetry_maps:
         assert filtered[image] == pytest.approx(filtered, abs=1e-13)
     assert np.ptp(filtered) > 0.03
-    mean = symmetric.symmetrized(density)
-    assert symmetric.symmetrized(mean) == pytest.approx(mean, abs=1e-15)
+    mean = group.forward(density)
+    assert group.forward(mean) == pytest.approx(mean, abs=1e-15)
     assert symmetric.forward(mean) == pytest.approx(inner.forward(mean), abs=1e-14)
     plain = skin.gather_cells(inner.forward(density))
     assert (np.abs(plain[symmetry_maps[-1]] - plain).max() > 0.01) == (symmetry != "none")
     # The slope of a symmetric field rotates with it.
-    slope = skin.gather_cells(symmetric.slope(density).T)
+    slope = skin.gather_cells(symmetric.slope.forward(density).T)
     for operation, image in zip(SYMMETRIES[symmetry], symmetry_maps, strict=True):
         assert slope[image] == pytest.approx(slope @ operation.T, abs=1e-12 * np.abs(slope).max())
     at_points = symmetric.at_points(density)

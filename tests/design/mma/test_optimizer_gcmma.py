@@ -4,11 +4,11 @@ import copy
 
 import numpy as np
 import pytest
-from helpers.mma_problems import Problem, beam, vec
+from helpers.mma_problems import Problem, beam
 from mpi4py import MPI
 from scipy.optimize import minimize
 
-from toros_fem.design.mma.optimizer import MMA, MMAOptions
+from toros_fem.design.mma.optimizer import MMA, Functions, MMAOptions
 
 
 def large(n: int, variant: int) -> Problem:
@@ -46,26 +46,26 @@ def gcmma(
     """
     f, df, values, jacobian = problem(start)
     mma = MMA(
-        vec(bounds[0]), vec(bounds[1]), len(values), MMAOptions(move=1.0, tolerance=tolerance)
+        MPI.COMM_SELF, bounds[0], bounds[1], len(values), MMAOptions(move=1.0, tolerance=tolerance)
     )
-    x = vec(start)
+    x = start
     history: list[tuple[float, float]] = [(f, max(values))]
     residuals: list[float] = []
     for _ in range(outer):
-        mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
+        x = mma.step(x, Functions(f, df, values, jacobian))
         for _ in range(40):
-            f, df, values, jacobian = problem(x.array)
+            f, df, values, jacobian = problem(x)
             residuals.append(np.inf)
-            if mma.conservative(x, f, values):
+            if mma.conservative(x, Functions(f, values=values)):
                 break
-            mma.retry(x, f, values)
+            x = mma.retry(x, Functions(f, values=values))
         else:
             pytest.fail("no conservative approximation after 40 attempts")
         history.append((f, max(values)))
-        residuals[-1] = mma.kkt_residual(x, vec(df), values, [vec(row) for row in jacobian])
+        residuals[-1] = mma.kkt_residual(x, Functions(0.0, df, values, jacobian))
         if residuals[-1] < 1e-7:
             break
-    return x.array.copy(), history, mma, residuals
+    return x.copy(), history, mma, residuals
 
 
 def slsqp(problem: Problem, start: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> float:
@@ -112,33 +112,33 @@ def test_large_nonconvex_problems(variant: int, start: float, seed: int | None) 
 
 
 def test_no_design_there_raises_all_curvatures_tenfold() -> None:
-    mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1)
-    x = vec(np.full(5, 5.0))
-    f, df, values, jacobian = beam(x.array)
-    mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
-    step = [np.abs(x.array - 5).max()]
+    mma = MMA(MPI.COMM_SELF, np.full(5, 1.0), np.full(5, 10.0), 1)
+    x: np.ndarray = np.full(5, 5.0)
+    f, df, values, jacobian = beam(x)
+    x = mma.step(x, Functions(f, df, values, jacobian))
+    step = [np.abs(x - 5).max()]
     for missing in (np.inf, np.nan, np.inf):
-        assert not mma.conservative(x, missing, values)
+        assert not mma.conservative(x, Functions(missing, values=values))
         before = mma.state.curvature
-        mma.retry(x, missing, values)
+        x = mma.retry(x, Functions(missing, values=values))
         assert mma.state.curvature is not None
         if before.any():
             assert mma.state.curvature == pytest.approx(10 * before)
-        step.append(np.abs(x.array - 5).max())
+        step.append(np.abs(x - 5).max())
     assert np.all(np.diff(step) <= 0)
     assert step[-1] < 0.1 * step[0]
 
 
 def test_rejecting_a_conservative_proposal_shortens_the_step() -> None:
-    mma = MMA(vec(np.zeros(4)), vec(np.ones(4)))
-    x = vec(np.full(4, 0.5))
-    mma.step(x, 0.0, vec(np.ones(4)))
-    step = 0.5 - x.array
-    assert mma.conservative(x, -4 * step[0])
+    mma = MMA(MPI.COMM_SELF, np.zeros(4), np.ones(4))
+    x: np.ndarray = np.full(4, 0.5)
+    x = mma.step(x, Functions(0.0, np.ones(4)))
+    step = 0.5 - x
+    assert mma.conservative(x, Functions(-4 * step[0]))
     for _ in range(3):
-        mma.retry(x, 1.0 if mma.conservative(x, 1.0) else -4 * step[0])
-    assert np.all(0.5 - x.array < 0.9 * step)
-    assert np.all(x.array < 0.5)
+        x = mma.retry(x, Functions(1.0 if mma.conservative(x, Functions(1.0)) else -4 * step[0]))
+    assert np.all(0.5 - x < 0.9 * step)
+    assert np.all(x < 0.5)
 
 
 def test_resumes_exactly_with_curvatures() -> None:
@@ -146,15 +146,15 @@ def test_resumes_exactly_with_curvatures() -> None:
     problem = large(n, 1)
 
     def steps(mma: MMA, x: np.ndarray, count: int) -> np.ndarray:
-        at = vec(x)
+        at = x
         for _ in range(count):
-            f, df, values, jacobian = problem(at.array)
-            mma.step(at, f, vec(df), values, [vec(row) for row in jacobian])
-            mma.retry(at, np.inf)
-        return at.array.copy()
+            f, df, values, jacobian = problem(at)
+            at = mma.step(at, Functions(f, df, values, jacobian))
+            at = mma.retry(at, Functions(np.inf))
+        return at.copy()
 
     def fresh() -> MMA:
-        return MMA(vec(-np.ones(n)), vec(np.ones(n)), 2)
+        return MMA(MPI.COMM_SELF, -np.ones(n), np.ones(n), 2)
 
     whole = steps(fresh(), np.full(n, 0.5), 9)
     first, second = fresh(), fresh()
@@ -172,22 +172,22 @@ def test_resumes_exactly_with_curvatures() -> None:
 def test_variables_that_cannot_move_change_no_step(fixed: int) -> None:
     """The first curvature is a mean over those that can: a retry is as cautious."""
     low, high = np.zeros(4 + fixed), np.append(np.ones(4), np.zeros(fixed))
-    x, slope = vec(np.append(np.full(4, 0.5), np.zeros(fixed))), vec(np.ones(4 + fixed))
-    mma = MMA(vec(low), vec(high), constraints=1)
-    mma.step(x, 1.0, slope, [0.1], [slope])
-    mma.retry(x, 2.0, [0.5])
-    assert x.array[:4] == pytest.approx(np.full(4, x.array[0]))
-    assert x.array[0] == pytest.approx(0.41427478409823937, rel=1e-8), "as without them"
+    x, slope = np.append(np.full(4, 0.5), np.zeros(fixed)), np.ones(4 + fixed)
+    mma = MMA(MPI.COMM_SELF, low, high, constraints=1)
+    x = mma.step(x, Functions(1.0, slope, [0.1], [slope]))
+    x = mma.retry(x, Functions(2.0, values=[0.5]))
+    assert x[:4] == pytest.approx(np.full(4, x[0]))
+    assert x[0] == pytest.approx(0.41427478409823937, rel=1e-8), "as without them"
 
 
 def test_move_limit_of_each_variable() -> None:
     move = np.array([0.01, 0.1, 0.5, 1.0])
     upper = np.array([1.0, 2.0, 1.0, 1.0])
-    mma = MMA(vec(np.zeros(4)), vec(upper), move=vec(move))
-    x = vec(0.5 * upper)
-    mma.step(x, 1.0, vec(np.full(4, 1.0)))
+    mma = MMA(MPI.COMM_SELF, np.zeros(4), upper, move=move)
+    x = 0.5 * upper
+    x = mma.step(x, Functions(1.0, np.full(4, 1.0)))
     # The last two are limited by the asymptotes at 0 and 1.
-    assert x.array == pytest.approx(upper * [0.49, 0.4, 0.05, 0.05])
+    assert x == pytest.approx(upper * [0.49, 0.4, 0.05, 0.05])
 
 
 @pytest.mark.parametrize("unit", [1.0, 4.0])
@@ -195,14 +195,14 @@ def test_kkt_residual(unit: float) -> None:
     """By hand: min ½|x − (2, 0.3, 9)|² in [0, 1]², the third fixed, subject to x₁ + x₂ ≤ 1.1."""
     centre = np.array([2.0, 0.3, 9.0])
     lower, upper = np.array([0.0, 0.0, 5.0]), np.array([1.0, 1.0, 5.0])
-    mma = MMA(vec(lower), vec(upper), 1)
+    mma = MMA(MPI.COMM_SELF, lower, upper, 1)
     mma.rescale(unit)
 
     def residual(x: list[float], lam: float) -> float:
         mma.state.multipliers = np.array([unit * lam])
         at = np.array(x)
-        slope, normal = vec(unit * (at - centre)), vec(np.array([1.0, 1.0, 0.0]))
-        return mma.kkt_residual(vec(at), slope, [at[0] + at[1] - 1.1], [normal])
+        slope, normal = unit * (at - centre), np.array([1.0, 1.0, 0.0])
+        return mma.kkt_residual(at, Functions(0.0, slope, [at[0] + at[1] - 1.1], [normal]))
 
     assert residual([1.0, 0.1, 5.0], 0.2) == pytest.approx(0, abs=1e-15)
     assert residual([1.0, 0.1, 5.0], 0.0) == pytest.approx(0.4), "2 · |0.1 − 0.3|"
@@ -231,20 +231,20 @@ def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
         f = float(sums[0] / n - 4 * (sums[1] / n) ** 2)
         return f, 2 * (x - centre) / n - 8 * sums[1] / n**2, values, slopes
 
-    mma = MMA(vec(lower, comm), vec(upper, comm), m)
-    x = vec(np.clip(np.full(len(part), 0.2), lower, upper), comm)
-    f, df, values, jacobian = evaluate(x.array)
+    mma = MMA(comm, lower, upper, m)
+    x = np.clip(np.full(len(part), 0.2), lower, upper)
+    f, df, values, jacobian = evaluate(x)
     retries = 0
     for _ in range(25):
-        mma.step(x, f, vec(df, comm), values, [vec(row, comm) for row in jacobian])
+        x = mma.step(x, Functions(f, df, values, jacobian))
         for _ in range(30):
-            f, df, values, jacobian = evaluate(x.array)
-            if mma.conservative(x, f, values):
+            f, df, values, jacobian = evaluate(x)
+            if mma.conservative(x, Functions(f, values=values)):
                 break
             retries += 1
-            mma.retry(x, f, values)
-    residual = mma.kkt_residual(x, vec(df, comm), values, [vec(row, comm) for row in jacobian])
-    return np.concatenate(comm.allgather(x.array.copy())), residual, retries
+            x = mma.retry(x, Functions(f, values=values))
+    residual = mma.kkt_residual(x, Functions(0.0, df, values, jacobian))
+    return np.concatenate(comm.allgather(x.copy())), residual, retries
 
 
 def test_five_constraints_distributed_equal_serial(comm: MPI.Comm) -> None:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from toros_fem.base.mpi import norm, total
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
@@ -172,7 +172,7 @@ def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:
 def test_gradient_by_each_pressure(grid: Skin, two: EquilibriumSolver) -> None:
     points = grid.pattern.points
     problem = ShapeProblem(
-        two, ShapeObjective(grid, points * [1, 1, 1.1]), ConeFilter(grid, 8e-3), (2e3, 5e3),
+        two, ShapeObjective(grid, points * [1, 1, 1.1]), cone_filter(grid, 8e-3), (2e3, 5e3),
         pressure_bounds=(None, (1e3, 2e4)),
     )  # fmt: skip
     density = random_density(grid, 2, spread=0.3)

@@ -21,12 +21,12 @@ from helpers.tiles import (
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.density.symmetric import SymmetricFilter
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
@@ -53,11 +53,11 @@ def make_problem(
 ) -> TileProblem:
     solver, found = profile_solver(batched, angles), tile_of(EDGES)
     skin = solver.tile.skin
-    inner = ConeFilter(skin, RADIUS, found.lattice)
+    inner = cone_filter(skin, RADIUS, found.lattice)
     return TileProblem(
         solver=solver,
         objective=objective,
-        filter=SymmetricFilter(skin, inner, found.symmetry_maps(symmetry)),
+        filter=inner.after(group_mean(skin, found.symmetry_maps(symmetry))),
         projection=Projection(beta),
     )
 

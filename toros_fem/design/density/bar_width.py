@@ -1,4 +1,8 @@
-"""Straight bars under a filter: filtered density, and the width that each threshold guarantees."""
+"""Straight bars under a filter: filtered density, and the width that each threshold guarantees.
+
+Filters are "cone" or "helmholtz", the latter with r = R/(2√3). All lengths are over R. `level` is η
+of the projection.
+"""
 
 from __future__ import annotations
 
@@ -20,19 +24,9 @@ LARGEST_ERODED = 0.7
 
 
 def filtered_bar(name: str, width: float, distance: float) -> float:
-    """Return ρ̃ at a distance from the centre line of a straight bar of ρ = 1 on ρ = 0.
-
-    Lengths are in units of R.
-
-    Args:
-        name: "cone" or "helmholtz", the latter with r = R/(2√3).
-        width: Width of the bar.
-        distance: Distance from its centre line.
-    """
-    low, high = distance - width / 2, distance + width / 2
-    if name == "cone":
-        return _cone_fraction(high) - _cone_fraction(low)
-    return _helmholtz_fraction(high) - _helmholtz_fraction(low)
+    """Return ρ̃ at a distance from the centre line of a straight bar of ρ = 1 on ρ = 0."""
+    fraction = _FRACTIONS[name]
+    return fraction(distance + width / 2) - fraction(distance - width / 2)
 
 
 def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
@@ -40,16 +34,8 @@ def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
 
     The bar is as thin as eq. (13) allows when ρ̃ on its centre line is η_r. By the symmetry of
     (14), 1 − η_r is the η_t of a gap of that width if `level` is 1 − η.
-
-    Args:
-        name: "cone" or "helmholtz".
-        width: Width of the projected bar over the filter's R.
-        level: η of the projection.
-
-    Raises:
-        ParameterError: No threshold up to 0.98 enforces this width.
     """
-    require_choice("filter", name, ("cone", "helmholtz"))
+    require_choice("filter", name, tuple(_FRACTIONS))
     widest = width_for_threshold(name, HIGHEST, level)
     require_between(0.0, np.inf, width=width)
     if not 0 < width <= widest:
@@ -64,28 +50,18 @@ def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
 def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[float, float]:
     """Return the thresholds at which straight borders lie inside and outside of those at `level`.
 
-    The filtered density of a half plane, integrated from the filter's kernel, tells ρ̃ at each
-    distance from its border. Ridges of lines that are narrower than 2 R are lower, so that these
-    move a little further.
-
-    Args:
-        name: "cone" or "helmholtz".
-        offset: Way of each border over the filter's R.
-        level: η of the nominal pattern.
-
-    Returns:
-        The threshold of the eroded pattern, then that of the dilated one.
-
-    Raises:
-        ParameterError: The offset is too small or too large for the filter's radius.
+    The threshold of the eroded pattern comes first, then that of the dilated one; `offset` is the
+    way of each border. The filtered density of a half plane, integrated from the filter's kernel,
+    tells ρ̃ at each distance from its border. Ridges of lines that are narrower than 2 R are lower,
+    so that these move a little further.
     """
-    require_choice("filter", name, ("cone", "helmholtz"))
+    require_choice("filter", name, tuple(_FRACTIONS))
     if not offset >= LEAST_OFFSET:
         raise ParameterError(
             f"borders that move by {offset:.3g} filter radii are too close to be told apart; the "
             f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius."
         )
-    fraction = _cone_fraction if name == "cone" else _helmholtz_fraction
+    fraction = _FRACTIONS[name]
     border = float(brentq(lambda x: fraction(x) - level, -20.0, 20.0, xtol=1e-12))
     eroded, dilated = fraction(border + offset), fraction(border - offset)
     if eroded > LARGEST_ERODED or dilated < 1 - LARGEST_ERODED:
@@ -99,7 +75,7 @@ def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[flo
 
 
 def unfiltered_width(name: str, projected: float, level: float = 0.5) -> float:
-    """Return the width of the bar of ρ = 1 that has a given width at ρ̃ > level, both over R."""
+    """Return the width of the bar of ρ = 1 that has a given width at ρ̃ > level."""
     gap = lambda b: filtered_bar(name, b, projected / 2) - level  # noqa: E731
     return float(brentq(gap, 1e-6, 20.0 + projected, xtol=1e-12))
 
@@ -109,14 +85,8 @@ def bar_violation(
 ) -> float:
     """Return ∫ ρ̄ e^{−c ρ̃′²} min(ρ̃ − η_r, 0)² dx/R across a straight bar.
 
-    It is the bar's contribution to g_r A, over its length and R.
-
-    Args:
-        name: "cone" or "helmholtz".
-        width: Width of the projected bar over R.
-        threshold: η_r.
-        decay: c over R².
-        projection: Projection from ρ̃ to ρ̄.
+    It is the contribution to g_r A of a bar of a projected width, over its length and R. `decay` is
+    c over R², and `threshold` η_r.
     """
     raw, step = unfiltered_width(name, width, projection.eta), 1e-4
 
@@ -130,7 +100,7 @@ def bar_violation(
 
 
 def width_for_threshold(name: str, threshold: float, level: float = 0.5) -> float:
-    """Return the width over R, at ρ̃ > level, of the bar whose largest ρ̃ is the threshold."""
+    """Return the width, at ρ̃ > level, of the bar whose largest ρ̃ is the threshold."""
     if threshold <= level:
         return 0.0
     raw = brentq(lambda b: filtered_bar(name, b, 0.0) - threshold, 0.0, 20.0, xtol=1e-12)
@@ -156,3 +126,6 @@ def _helmholtz_fraction(x: float) -> float:
     """Return the fraction of the kernel e^{−|t|/r}/(2r) on the side t < x, r = 1/(2√3)."""
     tail = 0.5 * np.exp(-abs(x) * 2 * np.sqrt(3))
     return float(1 - tail if x > 0 else tail)
+
+
+_FRACTIONS = {"cone": _cone_fraction, "helmholtz": _helmholtz_fraction}

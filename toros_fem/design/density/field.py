@@ -14,10 +14,6 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
     """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
 
     The same seed gives the same density in each triangle on any number of ranks.
-
-    Raises:
-        DensityError: mean ± spread leaves [0, 1].
-        ParameterError: The seed is negative.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew")
     require_finite(mean=mean, spread=spread)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import sum_over_ranks
+from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.base.validation import (
     require_between,
     require_count,
@@ -22,7 +22,7 @@ from toros_fem.design.density.bar_width import (
     threshold_for_width,
     width_for_threshold,
 )
-from toros_fem.design.density.filters import Filter
+from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.neighbours import mean_edge
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes.skin import Skin
@@ -52,9 +52,6 @@ class LengthScale:
         epsilon: ε, the upper bound of both constraints; 1e-3 in the paper, with which any number
             of thin lines passes. None: for each of the two, the value for straight lines or gaps
             of 0.85 times the requested width and of length R.
-
-    Raises:
-        ParameterError: A value is not positive, or a threshold is out of bounds.
     """
 
     line_width: float | None = None
@@ -65,10 +62,8 @@ class LengthScale:
     epsilon: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("line_width", "gap_width", "decay", "epsilon"):
-            value = getattr(self, name)
-            if value is not None:
-                require_positive(**{name: value})
+        given = {k: v for k, v in vars(self).items() if v is not None and "threshold" not in k}
+        require_positive(**given)
         if self.solid_threshold is not None:
             require_between(0.5, 1.0, solid_threshold=self.solid_threshold)
         if self.void_threshold is not None:
@@ -76,13 +71,9 @@ class LengthScale:
 
     def scaled(self, factor: float) -> LengthScale:
         """Return the same constraints on lengths that are larger by a factor."""
-        line, gap, decay = self.line_width, self.gap_width, self.decay
-        return replace(
-            self,
-            line_width=None if line is None else factor * line,
-            gap_width=None if gap is None else factor * gap,
-            decay=None if decay is None else factor**2 * decay,
-        )
+        factors = {"line_width": factor, "gap_width": factor, "decay": factor**2}
+        given = {name: getattr(self, name) for name in factors}
+        return replace(self, **{k: v and factors[k] * v for k, v in given.items()})
 
     @classmethod
     def paper(cls, skin: Skin) -> LengthScale:
@@ -98,7 +89,7 @@ class LengthScaleConstraints:
     thin, g_t = Σ Ā (1−ρ̄) e^{−c‖∇ρ̃‖²} min(η_t − ρ̃, 0)² / Σ Ā valleys of gaps that are too narrow;
     the sums are over the designed triangles. The paper prints the two indicators in exchanged
     places, so that fabric without print would violate g_r. ∇ρ̃ is the filter's own gradient at the
-    centroid.
+    centroid. A gap is the line of the opposite design: g_t is g_r of 1 − ρ̃, 1 − ρ̄ and 1 − η_t.
 
     Args:
         skin: The sewn skin.
@@ -112,9 +103,6 @@ class LengthScaleConstraints:
     Attributes:
         solid_threshold, void_threshold, decay: η_r, η_t and c as used.
         epsilon: ε of g_r and of g_t, (2,).
-
-    Raises:
-        ParameterError: A width is too large for any threshold, or no triangle is designed.
     """
 
     def __init__(
@@ -122,7 +110,7 @@ class LengthScaleConstraints:
         skin: Skin,
         filter: Filter,
         parameters: LengthScale,
-        designed: npt.NDArray[np.bool_],
+        designed: Bools,
         projection: Projection | None = None,
         *,
         parts: int = 1,
@@ -137,20 +125,22 @@ class LengthScaleConstraints:
                 f"{len(skin.owned_cells)} triangles of this rank."
             )
         projection = projection or Projection()
-        p, radius = parameters, filter.radius
+        p, name, radius = parameters, filter.name, filter.radius
         self._comm, self._filter = skin.comm, filter
-        name, levels = filter.name, (projection.eta, 1 - projection.eta)
-        solid = p.solid_threshold
-        empty = None if p.void_threshold is None else 1 - p.void_threshold
-        if solid is None:
-            solid = threshold_for_width(name, (p.line_width or radius) / radius, levels[0])
-        if empty is None:
-            empty = threshold_for_width(name, (p.gap_width or radius) / radius, levels[1])
+        levels, thresholds = (projection.eta, 1 - projection.eta), [p.solid_threshold, None]
+        if p.void_threshold is not None:
+            thresholds[1] = 1 - p.void_threshold
+        solid, empty = (
+            threshold_for_width(name, (width or radius) / radius, level) if given is None else given
+            for width, level, given in zip(
+                (p.line_width, p.gap_width), levels, thresholds, strict=True
+            )
+        )
         self.solid_threshold, self.void_threshold = solid, 1 - empty
         steepest = max(LEAST_DECAY, (radius / mean_edge(skin)) ** 2) * radius**2
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed
-        whole = sum_over_ranks(skin.comm, np.array([areas.sum()]))[0]
+        whole = total(skin.comm, areas.sum())
         if not whole > 0:
             raise ParameterError(
                 "no triangle is designed, so no width can be constrained: omit the length scale."
@@ -158,7 +148,6 @@ class LengthScaleConstraints:
         self._weight = areas / whole
         self.epsilon = np.full(2, p.epsilon or 0.0)
         if p.epsilon is None:
-            # A gap is the line of the opposite design.
             for k, (level, threshold) in enumerate(zip(levels, (solid, empty), strict=True)):
                 width = THIN * width_for_threshold(name, threshold, level)
                 step = Projection(projection.beta, level)
@@ -167,11 +156,10 @@ class LengthScaleConstraints:
 
     def forward(self, density: Floats, filtered: Floats, projected: Floats) -> Floats:
         """Return (g_r, g_t) of owned ρ, ρ̃, ρ̄, the same on all ranks (collective)."""
-        flat = np.exp(-self.decay * (self._filter.slope(density) ** 2).sum(axis=0))
-        thin, tight = self._shortfalls(filtered)
+        flat = np.exp(-self.decay * (self._filter.slope.forward(density) ** 2).sum(axis=0))
         local = [
-            self._weight @ (projected * flat * thin**2),
-            self._weight @ ((1 - projected) * flat * tight**2),
+            self._weight @ (material * flat * short**2)
+            for _, material, short in self._sides(filtered, projected)
         ]
         return sum_over_ranks(self._comm, np.array(local))
 
@@ -179,15 +167,13 @@ class LengthScaleConstraints:
         self, density: Floats, filtered: Floats, projected: Floats
     ) -> list[tuple[Floats, Floats, Floats]]:
         """Return the derivatives of g_r and g_t by ρ (through ∇ρ̃ alone), ρ̃ and ρ̄ (collective)."""
-        slope = self._filter.slope(density)
+        slope = self._filter.slope.forward(density)
         flat = self._weight * np.exp(-self.decay * (slope**2).sum(axis=0))
         results = []
-        for weight, short, sign in zip(
-            (projected, 1 - projected), self._shortfalls(filtered), (1.0, -1.0), strict=True
-        ):
-            by_slope = -2 * self.decay * weight * flat * short**2 * slope
-            by_density = self._filter.slope_backward(by_slope)
-            by_filtered = sign * 2 * weight * flat * short
+        for sign, material, short in self._sides(filtered, projected):
+            by_slope = -2 * self.decay * material * flat * short**2 * slope
+            by_density = self._filter.slope.backward(by_slope)
+            by_filtered = sign * 2 * material * flat * short
             results.append((by_density, by_filtered, sign * flat * short**2))
         return results
 
@@ -204,7 +190,10 @@ class LengthScaleConstraints:
             "satisfied": bool(np.all(values <= self.epsilon)),
         }
 
-    def _shortfalls(self, filtered: Floats) -> tuple[Floats, Floats]:
-        """Return min(ρ̃ − η_r, 0) and min(η_t − ρ̃, 0)."""
-        thin = np.minimum(filtered - self.solid_threshold, 0)
-        return thin, np.minimum(self.void_threshold - filtered, 0)
+    def _sides(self, filtered: Floats, projected: Floats) -> Iterator[tuple[float, Floats, Floats]]:
+        """Yield sign, density and min(ρ̃ − η_r, 0) of the print, and the same of the fabric."""
+        for sign, material, threshold in (
+            (1.0, projected, self.solid_threshold),
+            (-1.0, 1 - projected, self.void_threshold),
+        ):
+            yield sign, material, np.minimum(sign * (filtered - threshold), 0)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, ResolutionWarning
 from toros_fem.base.mpi import warn_together
 from toros_fem.base.validation import checked_floats, require_kind, require_positive
+from toros_fem.design.density.linear import Linear, product
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
@@ -29,15 +29,16 @@ class Pairs:
     """Pairs of a point and a triangle near it, ordered by point.
 
     Attributes:
-        row: Point of each pair, counted from the first point of these rows, ascending.
-        rows: Number of points.
+        begin, rows: First point of these pairs, and their number of points.
+        row: Point of each pair, counted from `begin`, ascending.
         cell: Pattern triangle of each pair.
         offset: From the point to the triangle's centroid, (k, 2), in m.
         distance: Its length.
     """
 
-    row: Ints
+    begin: int
     rows: int
+    row: Ints
     cell: Ints
     offset: Floats
     distance: Floats
@@ -46,23 +47,24 @@ class Pairs:
         """Return the sum of a weight over the pairs of each point, (rows,)."""
         return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
 
+    def fractions(self, weight: Floats) -> Floats:
+        """Return a weight over its sum over the pairs of the same point."""
+        return np.asarray(weight / self.sums(weight)[self.row])
+
 
 class Neighbourhood:
     """Search for the centroids within a radius of points on the same panel.
 
     A print does not cross a seam, so distances are measured inside one panel; on a periodic tile
-    they are measured on the torus, and on a part of a symmetric skin across its planes.
+    they are measured on the torus, and on a part of a symmetric skin across its planes. A moulded
+    skin is refused; the Helmholtz filter takes it.
 
     Args:
         pattern: The pattern.
         radius: Radius in m.
-        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile; None: not periodic.
-        whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`; None: the
-            pattern is whole.
-
-    Raises:
-        ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
-        PatternError: The skin is moulded; the Helmholtz filter takes it.
+        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile, which must be wider than
+            twice the radius.
+        whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`.
     """
 
     def __init__(
@@ -100,11 +102,10 @@ class Neighbourhood:
             near = cKDTree(part).sparse_distance_matrix(
                 self._tree, self.radius, output_type="ndarray"
             )
-            ordered = _by_rows(near["i"], near["j"], (len(part), len(self._points)))
-            row = np.repeat(np.arange(len(part)), np.diff(ordered.indptr))
-            target = ordered.indices
+            near = near[np.argsort(near["i"] * len(self._points) + near["j"])]
+            row, target = near["i"], near["j"]
             offset = self._points[target, :2] - part[row, :2]
-            yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
+            yield Pairs(begin, len(part), row, self._cells[target], offset, near["v"])
 
     def counts(self, points: Floats, panel: Ints) -> Ints:
         """Return the number of neighbours of points, (k, 2), on given panels, (k,)."""
@@ -115,13 +116,6 @@ class Neighbourhood:
         """Return the triangle on the same panel whose centroid is nearest to each point."""
         _, found = self._tree.query(np.column_stack([points, self._floor * panel]))
         return self._cells[found]
-
-
-def _by_rows(row: Ints, column: Ints, shape: tuple[int, int]) -> csr_array:
-    """Return a matrix of pair numbers, ordered by row and column."""
-    ordered = coo_array((np.arange(len(row)), (row, column)), shape=shape).tocsr()
-    ordered.sort_indices()
-    return ordered
 
 
 def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
@@ -150,45 +144,16 @@ def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, I
     return np.concatenate(copies), np.concatenate(owners)
 
 
-class Product:
-    """Products with a matrix and its transpose, on owned entries; both are collective.
-
-    Its vectors are made once: those that are dropped on several ranks stay in memory until all
-    ranks clean up together.
-    """
-
-    def __init__(self, matrix: PETSc.Mat) -> None:
-        self._matrix = matrix
-        self._right, self._left = matrix.createVecs()
-
-    def forward(self, values: Floats) -> Floats:
-        """Return A v."""
-        self._right.array[:] = values
-        self._matrix.mult(self._right, self._left)
-        return self._left.array.copy()
-
-    def backward(self, values: Floats) -> Floats:
-        """Return Aᵀ v."""
-        self._left.array[:] = values
-        self._matrix.multTranspose(self._left, self._right)
-        return self._right.array.copy()
-
-
 def neighbour_matrices(
     skin: Skin,
     near: Neighbourhood,
     weigh: Callable[[Pairs], Sequence[Floats]],
     number: int = 1,
-) -> list[Product]:
+) -> list[Linear]:
     """Assemble matrices over the triangles of a skin, one for each weight (collective).
 
-    Rows and columns are numbered like the densities; neighbours may belong to other ranks.
-
-    Args:
-        skin: The sewn skin.
-        near: Search for neighbours.
-        weigh: Function that returns the weights of pairs, one array for each matrix.
-        number: Number of matrices.
+    Rows and columns are numbered like the densities; neighbours may belong to other ranks. `weigh`
+    returns the weights of pairs, one array for each of the `number` matrices.
     """
     pattern, owned = skin.pattern, skin.owned_cells
     first = skin.density_space.dofmap.index_map.local_range[0]
@@ -205,17 +170,15 @@ def neighbour_matrices(
     # Rounding may find a pair at the radius that the count did not include.
     for matrix in matrices:
         matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-    begin = 0
     for pairs in near.pairs(points, panel):
-        rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
+        rows = np.arange(pairs.rows, dtype=PETSc.IntType) + pairs.begin + first
         start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
         for matrix, weight in zip(matrices, weigh(pairs), strict=True):
             # A triangle and its copy may both be near, so entries are added.
             matrix.setValuesIJV(start, column[pairs.cell], weight, addv=True, rowmap=rows)
-        begin += pairs.rows
     for matrix in matrices:
         matrix.assemble()
-    return [Product(matrix) for matrix in matrices]
+    return [product(matrix) for matrix in matrices]
 
 
 def mean_edge(skin: Skin) -> float:
@@ -224,11 +187,7 @@ def mean_edge(skin: Skin) -> float:
 
 
 def check_radius(skin: Skin, radius: float) -> None:
-    """Check a filter's radius in m, and warn if it is too small for the mesh.
-
-    Raises:
-        ParameterError: It is not positive, or larger than the skin.
-    """
+    """Check a filter's radius in m, and warn if it is too small for the mesh."""
     require_positive(**{"filter radius": radius})
     size = skin.pattern.size
     if radius > size:

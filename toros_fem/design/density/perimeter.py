@@ -9,11 +9,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.base.validation import require_finite, require_flag, require_kind, require_positive
-from toros_fem.design.density.neighbours import (
-    Neighbourhood,
-    Pairs,
-    neighbour_matrices,
-)
+from toros_fem.design.density.neighbours import Neighbourhood, Pairs, neighbour_matrices
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
@@ -46,10 +42,7 @@ class Perimeter:
         window: Radius r of the window in m; about the filter's.
         sharpness: w; not 0.
         area_weighted: Whether triangles count by area; False: equally, as in the paper.
-        lattice, whole: As for `ConeFilter`.
-
-    Raises:
-        ParameterError: The window is not positive, or w is 0.
+        lattice, whole: Neighbours across the borders, as of `Neighbourhood`.
     """
 
     def __init__(
@@ -77,7 +70,7 @@ class Perimeter:
 
         def mean_weights(pairs: Pairs) -> list[Floats]:
             weight = areas[pairs.cell] if area_weighted else np.ones(len(pairs.cell))
-            return [weight / pairs.sums(weight)[pairs.row]]
+            return [pairs.fractions(weight)]
 
         near = Neighbourhood(skin.pattern, window, lattice, whole)
         (self._mean,) = neighbour_matrices(skin, near, mean_weights)
@@ -112,11 +105,7 @@ class Perimeter:
 
 
 def edge_factor(sharpness: float) -> float:
-    """Return κ(w) = ∫ (ρ̄ − F) dd / r across a straight edge of the print, r the window's radius.
-
-    Args:
-        sharpness: w of eq. (15), not 0; κ(−w) = −κ(w).
-    """
+    """Return κ(w) = ∫ (ρ̄ − F) dd / r across a straight edge of the print; κ(−w) = −κ(w)."""
 
     def removed(d: float) -> float:
         """Return ρ̄ − F at a distance of d radii from the edge, positive inside the print."""

@@ -18,9 +18,6 @@ class Projection:
     Attributes:
         beta: Steepness β; 20 in the paper.
         eta: Threshold η; 0.5 in the paper.
-
-    Raises:
-        ParameterError: β is not positive, or η is outside (0, 1).
     """
 
     beta: float = 20.0

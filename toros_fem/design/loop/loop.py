@@ -31,7 +31,7 @@ from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import Scaled, Values, Variables
 from toros_fem.design.loop.warm_start import InitialDensity, WarmStart
-from toros_fem.design.mma.optimizer import MMA, MMAState
+from toros_fem.design.mma.optimizer import MMA, Functions, MMAState
 
 # Number of steps over which T must fall.
 LOOK_BACK = 10
@@ -222,7 +222,7 @@ class _Loop:
         """Take up a saved state, but for what `run` takes of it; return its stage."""
         numbers = saved.numbers
         try:
-            self.x.array[:] = self.variables.scatter(saved.arrays["x"])
+            self.x = self.variables.scatter(saved.arrays["x"])
             before, self.history = len(self.history), restored_rows(numbers["history"])
             self.level, self.steps_done = int(numbers["level"]), int(numbers["steps_done"])
             self.change = float(numbers["change"])
@@ -260,7 +260,7 @@ class _Loop:
         """Return the state after a row of the history (collective)."""
         arrays, numbers = saved_evaluation(self.problem, of)
         every, state = self.variables.gather, mma.state
-        arrays["x"] = every(self.x.array)
+        arrays["x"] = every(self.x)
         for name in MMA_VECTORS:
             vector = getattr(state, name)
             if vector is not None:
@@ -292,7 +292,7 @@ class _Loop:
         resolution = min(RESOLUTION, KNOWN * options.x_tol)
         if saved is None:
             # A start from another mesh or print has rounding of its own.
-            self.x.array[:] = rounded(self.x.array, resolution)
+            self.x = rounded(self.x, resolution)
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
@@ -312,6 +312,7 @@ class _Loop:
         evaluation = self.differentiate(evaluation)
         assert evaluation.residuals is not None
         mma = MMA(
+            self.comm,
             *self.variables.bounds,
             constraints=2 if constrained else 0,
             options=options.mma,
@@ -337,9 +338,10 @@ class _Loop:
                 mma.rescale(factor)
             here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
             if count > 0 and not known:
-                kkt = mma.kkt_residual(
-                    self.x, slopes.objective, here.constraints, slopes.constraints
+                whole = Functions(
+                    here.objective, slopes.objective, here.constraints, slopes.constraints
                 )
+                kkt = mma.kkt_residual(self.x, whole)
             self.phases["mma"] += time.perf_counter() - begin
             if not known:
                 self.steps_done += count > 0
@@ -352,9 +354,8 @@ class _Loop:
             if ended:
                 break
             begin = time.perf_counter()
-            before = self.x.array.copy()
-            mma.step(
-                self.x,
+            before = self.x
+            functions = Functions(
                 here.rest,
                 slopes.rest,
                 here.constraints,
@@ -362,14 +363,15 @@ class _Loop:
                 here.residuals,
                 slopes.residuals,
             )
+            self.x = mma.step(before, functions)
             self.phases["mma"] += time.perf_counter() - begin
             trial = self.descend(mma, scaled, evaluation, here)
             if trial is None:
-                self.x.array[:] = before
+                self.x = before
                 self.over = True
                 self.reason = "The last step has no equilibrium; this is the last design with one."
                 break
-            self.change = largest(self.comm, np.max(np.abs(self.x.array - before), initial=0.0))
+            self.change = largest(self.comm, np.max(np.abs(self.x - before), initial=0.0))
             evaluation = self.differentiate(trial)
         self.problem = given
 
@@ -398,9 +400,7 @@ class _Loop:
             if trial is None:
                 return there, False
             if o.descent == "conservative":
-                return there, mma.conservative(
-                    self.x, there.rest, there.constraints, there.residuals
-                )
+                return there, mma.conservative(self.x, there.functions)
             return there, merit(there) <= bound
 
         while True:
@@ -415,7 +415,7 @@ class _Loop:
             if last:
                 return None
             self.rejected += 1
-            mma.retry(self.x, there.rest, there.constraints, there.residuals)
+            self.x = mma.retry(self.x, there.functions)
 
     def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
         """Return whether the stage ends here, and mark the end of the loop; equal on all ranks."""

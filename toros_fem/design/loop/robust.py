@@ -17,7 +17,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.bar_width import offset_thresholds
-from toros_fem.design.density.filters import Filter
+from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium

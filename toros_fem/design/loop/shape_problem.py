@@ -15,8 +15,8 @@ from toros_fem.base.errors import DensityError, ParameterError
 from toros_fem.base.mpi import dot, largest
 from toros_fem.base.validation import real_numbers, require_between, require_positive, shown
 from toros_fem.design.density.field import random_density
-from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.length_scale import LengthScaleConstraints
+from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.problem import Bounds, DesignProblem, Evaluation, Pressure

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
+from toros_fem.design.mma.optimizer import Functions
 from toros_fem.meshes.skin import Skin
 
 
@@ -35,27 +35,25 @@ class Variables:
         )
         self._carried = len(self._which) if skin.comm.rank == 0 else 0
         low, high = self.vector(least), self.vector(most)
-        high.array[self._count :] = 1.0
+        high[self._count :] = 1.0
         self.bounds = (low, high)
         self.move = self.vector(np.full(self._count, options.mma.move))
-        self.move.array[self._count :] = options.pressure_move
+        self.move[self._count :] = options.pressure_move
 
-    def vector(self, cells: Floats, pressures: Sequence[float] | None = None) -> PETSc.Vec:
+    def vector(self, cells: Floats, pressures: Sequence[float] | None = None) -> Floats:
         """Return a vector of own variables and of all pressures in Pa (0 if None)."""
-        size = self._count + self._carried
-        out = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=self._comm)
-        out.array[: self._count] = cells
+        out: Floats = np.append(cells, np.zeros(self._carried))
         if self._carried and pressures is not None:
             designed = np.array(pressures)[self._which]
             fractions = np.log(designed / self._low) / np.log(self._high / self._low)
-            out.array[self._count :] = fractions
+            out[self._count :] = fractions
         return out
 
-    def design(self, x: PETSc.Vec) -> tuple[Floats, tuple[float, ...]]:
+    def design(self, x: Floats) -> tuple[Floats, tuple[float, ...]]:
         """Return the density and the pressures of a vector (collective)."""
-        density, pressures = x.array[: self._count].copy(), self._pressures.copy()
+        density, pressures = x[: self._count].copy(), self._pressures.copy()
         if self._which:
-            fractions = self._comm.bcast(x.array[self._count :] if self._carried else None, root=0)
+            fractions = self._comm.bcast(x[self._count :] if self._carried else None, root=0)
             moved = self._low * (self._high / self._low) ** fractions
             pressures[self._which] = np.clip(moved, self._low, self._high)
         return density, tuple(float(p) for p in pressures)
@@ -75,14 +73,14 @@ class Variables:
 
     def gradient(
         self, evaluation: Evaluation, scale: float, by_density: Floats, by_pressure: Floats | None
-    ) -> PETSc.Vec:
+    ) -> Floats:
         """Return `scale` times a gradient by the variables, from those by ρ and by pressures."""
         out = self.vector(scale * by_density)
         if self._carried:
             assert by_pressure is not None
             factor = np.array(evaluation.equilibrium.pressures)[self._which]
             factor *= np.log(self._high / self._low)
-            out.array[self._count :] = scale * by_pressure[self._which] * factor
+            out[self._count :] = scale * by_pressure[self._which] * factor
         return out
 
 
@@ -123,6 +121,11 @@ class Values:
     residuals: Floats
 
     @property
+    def functions(self) -> Functions:
+        """What MMA compares with its approximations."""
+        return Functions(self.rest, values=self.constraints, residuals=self.residuals)
+
+    @property
     def missing(self) -> Values:
         """Values of a design without an equilibrium: infinite."""
         widths, squared = (np.full_like(a, np.inf) for a in (self.constraints, self.residuals))
@@ -131,12 +134,12 @@ class Values:
 
 @dataclass(frozen=True, eq=False)
 class Gradients:
-    """Gradients of the scaled functions by the variables, as distributed vectors."""
+    """Gradients of the scaled functions by the owned variables."""
 
-    objective: PETSc.Vec
-    rest: PETSc.Vec
-    constraints: list[PETSc.Vec]
-    residuals: list[PETSc.Vec]
+    objective: Floats
+    rest: Floats
+    constraints: list[Floats]
+    residuals: list[Floats]
 
 
 class Scaled:
@@ -210,7 +213,7 @@ class Scaled:
         slopes = [gradient(evaluation, root, *row) for row in rows]
         rest = whole.copy()
         for residual, slope in zip(near.values(evaluation.equilibrium), slopes, strict=True):
-            rest.axpy(-2 * root * residual, slope)
+            rest -= 2 * root * residual * slope
         constraints = [
             vector(np.asarray(part / target))
             for target, part in zip(self._targets, widths, strict=True)

@@ -48,10 +48,15 @@ class Approximation:
     multipliers, h = Σ λᵢhᵢ and a = Σ λᵢaᵢ (λ₀ = 1), the minimum over x is at
     t = −h/(a + √(a² − h²)), clipped; there ∂²/∂t² = 2a/((1 + t²)(1 − t²)).
 
+    The box of t is given by the bounds, the move limit, and 0.9 of the distance to the asymptotes.
+    A variable without range keeps its value: its slope is 0 and its box empty.
+
     Args:
         comm: Communicator over which the variables are distributed.
-        variables: Number of owned variables.
-        constraints: Number of constraints.
+        x, distance: xᵏ and dⱼ of the owned variables.
+        bounds: x̲ and x̄.
+        move: Move limit over the range, one for all variables or one for each.
+        gradients: ∇fᵢ(xᵏ), the objective's first.
 
     Attributes:
         curvature: ρᵢ, the objective first.
@@ -59,51 +64,35 @@ class Approximation:
         total_weight: Σⱼ wⱼ over all ranks.
     """
 
-    def __init__(self, comm: MPI.Comm, variables: int, constraints: int) -> None:
-        self._comm = comm
-        self._n, self._m = variables, constraints
-        self.curvature: Floats = np.zeros(constraints + 1)
-        self.size: Floats = np.zeros(constraints + 1)
-        self.total_weight = 0.0
-
-    def expand(
+    def __init__(
         self,
+        comm: MPI.Comm,
         x: Floats,
         distance: Floats,
         bounds: tuple[Floats, Floats],
         move: float | Floats,
         gradients: Sequence[Floats],
     ) -> None:
-        """Set xᵏ, dⱼ and the gradients there (collective).
-
-        The box of t is given by the bounds, the move limit, and 0.9 of the distance to the
-        asymptotes. A variable without range keeps its value: its slope is 0 and its box empty.
-
-        Args:
-            x, distance: xᵏ and dⱼ.
-            bounds: x̲ and x̄.
-            move: Move limit over the range, one for all variables or one for each.
-            gradients: ∇fᵢ(xᵏ), the objective's first.
-        """
-        lower, upper = bounds
-        span, d = np.maximum(upper - lower, TINY), np.maximum(distance, TINY)
+        self._comm, self._x, self._bounds = comm, x, bounds
+        self._distance = np.maximum(distance, TINY)
+        (lower, upper), d = bounds, self._distance
+        span = np.maximum(upper - lower, TINY)
         self._slope = np.array(gradients) * distance
         self._steep = np.abs(self._slope)
         self._weight = 2 * d / span
         limit = np.minimum(move * span / d, 0.9)
-        self._low, self._high = (
-            np.maximum((lower - x) / d, -limit),
-            np.minimum((upper - x) / d, limit),
-        )
+        self._low = np.maximum((lower - x) / d, -limit)
+        self._high = np.minimum((upper - x) / d, limit)
         weight = self._weight[upper > lower].sum()  # what cannot move has no part in the mean
-        sums = sum_over_ranks(self._comm, np.append(self._steep.sum(axis=1), weight))
+        sums = sum_over_ranks(comm, np.append(self._steep.sum(axis=1), weight))
         self.size, self.total_weight = sums[:-1], float(sums[-1])
+        self.curvature: Floats = np.zeros(len(self.size))
 
     def evaluate_dual(self, multipliers: Floats) -> DualEvaluation:
         """Evaluate the approximations at the minimum of the Lagrangian over x (collective)."""
-        m = self._m
+        m = len(self.size) - 1
         sums: Floats = np.zeros(m + 2 + (m + 1) ** 2)
-        for part in cache_blocks(self._n):
+        for part in cache_blocks(len(self._x)):
             t, a, free = self._minimum(multipliers, part)
             square = t * t
             # (1 − t²)⁻² times the root of 1/∂²φ/∂t²
@@ -121,21 +110,15 @@ class Approximation:
         hessian = spread @ sums[m + 2 :].reshape(m + 1, m + 1) @ spread.T
         return DualEvaluation(self._whole(sums[: m + 2]), hessian)
 
-    def write_minimizer(
-        self,
-        multipliers: Floats,
-        x: Floats,
-        distance: Floats,
-        bounds: tuple[Floats, Floats],
-        out: Floats,
-    ) -> None:
-        """Write the minimum of the Lagrangian over x to `out`."""
+    def minimizer(self, multipliers: Floats) -> Floats:
+        """Return the owned x at the minimum of the Lagrangian."""
         t, _, _ = self._minimum(multipliers, slice(None))
-        np.clip(x + distance * t, *bounds, out=out)  # rounding may exceed the bound
+        # Rounding may exceed the bound.
+        return np.clip(self._x + self._distance * t, *self._bounds)
 
-    def change_at(self, x: Floats, distance: Floats, trial: Floats) -> tuple[Floats, float]:
+    def change_at(self, trial: Floats) -> tuple[Floats, float]:
         """Return f̃ᵢ(trial) − fᵢ(xᵏ), and ∂f̃ᵢ/∂ρᵢ there, GCMMA's d (collective)."""
-        t = (trial - x) / np.maximum(distance, TINY)
+        t = (trial - self._x) / self._distance
         sums = sum_over_ranks(self._comm, self._changes(t, slice(None)))
         return self._whole(sums), float(sums[-1])
 

@@ -7,24 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import largest, smallest, total
+from toros_fem.base.mpi import largest, require_comm, together, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import (
     checked_floats,
+    real_numbers,
     require_between,
     require_count,
     require_finite,
     require_kind,
     require_positive,
 )
-from toros_fem.design.mma.approximation import TINY, Approximation, cache_blocks
+from toros_fem.design.mma.approximation import TINY, Approximation
 from toros_fem.design.mma.subproblem import Penalty, solve_subproblem
-
-Numbers = Sequence[float] | Floats
 
 SMALL = 1e-5  # Svanberg's raa0; it keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # factor on the curvature of retries in each new step
@@ -44,9 +42,6 @@ class MMAOptions:
             direction, and where it turns back.
         penalty: cᵢ, the penalty for violating a constraint by one unit.
         tolerance: Largest residual of the subproblem; near the solution it is solved more exactly.
-
-    Raises:
-        ParameterError: A value is out of bounds.
     """
 
     move: float = 0.2
@@ -85,13 +80,92 @@ class MMAState:
     unit: float = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """What MMA minimises, at one point: values, which are alike on all ranks, and owned gradients.
+
+    Where only values are asked for, gradients are left out.
+
+    Attributes:
+        value, gradient: f₀ and ∇f₀; f₀ is infinite where it does not exist.
+        values, jacobian: fᵢ and ∇fᵢ.
+        residuals, residual_jacobian: rₖ and ∇rₖ.
+    """
+
+    value: float
+    gradient: Floats | None = None
+    values: Sequence[float] | Floats = ()
+    jacobian: Sequence[Floats] | Floats = ()
+    residuals: Sequence[float] | Floats = ()
+    residual_jacobian: Sequence[Floats] | Floats = ()
+
+    def __post_init__(self) -> None:
+        for name in ("values", "jacobian", "residuals", "residual_jacobian"):
+            require_kind(
+                name, getattr(self, name), (list, tuple, np.ndarray), "a list, () for none"
+            )
+
+    @property
+    def numbers(self) -> Floats:
+        """f₀, fᵢ, r and −r, each of which has its own approximation."""
+        r = np.asarray(self.residuals, dtype=np.float64)
+        return np.concatenate([[self.value], np.asarray(self.values, dtype=np.float64), r, -r])
+
+    @property
+    def slopes(self) -> list[Floats]:
+        """Gradients of `numbers`."""
+        assert self.gradient is not None
+        up = list(self.residual_jacobian)
+        return [self.gradient, *self.jacobian, *up, *(-row for row in up)]
+
+    def require_values(self, constraints: int, residuals: int) -> None:
+        """Check that each function has a value."""
+        if len(self.values) != constraints or len(self.residuals) != residuals:
+            raise ParameterError(
+                f"{len(self.values)} values were given for {constraints} constraints, and "
+                f"{len(self.residuals)} residuals for {residuals}."
+            )
+
+    def require_gradients(self, constraints: int, residuals: int) -> None:
+        """Check that each function has a value and a gradient."""
+        require_kind("gradient", self.gradient, np.ndarray, "the derivative by each owned variable")
+        if len(self.values) != constraints or len(self.jacobian) != constraints:
+            raise ParameterError(
+                f"{len(self.values)} values and {len(self.jacobian)} gradients were given for "
+                f"{constraints} constraints."
+            )
+        if len(self.residuals) != residuals or len(self.residual_jacobian) != residuals:
+            raise ParameterError(
+                f"{len(self.residuals)} residuals and {len(self.residual_jacobian)} gradients were "
+                f"given for {residuals} residuals."
+            )
+
+    def require_finite(self, comm: MPI.Comm, count: int) -> None:
+        """Check that values and gradients, (count,) on this rank, are finite (collective)."""
+        require_finite(value=self.value)
+        for name in ("values", "residuals"):
+            numbers = getattr(self, name)
+            checked_floats(name, numbers, "finite numbers, the same on all ranks", lambda _: True)
+        what = "the derivative by each owned variable"
+        with together(comm):
+            rows = [
+                checked_floats("a gradient", row, what, (count,), finite=False)
+                for row in self.slopes
+            ]
+            if not np.isfinite(rows).all():
+                raise ParameterError(
+                    "a gradient is not finite on some rank. Do not step from such a point: `retry`."
+                )
+
+
 class MMA:
     """Svanberg's MMA and GCMMA: min f₀ + Σ rₖ² subject to fᵢ ≤ 0, x̲ ≤ x ≤ x̄.
 
     `step` proposes a point. In plain MMA it is the next iterate. In GCMMA it is accepted once
     `conservative` finds that no function exceeds its approximation there. Otherwise `retry` raises
     the curvatures of those that do, and proposes another point; the iterates then stay feasible
-    and f₀ decreases monotonically. A caller may also call `retry` after another test.
+    and f₀ decreases monotonically. A caller may also call `retry` after another test. Points are
+    arrays of the variables that a rank owns.
     Each residual is approximated twice, as rₖ and −rₖ, by constraints with a quadratic penalty
     (Svanberg 2007, section 2). The subproblem then finds the minimum of the squares, like the
     Gauss-Newton method.
@@ -101,6 +175,7 @@ class MMA:
     J. Optim. 12(2), 2002.
 
     Args:
+        comm: Communicator over which the variables are distributed.
         lower, upper: Finite bounds; a variable with equal bounds keeps its value.
         constraints: Number m of constraints, which should be scaled to O(1).
         options: Svanberg's parameters.
@@ -108,197 +183,114 @@ class MMA:
         residuals: Number of rₖ.
         resolution: Part of its range to which a variable is rounded in proposed points, so that
             steps do not depend on the rounding of gradients; None for Svanberg's method as it is.
-
-    Raises:
-        ParameterError: An upper bound is below its lower bound, a bound is not finite, or a move
-            limit or the resolution is outside (0, 1].
     """
 
     def __init__(
         self,
-        lower: PETSc.Vec,
-        upper: PETSc.Vec,
+        comm: MPI.Comm,
+        lower: Floats,
+        upper: Floats,
         constraints: int = 0,
         options: MMAOptions | None = None,
-        move: PETSc.Vec | None = None,
+        move: Floats | None = None,
         *,
         residuals: int = 0,
         resolution: float | None = None,
     ) -> None:
-        for name, vector in (("lower", lower), ("upper", upper)):
-            require_kind(name, vector, PETSc.Vec, "a PETSc.Vec")
+        require_comm(comm)
         require_count(0, constraints=constraints, residuals=residuals)
         require_kind("options", options, (MMAOptions, type(None)), "MMAOptions, or None")
-        self._comm: MPI.Comm = lower.comm.tompi4py()
-        # PETSc frees this communicator with its last vector, which the caller may delete.
-        self._anchor = PETSc.Vec().createMPI(0, comm=lower.comm)
-        self._lower, self._upper = lower.array.copy(), upper.array.copy()
-        apart = largest(self._comm, abs(len(self._lower) - len(self._upper)))
-        if apart:
-            raise ParameterError(
-                "lower and upper have different sizes on a rank; make both by duplicate()."
-            )
-        worst = smallest(self._comm, np.min(self._upper - self._lower, initial=np.inf))
-        if not worst >= 0:
-            raise ParameterError(
-                f"an upper bound is {-worst:g} less than its lower bound. Exchange them."
-            )
-        if not np.isfinite(largest(self._comm, np.max(self._upper - self._lower, initial=0.0))):
-            raise ParameterError("MMA needs finite bounds for every variable.")
         self.options = options or MMAOptions()
-        self._move: float | Floats = float(self.options.move)
-        require_kind("move", move, (PETSc.Vec, type(None)), "a PETSc.Vec, or None")
-        if move is not None:
-            self._move = move.array.copy()
-            for end in (
-                smallest(self._comm, np.min(self._move, initial=1.0)),
-                largest(self._comm, np.max(self._move, initial=0.5)),
-            ):
-                require_positive(move=end, at_most=1.0)
-        self._unit: Floats | None = None
         if resolution is not None:
             require_positive(resolution=resolution, at_most=1.0)
-            self._unit = resolution * (self._upper - self._lower)
+        with together(comm):
+            self._bounds = lower, upper = _checked_bounds(lower, upper)
+            self._move: float | Floats = float(self.options.move)
+            if move is not None:
+                what = "one move limit for each owned variable"
+                self._move = checked_floats("move", move, what, lower.shape, finite=False)
+                for limit in np.sort(self._move)[[0, -1]] if self._move.size else ():
+                    require_positive(move=limit, at_most=1.0)
+        self._comm, self._span = comm, upper - lower
+        self._unit = None if resolution is None else resolution * self._span
         self._m, self._r = constraints, residuals
         self._rows = constraints + 2 * residuals
-        self._model = Approximation(self._comm, len(self._lower), self._rows)
-        self._values: Floats = np.zeros(self._rows + 1)
-        self._start_curvature: Floats = np.zeros(self._rows + 1)
+        self._here: Functions | None = None
+        self._model: Approximation | None = None
         self.state = MMAState()
 
-    def step(
-        self,
-        x: PETSc.Vec,
-        value: float,
-        gradient: PETSc.Vec,
-        values: Numbers = (),
-        jacobian: Sequence[PETSc.Vec] = (),
-        residuals: Numbers = (),
-        residual_jacobian: Sequence[PETSc.Vec] = (),
-    ) -> None:
-        """Replace x by the next proposed point (collective).
+    def step(self, x: Floats, here: Functions) -> Floats:
+        """Return the next proposed point (collective).
 
         Args:
-            x: Current variables, overwritten.
-            value: f₀(x), the same on all ranks.
-            gradient: ∇f₀(x).
-            values: fᵢ(x), the same on all ranks.
-            jacobian: ∇fᵢ(x).
-            residuals: rₖ(x), the same on all ranks.
-            residual_jacobian: ∇rₖ(x).
-
-        Raises:
-            ParameterError: The number of values or gradients is wrong.
+            x: Current variables.
+            here: All functions at x, with their gradients.
         """
-        given = {"values": values, "jacobian": jacobian, "residuals": residuals}
-        for name, rows in {**given, "residual_jacobian": residual_jacobian}.items():
-            require_kind(name, rows, (list, tuple, np.ndarray), "a list, () for none")
-        for vector in (x, gradient, *jacobian, *residual_jacobian):
-            require_kind("x or a gradient", vector, PETSc.Vec, "a PETSc.Vec")
-        self._check(values, jacobian)
-        require_finite(value=value)
-        for name, numbers in (("values", values), ("residuals", residuals)):
-            checked_floats(name, numbers, "finite numbers, the same on all ranks", lambda _: True)
-        rows = (gradient, *jacobian, *residual_jacobian)
-        if largest(self._comm, sum(not np.isfinite(row.array).all() for row in rows)):
-            raise ParameterError(
-                "a gradient is not finite on some rank. Do not step from such a point: `retry`."
-            )
-        if len(residuals) != self._r or len(residual_jacobian) != self._r:
-            raise ParameterError(
-                f"{len(residuals)} residuals and {len(residual_jacobian)} gradients were given for "
-                f"{self._r} residuals."
-            )
-        state, here = self.state, x.array.copy()
-        distance = self._distance(here)
-        state.before_previous, state.previous, state.distance = state.previous, here, distance
+        here.require_gradients(self._m, self._r)
+        here.require_finite(self._comm, len(self._span))
+        state, x = self.state, np.array(x, dtype=np.float64)
+        distance = self._distance(x)
+        state.before_previous, state.previous, state.distance = state.previous, x, distance
         if state.curvature is None:
             state.curvature = np.zeros(self._rows + 1)
         state.curvature = CURVATURE_DECAY * state.curvature
-        up = [row.array for row in residual_jacobian]
-        gradients = [gradient.array, *(row.array for row in jacobian), *up, *(-row for row in up)]
-        bounds = (self._lower, self._upper)
-        self._model.expand(here, distance, bounds, self._move, gradients)
-        self._values = _stacked(value, values, residuals)
-        # GCMMA's initial curvature, a tenth of the mean |∂fᵢ/∂xⱼ| (x̄ⱼ − x̲ⱼ), weighted by dⱼ here.
-        weight = max(self._model.total_weight, TINY)
-        self._start_curvature = np.maximum(0.2 * self._model.size / weight, 1e-6)
-        self._propose(x)
+        self._here = here
+        self._model = Approximation(self._comm, x, distance, self._bounds, self._move, here.slopes)
+        return self._proposed(self._model)
 
-    def conservative(
-        self,
-        x: PETSc.Vec,
-        value: float,
-        values: Numbers = (),
-        residuals: Numbers = (),
-    ) -> bool:
+    def conservative(self, x: Floats, there: Functions) -> bool:
         """Return whether no function exceeds its approximation at the proposed point (collective).
 
         Args:
             x: The proposed point.
-            value: f₀ there, the same on all ranks; infinite where it does not exist.
-            values: fᵢ there.
-            residuals: rₖ there.
-
-        Raises:
-            ParameterError: `step` was not called yet, or the number of values is wrong.
+            there: The values there; infinite where they do not exist.
         """
-        self._count(values, residuals)
-        excess, _ = self._excess(x, value, values, residuals)
+        there.require_values(self._m, self._r)
+        excess, _ = self._excess(x, there)
         return bool(np.all(excess <= 0))
 
-    def retry(
-        self,
-        x: PETSc.Vec,
-        value: float,
-        values: Numbers = (),
-        residuals: Numbers = (),
-    ) -> None:
-        """Replace a rejected point by a more cautious one (collective).
+    def retry(self, x: Floats, there: Functions) -> Floats:
+        """Return a more cautious point than a rejected one (collective).
 
         A function that exceeds its approximation by δᵢ d(x) there gets the curvature
-        min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4). Where a value is infinite, or all approximations are
-        conservative and the caller still rejects x, all curvatures are multiplied by ten. If the
-        same x results, for example at its move limits, and is not conservative, the curvatures are
-        raised again.
+        min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4), where ρᵢ is at least GCMMA's initial curvature. Where
+        a value is infinite, or all approximations are conservative and the caller still rejects x,
+        all curvatures are multiplied by ten. If the same x results, for example at its move limits,
+        and is not conservative, the curvatures are raised again.
 
         Args:
-            x: The proposed point, overwritten.
-            value: f₀ there, the same on all ranks; infinite where it does not exist.
-            values: fᵢ there. If values and residuals are left out, only f₀ is tested.
-            residuals: rₖ there.
-
-        Raises:
-            ParameterError: `step` was not called yet, or the number of values is wrong.
+            x: The proposed point.
+            there: The values there. If values and residuals are left out, only f₀ is tested.
         """
-        if len(values) or len(residuals):
-            self._count(values, residuals)
-        state = self.state
+        if len(there.values) or len(there.residuals):
+            there.require_values(self._m, self._r)
+        before, state = x, self.state
+        excess, distance = self._excess(x, there)
+        model = self._model
+        assert model is not None
         assert state.curvature is not None
-        before = x.array.copy()
-        excess, distance = self._excess(x, value, values, residuals)
+        # A tenth of the mean |∂fᵢ/∂xⱼ| (x̄ⱼ − x̲ⱼ), weighted by dⱼ here.
+        least = np.maximum(0.2 * model.size / max(model.total_weight, TINY), 1e-6)
         for _ in range(RAISES):
-            limit = 10 * np.maximum(state.curvature, self._start_curvature)
+            limit = 10 * np.maximum(state.curvature, least)
             if np.all(np.isfinite(excess)) and np.any(excess > 0):
                 rise = 1.1 * (state.curvature + excess / max(distance, TINY))
                 state.curvature = np.where(excess > 0, np.minimum(rise, limit), state.curvature)
             else:
                 state.curvature = limit
-            self._propose(x)
-            if largest(self._comm, np.max(np.abs(x.array - before), initial=0.0)) > 0:
+            x = self._proposed(model)
+            if largest(self._comm, np.max(np.abs(x - before), initial=0.0)) > 0:
                 break
-            excess, distance = self._excess(x, value, values, residuals)
+            excess, distance = self._excess(x, there)
             if not np.any(excess > 0):  # the caller may accept it now
                 break
+        return x
 
     def rescale(self, factor: float) -> None:
         """Multiply the unit of f₀ and Σ rₖ² by a factor, from the next step on.
 
         The next proposed point does not change, except for the constant 1e-5 that keeps the
         approximations convex.
-
-        Raises:
-            ParameterError: The factor is not positive.
         """
         require_positive(factor=factor)
         state, m, root = self.state, self._m, factor**0.5
@@ -310,13 +302,7 @@ class MMA:
             state.multipliers[:m] *= factor
             state.multipliers[m:] *= root
 
-    def kkt_residual(
-        self,
-        x: PETSc.Vec,
-        gradient: PETSc.Vec,
-        values: Numbers = (),
-        jacobian: Sequence[PETSc.Vec] = (),
-    ) -> float:
+    def kkt_residual(self, x: Floats, here: Functions) -> float:
         """Return the residual of the optimality conditions at x (collective).
 
         It is the largest entry of the natural residual, which is zero at KKT points only.
@@ -330,40 +316,26 @@ class MMA:
 
         Args:
             x: Variables.
-            gradient: ∇(f₀ + Σ rₖ²)(x).
-            values: fᵢ(x), the same on all ranks.
-            jacobian: ∇fᵢ(x).
+            here: All functions at x, with their gradients. The squares of residuals that are left
+                out are a part of f₀.
         """
-        self._check(values, jacobian)
+        here.require_gradients(self._m, len(here.residuals))
+        assert here.gradient is not None
         multipliers = self.state.multipliers
         lam = np.zeros(self._m) if multipliers is None else multipliers[: self._m]
-        span = self._upper - self._lower
-        ranged = span > 0
-        slope = gradient.array.copy()
-        for weight, row in zip(lam, jacobian, strict=True):
-            slope += weight * row.array
-        slope *= total(self._comm, np.count_nonzero(ranged)) / self.state.unit * span
-        place = (x.array - self._lower) / np.where(ranged, span, 1.0)
+        slope = here.gradient.copy()
+        for weight, row in zip(lam, here.jacobian, strict=True):
+            slope += weight * row
+        for residual, row in zip(here.residuals, here.residual_jacobian, strict=True):
+            slope += 2 * residual * row
+        ranged = self._span > 0
+        slope *= total(self._comm, np.count_nonzero(ranged)) / self.state.unit * self._span
+        place = (x - self._bounds[0]) / np.where(ranged, self._span, 1.0)
         gap = np.abs(place - np.clip(place - slope, 0.0, 1.0))[ranged]
-        complementarity = np.abs(
-            np.minimum(lam / self.state.unit, -np.asarray(values, dtype=np.float64))
-        )
+        values = np.asarray(here.values, dtype=np.float64)
+        complementarity = np.abs(np.minimum(lam / self.state.unit, -values))
         worst = float(np.max(complementarity, initial=0))
         return max(largest(self._comm, np.max(gap, initial=0.0)), worst)
-
-    def _check(self, values: Numbers, jacobian: Sequence[PETSc.Vec]) -> None:
-        if len(values) != self._m or len(jacobian) != self._m:
-            raise ParameterError(
-                f"{len(values)} values and {len(jacobian)} gradients were given for {self._m} "
-                "constraints."
-            )
-
-    def _count(self, values: Numbers, residuals: Numbers) -> None:
-        if len(values) != self._m or len(residuals) != self._r:
-            raise ParameterError(
-                f"{len(values)} values were given for {self._m} constraints, and {len(residuals)} "
-                f"residuals for {self._r}."
-            )
 
     def _distance(self, x: Floats) -> Floats:
         """Return the distance of the asymptotes from x (Svanberg 2007, eqs. 3.11-3.14).
@@ -371,74 +343,68 @@ class MMA:
         His factor jumps where one of the last two moves changes its sign. With a resolution it
         passes through 1 there, so that a difference of one unit cannot change the next step much.
         """
-        state, o = self.state, self.options
-        out = self._upper - self._lower
-        if state.before_previous is None:
-            out *= o.asymptote_start
-            return out
-        here, there = state.previous, state.before_previous
-        assert here is not None
-        assert state.distance is not None
-        for part in cache_blocks(len(x)):
-            span = out[part]
-            move, before = x[part] - here[part], here[part] - there[part]
-            turn = move * before
-            if self._unit is not None:
-                turn /= np.maximum(move**2 + before**2 + self._unit[part] ** 2, TINY)
-                turn *= GRADED
-                np.clip(turn, -1.0, 1.0, out=turn)
-            else:
-                np.sign(turn, out=turn)
-            distance = np.where(turn > 0, o.asymptote_grow - 1, 1 - o.asymptote_shrink)
-            distance *= turn
-            distance += 1
-            distance *= state.distance[part]
-            np.maximum(distance, 0.01 * span, out=distance)
-            np.minimum(distance, 10 * span, out=span)
-        return out
+        state, o, span = self.state, self.options, self._span
+        if state.previous is None or state.before_previous is None or state.distance is None:
+            return o.asymptote_start * span
+        move, before = x - state.previous, state.previous - state.before_previous
+        turn = move * before
+        if self._unit is None:
+            turn = np.sign(turn)
+        else:
+            turn = turn / np.maximum(move**2 + before**2 + self._unit**2, TINY)
+            turn = np.clip(GRADED * turn, -1.0, 1.0)
+        factor = np.where(turn > 0, o.asymptote_grow - 1, 1 - o.asymptote_shrink) * turn + 1
+        return np.clip(factor * state.distance, 0.01 * span, 10 * span)
 
-    def _excess(
-        self, x: PETSc.Vec, value: float, values: Numbers, residuals: Numbers
-    ) -> tuple[Floats, float]:
+    def _excess(self, x: Floats, there: Functions) -> tuple[Floats, float]:
         """Return by how much each function exceeds its approximation, and d(x) of `retry`."""
-        state = self.state
-        if state.previous is None or state.distance is None:
+        if self._model is None or self._here is None:
             raise ParameterError("there is no proposed point yet: call step first.")
-        change, distance = self._model.change_at(state.previous, state.distance, x.array)
-        there = _stacked(value, values, residuals)
-        there[~np.isfinite(there)] = np.inf
-        count = len(there)
+        change, distance = self._model.change_at(x)
+        here, found = self._here.numbers, there.numbers
+        found[~np.isfinite(found)] = np.inf
+        count = len(found)
         excess: Floats = np.zeros(self._rows + 1)
-        excess[:count] = there - self._values[:count] - change[:count]
-        noise = ROUNDING * (np.abs(self._values) + self._model.size)
+        excess[:count] = found - here[:count] - change[:count]
+        noise = ROUNDING * (np.abs(here) + self._model.size)
         excess[excess <= noise] = 0.0
         # Where r exceeds its approximation, often that of −r limits x, and vice versa.
         pairs = excess[1 + self._m :].reshape(2, -1)
         pairs[:] = pairs.max(axis=0)
         return excess, distance
 
-    def _propose(self, x: PETSc.Vec) -> None:
-        state, model = self.state, self._model
-        assert state.curvature is not None
-        assert state.previous is not None
-        assert state.distance is not None
-        model.curvature = SMALL + state.curvature
+    def _proposed(self, model: Approximation) -> Floats:
+        """Return the solution of the subproblem with the curvatures of the state."""
+        state, (lower, upper) = self.state, self._bounds
+        assert self._here is not None
+        model.curvature = SMALL + np.asarray(state.curvature)
         counts, unit = [self._m, 2 * self._r], state.unit
         penalty = Penalty(
             np.repeat([self.options.penalty * unit, 0.0], counts),
             np.repeat([unit, 2.0], counts),
         )
-        tolerance = self.options.tolerance
-        found = solve_subproblem(model, self._values[1:], penalty, state.multipliers, tolerance)
+        values, tolerance = self._here.numbers[1:], self.options.tolerance
+        found = solve_subproblem(model, values, penalty, state.multipliers, tolerance)
         state.multipliers = found.multipliers
-        bounds = (self._lower, self._upper)
-        model.write_minimizer(found.multipliers, state.previous, state.distance, bounds, x.array)
-        if self._unit is not None:
-            steps = rounded(x.array - self._lower, self._unit)
-            np.clip(self._lower + steps, *bounds, out=x.array)
+        x = model.minimizer(found.multipliers)
+        if self._unit is None:
+            return x
+        return np.clip(lower + rounded(x - lower, self._unit), lower, upper)
 
 
-def _stacked(value: float, values: Numbers, residuals: Numbers) -> Floats:
-    """Return f₀, fᵢ, r and −r, each of which has its own approximation."""
-    r = np.asarray(residuals, dtype=np.float64)
-    return np.concatenate([[value], np.asarray(values, dtype=np.float64), r, -r])
+def _checked_bounds(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """Return the bounds of the owned variables, checked."""
+    what = "a bound of each owned variable"
+    lower, upper = real_numbers("lower", lower, what), real_numbers("upper", upper, what)
+    if lower.ndim != 1 or lower.shape != upper.shape:
+        raise ParameterError(
+            f"lower has shape {lower.shape} and upper {upper.shape}; both hold {what}."
+        )
+    span = upper - lower
+    if not np.all(span >= 0):
+        raise ParameterError(
+            f"an upper bound is {-span.min():g} less than its lower bound. Exchange them."
+        )
+    if not np.isfinite(span).all():
+        raise ParameterError("MMA needs finite bounds for every variable.")
+    return lower.copy(), upper.copy()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.design.mma.approximation import TINY, Approximation
 
 STEPS = 100  # limit for unforeseen input; far more than ever needed
@@ -15,6 +15,7 @@ EPSILON = np.finfo(np.float64).eps
 FORCING = 0.1  # largest final residual over that of the starting multipliers
 ROUNDING = 1e-13  # residual that rounding may leave: nothing smaller is requested
 SHIFT = 1e-3  # of the Hessian, times the residual: it keeps the convergence superlinear
+BLOCKS = 3  # exchanges of all wrong members in a row that may leave as many wrong
 
 
 @dataclass(frozen=True)
@@ -145,62 +146,47 @@ def _residual(point: _Point, penalty: Penalty, unit: Floats, size: Floats) -> fl
 
 
 def _newton(point: _Point, penalty: Penalty, shift: Floats) -> Floats:
-    """Return the step to the maximum over λ ≥ 0 of a quadratic model of W with exact y(λ)."""
-    lam = point.multipliers
+    """Return the step to the maximum over λ ≥ 0 of a quadratic model of W with exact y(λ).
+
+    Each λᵢ is held at 0 or free, and each yᵢ is (λᵢ − cᵢ)/dᵢ or 0. All members of these two sets
+    that turn out wrong change sides, as long as their number falls; else only the last does, which
+    comes to an end for every positive definite matrix (Júdice & Pires, Comput. Oper. Res. 21,
+    1994).
+    """
+    lam, m = point.multipliers, len(point.multipliers)
     excess = (lam - penalty.linear) / penalty.quadratic
-    active = excess > 0
-    step: Floats = np.zeros(len(lam))
-    for attempt in range(2 * len(lam) + 10):  # the set of yᵢ > 0 is found in a few rounds
-        # With all variables at bounds, or dependent constraints, the Hessian of W is singular.
+    free, active = np.ones(m, dtype=bool), excess > 0
+    fewest, patience = 2 * m + 1, BLOCKS
+    step: Floats = np.zeros(m)
+    for _ in range(10 * m + 10):
         hessian = point.hessian + np.diag(shift + active / penalty.quadratic)
-        # The slope where yᵢ stays (λᵢ − cᵢ)/dᵢ in the active set, and 0 outside.
         slope = point.slope + np.maximum(excess, 0.0) - np.where(active, excess, 0.0)
-        step = _above(hessian, slope, -lam)
-        again = excess + step / penalty.quadratic > 0
-        if np.array_equal(again, active):
+        step = _held(hessian, slope, -lam, free)
+        pull = slope - hessian @ step
+        wrong_side = np.where(free, step < -lam, pull > 0)
+        wrong = np.append(wrong_side, active != (excess + step / penalty.quadratic > 0))
+        count = int(np.count_nonzero(wrong))
+        if count == 0:
             break
-        active = again | active if attempt > len(lam) else again  # avoid cycling
+        if count < fewest:
+            fewest, patience = count, BLOCKS
+        elif patience:
+            patience -= 1
+        else:
+            wrong = np.arange(2 * m) == np.flatnonzero(wrong)[-1]
+        free, active = free ^ wrong[:m], active ^ wrong[m:]
     return step
 
 
-def _above(hessian: Floats, slope: Floats, floor: Floats) -> Floats:
-    """Return the maximum of slope·z − ½ z·H z over z ≥ floor, floor ≤ 0."""
+def _held(hessian: Floats, slope: Floats, floor: Floats, free: Bools) -> Floats:
+    """Return the maximum of slope·z − ½ z·H z where all z but the free ones are at the floor."""
+    # With all variables at bounds, or dependent constraints, the Hessian of W is singular.
     scale = 1 / np.sqrt(np.diag(hessian))
     scaled = scale[:, None] * hessian * scale + 1e-12 * np.eye(len(slope))
-    step = scale * np.linalg.solve(scaled, scale * slope)
-    if np.all(step >= floor):
-        return np.asarray(step)
-    target = scale * slope - scaled @ (floor / scale)
-    return np.asarray(scale * _nonnegative(scaled, target) + floor)
-
-
-def _nonnegative(hessian: Floats, slope: Floats) -> Floats:
-    """Return the maximum of slope·u − ½ u·H u over u ≥ 0, by Lawson and Hanson's active sets.
-
-    scipy.optimize.nnls has the same algorithm, but some versions stop at wrong sets.
-    """
-    u, free = np.zeros(len(slope)), np.zeros(len(slope), dtype=bool)
-    for _ in range(10 * len(slope)):
-        pull = np.where(free, -np.inf, slope - hessian @ u)
-        new = int(np.argmax(pull))
-        if pull[new] <= 0:
-            break
-        free[new] = True
-        while free.any():
-            trial = np.zeros(len(slope))
-            trial[free] = np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
-            out = np.flatnonzero(free & (trial <= 0))
-            if len(out) == 0:
-                u = trial
-                break
-            gap = u[out] - trial[out]
-            ratio = np.divide(u[out], gap, out=np.zeros(len(out)), where=gap > 0)
-            u += ratio.min() * (trial - u)
-            free[out[ratio <= ratio.min()]] = False
-            u[~free] = 0.0
-        if not free[new]:  # it entered by rounding
-            break
-    return u
+    step = np.where(free, 0.0, floor / scale)
+    right = scale * slope - scaled @ step
+    step[free] = np.linalg.solve(scaled[np.ix_(free, free)], right[free])
+    return np.where(free, scale * step, floor)
 
 
 def _better(old: _Point, new: _Point, length: float, before: float, after: float) -> bool:

@@ -34,9 +34,6 @@ class FixedDirections:
     Attributes:
         directions: Number N of directions.
         limit: S, the limit on the sum of the shares.
-
-    Raises:
-        ParameterError: A value is out of its bounds.
     """
 
     directions: int = 12
@@ -106,9 +103,6 @@ class FreeDirections:
 
     Attributes:
         limits: Limit on the share of either family.
-
-    Raises:
-        ParameterError: A limit is out of its bounds.
     """
 
     limits: tuple[float, float] = (0.3, 0.3)
@@ -155,3 +149,6 @@ class FreeDirections:
         """Return the gradient by the variables, (n, 6), from that by the material."""
         by_shares, by_double = by_material[:, 1:3], 2 * by_material[:, 3:]
         return np.hstack([by_shares * np.array(self.limits), by_double[:, [0, 2, 1, 3]]])
+
+
+Families = FixedDirections | FreeDirections

@@ -44,9 +44,6 @@ class RelaxedOptions:
         more_iterations: Largest number of steps where an earlier result is continued.
         width_ratio: Width that the lines of one family will have over that of the other: where few
             wide lines cross many thin ones, crossings stiffen less.
-
-    Raises:
-        ParameterError: A value is out of its bounds.
     """
 
     directions: int = 12
@@ -66,10 +63,9 @@ class RelaxedOptions:
         for count in self.iterations:
             require_count(1, iterations=count)
         require_count(1, more_iterations=self.more_iterations)
-        if self.radius is not None:
-            require_positive(radius=self.radius)
-        if self.share_weight is not None:
-            require_positive(share_weight=self.share_weight)
+        for name in ("radius", "share_weight"):
+            if getattr(self, name) is not None:
+                require_positive(**{name: getattr(self, name)})
         require_positive(width_ratio=self.width_ratio)
         FixedDirections(self.directions, self.share_limit)
         FreeDirections(self.family_limits)
@@ -141,7 +137,6 @@ def find_lines(
         journal: As of `optimize`, for both stages.
 
     Raises:
-        ParameterError: The seed is negative, or the earlier result is that of another mesh.
         NoEquilibriumError: There is no equilibrium for the start.
     """
     begin = time.perf_counter()
@@ -173,9 +168,8 @@ def find_lines(
         start, variables, positions = after.start, after.variables, after.positions
         pressures, history = after.pressures, after.history
     second = relaxed_problem(design, free, radius, cost, crossing)
-    own = second.with_passive(variables[skin.owned_cells].ravel())
     warm = WarmStart(
-        density=own,
+        density=second.with_passive(variables[skin.owned_cells].ravel()),
         pressures=pressures,
         state=second.state_at(positions),
         history=history,

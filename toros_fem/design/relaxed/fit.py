@@ -24,9 +24,6 @@ def fitted_pair(field: LineField) -> LineField:
     pair of the whole panel, so that a family is the same one all over it. The first is the one
     nearer to the second axis of the first panel's chart. Panels that are sewn together exchange
     their pairs where the directions fit better so.
-
-    Args:
-        field: Families of any number.
     """
     pattern, areas = field.pattern, field.pattern.areas
     shares = np.zeros((len(areas), 2))

@@ -11,16 +11,14 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError
 from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
-from toros_fem.design.density.filters import Filter
+from toros_fem.design.density.linear import Filter
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.smoothing import Smoothing
+from toros_fem.design.relaxed.families import Families, FixedDirections
+from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.designs import CROSSING
-
-Families = FixedDirections | FreeDirections
 
 # Mean of the random start's variables, and the standard deviation of their logarithm.
 START, SPREAD = 0.04, 0.7
@@ -50,11 +48,7 @@ class RelaxedProblem(ShapeProblem):
         return np.zeros(len(designed)), designed.astype(np.float64)
 
     def check_variables(self, density: Floats) -> Floats:
-        """Return the variables of this rank as an array, checked (collective).
-
-        Raises:
-            DensityError: The shape is wrong, or a value is outside [0, 1].
-        """
+        """Return the variables of this rank as an array, checked (collective)."""
         count = len(self.designed) * self.families.fields
         with together(self.comm):
             if np.shape(density) != (count,):
@@ -90,16 +84,19 @@ class RelaxedProblem(ShapeProblem):
 
     def cost(self, projected: Floats) -> float:
         """Return the cost of the lines (collective)."""
-        shares = projected[:, 1 : 1 + self.families.count].sum(axis=1)
-        return self.share_weight * dot(self.comm, self._area_fractions(), shares)
+        return self.share_weight * self._mean_sum(projected)
 
     def cost_backward(self, projected: Floats) -> Floats:
         """Return the gradient of the cost by the material (collective)."""
         gradient = np.zeros_like(projected)
-        gradient[:, 1 : 1 + self.families.count] = (
-            self.share_weight * self._area_fractions()[:, None]
-        )
+        fractions = self._area_fractions()[:, None]
+        gradient[:, 1 : 1 + self.families.count] = self.share_weight * fractions
         return gradient
+
+    def _mean_sum(self, projected: Floats) -> float:
+        """Return the mean sum of the shares of all families (collective)."""
+        shares = projected[:, 1 : 1 + self.families.count].sum(axis=1)
+        return dot(self.comm, self._area_fractions(), shares)
 
     def _area_fractions(self) -> Floats:
         """Return the fraction of the designed area of each owned triangle (collective)."""
@@ -110,9 +107,6 @@ class RelaxedProblem(ShapeProblem):
         """Return random variables: smoothed noise, the same on any number of ranks (collective).
 
         Only the first stage has a random start.
-
-        Raises:
-            ParameterError: The seed is negative.
         """
         require_count(0, seed=seed)
         shape = len(self.skin.pattern.panel), self.families.fields
@@ -127,17 +121,12 @@ class RelaxedProblem(ShapeProblem):
         """Return None: `start_field` shows what a relaxed design begins with."""
 
     def start_field(self, variables: Floats) -> LineField:
-        """Return the line families of variables, on every rank (collective).
-
-        Args:
-            variables: Those of the owned triangles, before smoothing.
-        """
+        """Return the line families of owned variables before smoothing (collective)."""
         return self._line_field(self.fields(self.with_passive(variables))[1])
 
     def reinforcement(self, evaluation: Evaluation[Equilibrium]) -> tuple[float, float]:
         """Return the mean sum of shares, and 0: lines are not grey (collective)."""
-        shares = evaluation.projected[:, 1 : 1 + self.families.count].sum(axis=1)
-        return dot(self.comm, self._area_fractions(), shares), 0.0
+        return self._mean_sum(evaluation.projected), 0.0
 
     def shown_density(self, evaluation: Evaluation[Equilibrium]) -> Floats:
         """Return the part of each owned triangle that is covered: ρ̄ and all shares, at most 1."""
@@ -149,9 +138,8 @@ class RelaxedProblem(ShapeProblem):
         return self._line_field(evaluation.projected)
 
     def _line_field(self, projected: Floats) -> LineField:
-        material, count = self.skin.gather_cells(projected), self.families.count
+        material = self.skin.gather_cells(projected)
         shares, cosine, sine = np.split(material[:, 1:], 3, axis=1)
-        assert shares.shape[1] == count
         return LineField(self.skin.pattern, shares, np.arctan2(sine, cosine) / 2)
 
 
@@ -165,29 +153,18 @@ def relaxed_problem(
     """Return the relaxed problem of a density design on the same mesh (collective).
 
     Target, supports, loads, pressures and prescribed densities are those of the design; filter,
-    projection, perimeter and widths are left out.
-
-    Args:
-        design: The density design.
-        families: How variables become shares and directions.
-        radius: Radius of the smoothing in m.
-        share_weight: Factor on the mean sum of shares in T.
-        crossing: Factor of bonded crossings, as for `RelaxedModel`.
-
-    Raises:
-        ParameterError: The radius is not positive.
+    projection, perimeter and widths are left out. `radius` is that of the smoothing in m, and
+    `crossing` the factor of bonded crossings.
     """
     skin = design.skin
     designed = skin.gather_cells(design.designed.astype(np.float64)) > 0.5
     given = design.solver
     solver = given.like(families=families.count, crossing=crossing, log=given.log)
-    smoothing = Smoothing(
-        skin, radius, families.fields, families.transport, families.centre, designed
-    )
     return RelaxedProblem(
         solver=solver,
         objective=design.objective,
-        filter=cast(Filter, smoothing),  # widths, which need more of a filter, are left out
+        # Widths, which need more of a filter, are left out.
+        filter=cast(Filter, smoothing(skin, radius, families, designed)),
         pressure=design.pressure,
         passive=design.passive,
         pressure_bounds=design.pressure_bounds,

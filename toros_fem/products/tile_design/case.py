@@ -14,9 +14,9 @@ from toros_fem.base.keys import Count, In, Number, Positive, Table, key
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.density.symmetric import SymmetricFilter
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
@@ -187,7 +187,7 @@ def tile_problem(
     problem = TileProblem(
         solver=ProfileSolver(solver, case.angles, c.pull.strain, batch),
         objective=case.objective,
-        filter=SymmetricFilter(skin, inner, tile.symmetry_maps(case.symmetry)),
+        filter=inner.after(group_mean(skin, tile.symmetry_maps(case.symmetry))),
         projection=projection,
         perimeter=perimeter,
         perimeter_weight=c.design.perimeter_weight,

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.design.density.filters import Filter
 from toros_fem.design.density.length_scale import LengthScaleConstraints
+from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Pressure
@@ -33,7 +33,7 @@ class TileProblem(DesignProblem[Profile]):
     Attributes:
         solver: Solver of the tile in the directions of the objective.
         objective: Objective of the profile.
-        filter: Filter of the densities on the torus; a `SymmetricFilter` for symmetric designs.
+        filter: Filter of the densities on the torus; `after` a `group_mean` for symmetric designs.
         projection, passive, perimeter, perimeter_weight, length_scale: As for `DesignProblem`.
         whole: None: a tile is never a part of a larger skin.
         target: Target profile for the metric "worst_percent", the largest relative deviation;
@@ -59,7 +59,7 @@ class TileProblem(DesignProblem[Profile]):
         if self.whole is not None:
             raise ParameterError(
                 "whole must be None for a tile: give its symmetry to the filter, by "
-                "SymmetricFilter."
+                "filter.after(group_mean(…))."
             )
         self.check()
 
