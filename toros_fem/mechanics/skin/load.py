@@ -11,7 +11,8 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
-from toros_fem.mechanics.skin.supports import require_displacement
+from toros_fem.mechanics.skin.planes import Planes
+from toros_fem.mechanics.skin.supports import checked_displacement
 
 if TYPE_CHECKING:
     from toros_fem.mechanics.assembly.model import SkinModel
@@ -65,7 +66,7 @@ class Load:
                 f"pressure has shape {values.shape}; it must be one number in Pa, or one for each "
                 f"of the {chambers} chambers."
             )
-        if values.any() and not supports.close(pattern):
+        if values.any() and not Planes(pattern, supports).close:
             pattern.require_closed()
         points, force, displacement = pattern.points.shape, self.force, self.displacement
         if force is not None:
@@ -73,9 +74,9 @@ class Load:
         if displacement is None:
             displacement = supports.displacement
         else:
-            displacement = require_displacement(displacement, points)
+            displacement = checked_displacement(displacement, points)
             moved = replace(supports, displacement=displacement)
-            if moved.close(pattern) != supports.close(pattern):
+            if Planes(pattern, moved).close != Planes(pattern, supports).close:
                 raise ParameterError(
                     "the displacement moves a border out of its symmetry plane; move it in the "
                     "plane only, or simulate the whole skin."
