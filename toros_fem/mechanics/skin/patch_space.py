@@ -17,7 +17,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import gather_by_index
 from toros_fem.meshes.skin import Skin, concatenated_index_map
-from toros_fem.meshes.topology import edge_keys
+from toros_fem.meshes.topology import edge_keys, opposite_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +87,7 @@ class Patch:
         return np.concatenate(parts)
 
     def scatter(self, unknowns: Floats) -> Floats:
-        """Return the state of this rank from all unknowns, as of `gather`.
-
-        Raises:
-            ParameterError: Their number is that of another skin.
-        """
+        """Return the state of this rank from all unknowns, as of `gather`."""
         orders = self._orders()
         sizes = [3 * len(self.skin.pattern.points)]
         sizes += [dofs.size if original is None else original[1] for dofs, original in orders]
@@ -128,13 +124,8 @@ def make_patch(skin: Skin, flaps: LocalInts | None, unknowns: Sequence[Unknowns]
 
     The space is a DG0 mixed element: everything a triangle sees is constant on it, and the dofmap
     points at the unknowns. So an energy of a triangle and its neighbours is an ordinary cell
-    integral.
-
-    Args:
-        skin: The sewn skin.
-        flaps: Nodes across the edges of each triangle, (cells, 3); None where it sees none.
-        unknowns: All unknowns beside the positions. What a triangle sees of one kind is a multiple
-            of three.
+    integral. Flaps are the nodes across the edges of each triangle, (cells, 3); None where it sees
+    none. What it sees of one kind of unknowns is a multiple of three.
     """
     nodes = skin.position_space.dofmap.index_map
     index_map, numbers = concatenated_index_map(
@@ -190,9 +181,7 @@ def pattern_edges(skin: Skin) -> tuple[Ints, int]:
     triangles, count = skin.pattern.triangles, len(skin.pattern.points)
 
     def keys(corner: Ints) -> Ints:
-        """Return the keys of the edges opposite each corner, (cells, 3)."""
-        ends = np.stack([np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)], axis=2)
-        return edge_keys(ends, count)
+        return edge_keys(opposite_edges(corner), count)
 
     known = np.unique(keys(triangles))
     facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)

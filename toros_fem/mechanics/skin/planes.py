@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.array_types import Bools, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.mirror import FLAT

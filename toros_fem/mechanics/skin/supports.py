@@ -75,7 +75,10 @@ class Supports:
             )
         guided = whole_numbers("guided", self.guided, "ends of free edges, (k, 2)")
         normals = real_numbers("normals", self.normals, "normals of planes, (k, 3)")
-        moved = checked_displacement(self.displacement, fixed.shape)
+        moved = self.displacement
+        if moved is not None:
+            what = f"finite and of shape {fixed.shape}, in m, one row for each assembled vertex"
+            moved = checked_floats("displacement", moved, what, fixed.shape)
         listed = isinstance(self.planes, list | tuple)
         if not listed or not all(map(_is_plane, self.planes)):
             raise ParameterError(
@@ -178,14 +181,6 @@ class Supports:
                 f"{self.guided[k, 0]} and {self.guided[k, 1]} is not perpendicular to it: the "
                 "plane that mirrors the sheet there must go through the edge."
             )
-
-
-def checked_displacement(displacement: Any, shape: tuple[int, ...]) -> Floats | None:
-    """Return a displacement of all assembled vertices as an array, checked; None passes."""
-    if displacement is None:
-        return None
-    what = f"finite and of shape {shape}, in m, one row for each assembled vertex"
-    return checked_floats("displacement", displacement, what, shape)
 
 
 def _is_plane(plane: Any) -> bool:
