@@ -15,6 +15,7 @@ from toros_fem.forms.kinematics import Triangle
 from toros_fem.forms.weight import weight_potential
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.terms.constants import constants
 from toros_fem.mechanics.terms.term import PotentialTerm
 from toros_fem.meshes.skin import Skin
 
@@ -25,9 +26,7 @@ class OwnWeight(PotentialTerm):
     def __init__(self, skin: Skin, weight: Weight) -> None:
         self._skin, self._full = skin, np.asarray(weight.gravity)
         self._gravity = fem.Constant(skin.mesh, np.zeros(3))
-        self._masses = [
-            fem.Constant(skin.mesh, mass) for mass in (weight.fabric, weight.reinforcement)
-        ]
+        self._masses = constants(skin, weight.fabric, weight.reinforcement)
 
     @override
     def of_place(self, t: Triangle) -> Jet | None:

@@ -98,7 +98,7 @@ class Pressure(PotentialTerm):
 
     @override
     def entries(self, x: Floats, *, definite: bool) -> Floats:
-        if definite:
+        if definite or not self._walls:
             return np.zeros(self.pairs.shape[1])
         parts = [
             -jump * wall.hessian(places)[entries]
@@ -106,7 +106,7 @@ class Pressure(PotentialTerm):
                 self._placed(x, self.values), self._entries, strict=True
             )
         ]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate(parts)
 
     @override
     def add_applied(self, x: Floats, out: Floats) -> None:

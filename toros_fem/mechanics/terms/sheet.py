@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, override
 
-import numpy as np
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats
@@ -16,43 +16,32 @@ from toros_fem.forms.tension_field import relaxed
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
+from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 
 class Sheet(Term):
-    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
-
-    Args:
-        skin: The sewn skin.
-        composite: The two materials and the stretch bounds.
-        design: Densities between them.
-    """
+    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds."""
 
     bounds: StretchBounds
 
     def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
-        fabric, strip = composite.fabric, composite.reinforcement
-        self._ends = [(m.thickness * m.mu, m.thickness * m.lam) for m in (fabric, strip)]
-        domain = skin.mesh
-        self._mu, self._lam = (
-            [fem.Constant(domain, value) for value in pair]
-            for pair in zip(*self._ends, strict=True)
-        )
+        thicknesses = composite.fabric.thickness, composite.reinforcement.thickness
+        self._mu, self._lam = lame_constants(skin, composite, thicknesses)
         # Owned triangles come first in the mesh, each with flat corners of its own.
-        owned = domain.topology.index_map(2).size_local
-        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
-        self._limits: tuple[Any, Any]
+        owned = len(skin.owned_cells)
+        flat = skin.mesh.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
+        self._limits: Sequence[Any]
         if composite.shares_bounds:
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
             self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
-            c1, c2 = (fem.Constant(domain, value) for value in shared)
-            self._limits = c1, c2
+            self._limits = constants(skin, *shared)
         else:
             self.bounds = MixedBounds(design.density, flat, composite)
             self._limits = self.bounds.coefficients
 
-    def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
+    def _law(self, t: Triangle) -> tuple[Any, ...]:
         """Stiffnesses and bounds of a triangle."""
         return t.mix(*self._mu), t.mix(*self._lam), *self._limits
 
@@ -72,7 +61,8 @@ class Sheet(Term):
 
     @override
     def moduli(self, design: Densities) -> Floats | float:
-        return np.asarray(design.mix(*(2 * mu + lam for mu, lam in self._ends)))
+        both = zip(self._mu, self._lam, strict=True)
+        return design.mix(*(2 * float(mu.value) + float(lam.value) for mu, lam in both))
 
 
 class TensionSheet(Sheet):
