@@ -13,14 +13,12 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.bend import Bend, OffsetPrint
-from toros_fem.mechanics.terms.bladder import RubberLayer
 from toros_fem.mechanics.terms.courses import Courses
-from toros_fem.mechanics.terms.dead_force import DeadForce
+from toros_fem.mechanics.terms.dead_loads import DeadForce, OwnWeight
 from toros_fem.mechanics.terms.images import Images
 from toros_fem.mechanics.terms.line_families import LineFamilies
-from toros_fem.mechanics.terms.own_weight import OwnWeight
 from toros_fem.mechanics.terms.pressure import Pressure
-from toros_fem.mechanics.terms.sheet import Sheet, TensionSheet
+from toros_fem.mechanics.terms.sheet import RubberLayer, Sheet, TensionSheet
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
@@ -16,6 +18,7 @@ from toros_fem.forms.membrane import barrier
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.meshes.pattern import Pattern
 
 # Strains below this are rounding, of sewn coordinates too.
@@ -82,8 +85,8 @@ def wrinkles(
             "wrinkling = None: this sheet takes compression, and its wrinkles are those of the "
             'mesh. Use Composite(membrane=Membrane(wrinkling="tension-field")).'
         )
-    chart = np.linalg.inv(_edges(pattern.corners))
-    F = _edges(positions[pattern.triangles]) @ chart
+    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, *composite.widest_bounds)
+    F = bounds.gradient(positions[pattern.triangles])
     _, stretches, rows = np.linalg.svd(F)
     x, y = stretches.T - 1
     slack = x <= ROUNDING
@@ -94,11 +97,6 @@ def wrinkles(
     return WrinkleField(state, flat, moved / np.where(slack, 1.0, stretches[:, 0])[:, None])
 
 
-def _edges(corners: Floats) -> Floats:
-    """Return the two edges from the first corner as columns, (t, d, 2), of corners (t, 3, d)."""
-    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-
-
 def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) -> Floats:
     """Return ∂ψ/∂λ₂ of eq. (1) in N/m at λ₁ = 1 + x and λ₂ = 1 + y; −∞ below the bound of λ₂."""
     fabric, printed = composite.fabric, composite.reinforcement
@@ -107,7 +105,7 @@ def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) 
     pairs = zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
     c1, c2 = (interpolate(density, *pair) for pair in pairs)
     outside = y * y >= (c1 - 1) ** 2
-    y = np.where(outside, 0.0, y) + 1j * STEP
-    strain = SimpleNamespace(total=x + y, square=(x - y) ** 2)
+    varied = np.where(outside, 0.0, y) + 1j * STEP
+    strain: Any = SimpleNamespace(total=x + varied, square=(x - varied) ** 2)
     stress = barrier(strain, mu, lam, c1, c2, np.log1p).imag / STEP
     return np.asarray(np.where(outside, -np.inf, stress))

@@ -45,20 +45,22 @@ def crossing_of_widths(ratio: float) -> float:
 
 def check_density(skin: Skin, density: Any) -> Floats:
     """Return owned densities as an array, checked to be in [0, 1] on all ranks (collective)."""
-    owned = len(skin.owned_cells)
     with together(skin.comm):
-        found = real_numbers("density", density, "one for each owned triangle", DensityError)
-        if found.shape != (owned,):
-            raise DensityError(
-                f"density has shape {found.shape}; this rank owns {owned} triangles."
-            )
-        outside = ~((found >= 0) & (found <= 1))
-        if outside.any():
-            k = int(np.flatnonzero(outside)[0])
-            raise DensityError(
-                f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
-                "[0, 1]. Clip the density, or look for an earlier error."
-            )
+        return _checked_density(skin, density)
+
+
+def _checked_density(skin: Skin, density: Any) -> Floats:
+    owned = len(skin.owned_cells)
+    found = real_numbers("density", density, "one for each owned triangle", DensityError)
+    if found.shape != (owned,):
+        raise DensityError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
+    outside = ~((found >= 0) & (found <= 1))
+    if outside.any():
+        k = int(np.flatnonzero(outside)[0])
+        raise DensityError(
+            f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
+            "[0, 1]. Clip the density, or look for an earlier error."
+        )
     return found
 
 
@@ -154,29 +156,31 @@ class LineDesign(Densities):
 
     @override
     def check(self, design: Any) -> Floats:
+        with together(self.skin.comm):
+            return self._checked(design)
+
+    def _checked(self, design: Any) -> Floats:
         skin, count = self.skin, self.families
         shape = (len(skin.owned_cells), 1 + 3 * count)
-        with together(skin.comm):
-            if np.shape(design) != shape:
-                raise DensityError(
-                    f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
-                    f"density, shares, cosines and sines of {count} families."
-                )
+        if np.shape(design) != shape:
+            raise DensityError(
+                f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
+                f"density, shares, cosines and sines of {count} families."
+            )
         design = np.asarray(design)
-        check_density(skin, design[:, 0])
+        _checked_density(skin, design[:, 0])
         shares = design[:, 1 : 1 + count]
         cover = shares.sum(axis=1)
         wrong = ~((shares >= 0).all(axis=1) & (cover <= MAX_COVER))
         wrong |= ~np.isfinite(design).all(axis=1)
-        with together(skin.comm):
-            if wrong.any():
-                k = int(np.flatnonzero(wrong)[0])
-                raise DensityError(
-                    f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
-                    f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
-                    f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
-                    "or look for an earlier error."
-                )
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            raise DensityError(
+                f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
+                f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
+                f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
+                "or look for an earlier error."
+            )
         return design
 
     @override

@@ -164,16 +164,13 @@ def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
     They lie between corners and the flaps across the edges, which planes with the unit normals
     `mirror` reflect, all (cells, 3, 3); zero is no mirror.
     """
-    angles = np.zeros(corners.shape[:2])
-    for i in range(3):
-        a, b, c = (corners[:, (i + k) % 3] for k in (1, 2, 0))
-        away = np.einsum("ij,ij->i", mirror[:, i], flaps[:, i] - a)
-        d = flaps[:, i] - 2 * away[:, None] * mirror[:, i]
-        one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
-        unit = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
-        sine = np.einsum("ij,ij->i", np.cross(one, two), unit)
-        angles[:, i] = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
-    return angles
+    a, b, c = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1), corners
+    away = np.einsum("cij,cij->ci", mirror, flaps - a)
+    d = flaps - 2 * away[:, :, None] * mirror
+    one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    unit = (b - a) / np.linalg.norm(b - a, axis=2)[:, :, None]
+    sine = np.einsum("cij,cij->ci", np.cross(one, two), unit)
+    return np.asarray(np.arctan2(sine, np.einsum("cij,cij->ci", one, two)))
 
 
 def _flat_corners(skin: Skin) -> Floats:

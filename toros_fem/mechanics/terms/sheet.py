@@ -1,8 +1,7 @@
-"""Membrane energy of fabric and print, eqs. (1-3), or its relaxation by wrinkles."""
+"""Membrane energy of fabric and print, eqs. (1-3), relaxed by wrinkles, and of a bladder."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, override
 
 from dolfinx import fem, la
@@ -11,9 +10,9 @@ from toros_fem.base.array_types import Floats
 from toros_fem.forms.energy import LoadForms, SkinForms
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.membrane import Logarithm, barrier
+from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
 from toros_fem.forms.tension_field import relaxed
-from toros_fem.materials.sheet import Composite
+from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.terms.constants import constants, lame_constants
@@ -32,16 +31,17 @@ class Sheet(Term):
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = len(skin.owned_cells)
         flat = skin.mesh.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
-        self._limits: Sequence[Any]
+        self._limits: tuple[Any, Any]
         if composite.shares_bounds:
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
             self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
-            self._limits = constants(skin, *shared)
+            c1, c2 = constants(skin, *shared)
+            self._limits = c1, c2
         else:
             self.bounds = MixedBounds(design.density, flat, composite)
             self._limits = self.bounds.coefficients
 
-    def _law(self, t: Triangle) -> tuple[Any, ...]:
+    def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
         """Stiffnesses and bounds of a triangle."""
         return t.mix(*self._mu), t.mix(*self._lam), *self._limits
 
@@ -75,3 +75,19 @@ class TensionSheet(Sheet):
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
         return relaxed(e, *self._law(t), self._residual, log)
+
+
+class RubberLayer(Term):
+    """Neo-Hookean energy of a bladder that stretches with the fabric."""
+
+    def __init__(self, skin: Skin, bladder: Bladder) -> None:
+        self._stiffness = bladder.membrane_stiffness
+        self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return neo_hooke(e, self._mu)
+
+    @override
+    def moduli(self, design: Densities) -> Floats | float:
+        return 4 / 3 * self._stiffness  # μ = E/3, λ = 2 μ

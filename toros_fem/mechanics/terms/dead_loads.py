@@ -1,4 +1,4 @@
-"""Weight of the skin itself."""
+"""Dead loads: the weight of the skin itself, and forces that keep their direction."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from toros_fem.forms.kinematics import Triangle
 from toros_fem.forms.weight import weight_potential
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.patch_space import positions
 from toros_fem.mechanics.terms.constants import constants
-from toros_fem.mechanics.terms.term import PotentialTerm
+from toros_fem.mechanics.terms.term import PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
 
 
@@ -43,3 +44,36 @@ class OwnWeight(PotentialTerm):
     @override
     def load_energy(self, x: Floats) -> float:
         return total(self._skin.comm, float(np.abs(self.variation() * x).sum()))
+
+
+class DeadForce(Term):
+    """Dead forces on the vertices; their work counts from the assembled positions."""
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        self._force = np.zeros((len(skin.owned_vertices), 3))
+
+    @override
+    def set_load(self, load: Load) -> None:
+        self._force[:] = 0 if load.force is None else load.force[self._skin.owned_vertices]
+
+    def _work(self, x: Floats) -> Floats:
+        skin = self._skin
+        moved = positions(skin, x) - skin.pattern.points[skin.owned_vertices]
+        return np.asarray(self._force * moved)
+
+    @override
+    def energy(self, x: Floats) -> float:
+        return -total(self._skin.comm, float(self._work(x).sum()))
+
+    @override
+    def add_gradient(self, x: Floats, out: Floats) -> None:
+        positions(self._skin, out)[:] -= self._force
+
+    @override
+    def add_applied(self, x: Floats, out: Floats) -> None:
+        positions(self._skin, out)[:] += self._force
+
+    @override
+    def load_energy(self, x: Floats) -> float:
+        return total(self._skin.comm, float(np.abs(self._work(x)).sum()))
