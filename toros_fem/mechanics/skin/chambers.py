@@ -133,12 +133,14 @@ class Fan:
         by_apex = np.outer(self.weights, self.kept * self._turn(x))
         return np.asarray((by_apex + np.cross(self._step(x), self._apex(x))) / 6)
 
-    def hessian(self, x: Floats) -> Floats:
-        """Return d²v/dx², (3 m, 3 m), in m."""
-        by_apex = np.einsum("i,a,jab->iajb", self.weights, self.kept, -_skew(self._step(x)))
-        across = np.einsum("ij,ab->iajb", self._joined, -_skew(self._apex(x)))
-        half = (by_apex + across).reshape(x.size, x.size)
-        return np.asarray((half + half.T) / 6)
+    def hessian(self, x: Floats, rows: Ints, columns: Ints) -> Floats:
+        """Return entries of d²v/dx² in m, each at a row and a column 3 i + component."""
+        (i, a), (j, b) = np.divmod(rows, 3), np.divmod(columns, 3)
+        by_step, by_apex = -_skew(self._step(x)), -_skew(self._apex(x))
+        borne = self.weights[i] * self.kept[a] * by_step[j, a, b]
+        borne += self.weights[j] * self.kept[b] * by_step[i, b, a]
+        joined = self._joined[i, j] - self._joined[j, i]
+        return np.asarray((borne + joined * by_apex[a, b]) / 6)
 
     @property
     def _joined(self) -> Floats:

@@ -145,8 +145,9 @@ class LineDesign(Densities):
         space, owned = cell_space(skin, 3 * families), len(skin.owned_cells)
         self._values = fem.Function(space, name="line families")
         self.lines = Lines(self._values, fem.Constant(skin.mesh, self._crossing))
-        self._row = space.dofmap.list[:owned, 0]  # of each triangle among the lines' values
-        self._place = skin.density_space.dofmap.list[:owned, 0]  # and among owned values
+        # Rows of the lines' values in the order of the owned densities.
+        rows, order = space.dofmap.list[:owned, 0], skin.density_space.dofmap.list[:owned, 0]
+        self._rows = rows[np.argsort(order)]
         self._angles: Floats = np.zeros((owned, 2, families))
 
     @property
@@ -192,8 +193,8 @@ class LineDesign(Densities):
         length = np.linalg.norm(angles, axis=1, keepdims=True)
         unit = angles / np.where(length > 0, length, 1.0)
         unit[:, 0] = np.where(length[:, 0] > 0, unit[:, 0], 1.0)
-        values = np.hstack([design[:, 1 : 1 + count], unit.reshape(len(design), -1)])
-        self._values.x.array.reshape(-1, 3 * count)[self._row] = values[self._place]
+        values = np.concatenate([design[:, None, 1 : 1 + count], unit], axis=1)
+        self._values.x.array.reshape(-1, 3, count)[self._rows] = values
         self._values.x.scatter_forward()
 
     @override
@@ -225,6 +226,4 @@ class LineDesign(Densities):
 
     def _owned_lines(self, values: Floats) -> Floats:
         """Return what belongs to shares, cosines and sines of the owned triangles, (n, 3, K)."""
-        rows = np.empty((len(self._row), 3, self.families))
-        rows[self._place] = values.reshape(-1, 3, self.families)[self._row]
-        return rows
+        return values.reshape(-1, 3, self.families)[self._rows]

@@ -120,18 +120,19 @@ class Supports:
 
         This is right for whole panels and straight borders.
         """
-        fixed = np.asarray(self.fixed[finer.ends].all(axis=1))
-        displacement = None
-        if self.displacement is not None:
-            displacement = finer.at_vertices(self.displacement)
-        if not len(self.guided):
-            return Supports(fixed, displacement=displacement, planes=self.planes)
-        count = len(self.fixed)
+        displacement, count = self.displacement, len(self.fixed)
+        if displacement is not None:
+            displacement = finer.at_vertices(displacement)
         known = edge_keys(finer.ends[count:], count)
         middle = count + np.searchsorted(known, edge_keys(self.guided, count))
         halves = np.stack([self.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
-        normals = np.repeat(self.normals, 2, axis=0)
-        return Supports(fixed, halves.reshape(-1, 2), normals, displacement, self.planes)
+        return Supports(
+            np.asarray(self.fixed[finer.ends].all(axis=1)),
+            halves.reshape(-1, 2),
+            np.repeat(self.normals, 2, axis=0),
+            displacement,
+            self.planes,
+        )
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.

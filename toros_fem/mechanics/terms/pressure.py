@@ -101,7 +101,7 @@ class Pressure(PotentialTerm):
         if definite or not self._walls:
             return np.zeros(self.pairs.shape[1])
         parts = [
-            -jump * wall.hessian(places)[entries]
+            -jump * wall.hessian(places, *entries)
             for (wall, _, places, jump), entries in zip(
                 self._placed(x, self.values), self._entries, strict=True
             )
