@@ -266,11 +266,7 @@ class _ArcLength:
         return min(options.largest_movement * self._size / moved, by_load)
 
     def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Point]:
-        """Return length, point and tangent after one step.
-
-        Raises:
-            _StepError: Newton's method does not converge, or to a point of another path.
-        """
+        """Return length, point and tangent after one step, or raise a _StepError."""
         here, along = self.point, self.direction
         step *= self._allowed(here.state, step * along.state)
         predicted = here.plus(along, step)
@@ -299,10 +295,8 @@ class _ArcLength:
     def _corrected(self, predicted: _Point, across: _Point | None) -> _Equilibrium:
         """Return the equilibrium in the plane through a prediction, across a direction.
 
-        Without a direction the load factor is kept.
-
-        Raises:
-            _StepError: Newton's method does not converge.
+        Without a direction the load factor is kept. A _StepError is raised where Newton's method
+        does not converge.
         """
         model, comm = self._model, self._comm
         at, before, moved = predicted, np.inf, np.inf

@@ -61,7 +61,6 @@ def pull_out(
 
     Args:
         solver: Equilibrium solver with contact; the body is held or moved, without a mass.
-        density: Projected density of the owned triangles, in [0, 1].
         load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.

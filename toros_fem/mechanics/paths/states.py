@@ -70,8 +70,7 @@ def find_states(
     no lower one.
 
     Args:
-        solver: Equilibrium solver.
-        density: Projected density of its owned triangles.
+        solver, density: As of `EquilibriumSolver.solve`.
         load: What acts; a number is a pressure in Pa.
         start: An equilibrium of this solver at this density and load; None solves for it.
         tries: Number of tries.

@@ -135,13 +135,9 @@ class Supports:
         )
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
-        """Check that no rigid motion of the assembled skin is left free.
+        """Check that these are supports of a pattern that leave no rigid motion free.
 
         Guided edges act where the sheet resists bending, not on a membrane.
-
-        Raises:
-            ParameterError: The supports are made for another pattern, guide an edge that is not
-                free, or leave a rigid motion.
         """
         points = pattern.points
         if self.fixed.shape != points.shape:
