@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
-from typing import Any, Protocol
+from typing import Any
 
 import ufl
 
@@ -16,15 +16,18 @@ from toros_fem.forms.lines import Lines
 from toros_fem.forms.membrane import Logarithm, log1p, plain_log
 
 
-class EnergyTerm(Protocol):
-    """Laws of one term per flat area, in J/m²; 0 or None where it has no such law."""
+class EnergyTerm:
+    """Laws of one term per flat area, in J/m²; a term has none but those that it defines.
 
-    @property
-    def edges(self) -> Edges | None:
-        """Constants of the triangles' edges, of the term by which the sheet bends."""
+    Attributes:
+        edges: Constants of the triangles' edges, of the term by which the sheet bends.
+    """
+
+    edges: Edges | None = None
 
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:
         """Return the nodes that a triangle sees from the parts of a patch, or of a variation."""
+        return patch
 
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
         """Return a law of the strain.
@@ -33,15 +36,19 @@ class EnergyTerm(Protocol):
         tangent. It is asked twice, for value and derivatives, with another `log`, y ↦ ln(1 + y)
         (`forms.membrane.barrier`).
         """
+        return 0
 
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
         """Return a law of the curvature (xx, yy, xy)."""
+        return 0
 
     def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
         """Return a law that couples strain and curvature."""
+        return 0
 
     def of_place(self, t: Triangle) -> Jet | None:
         """Return the potential of a load, of the positions themselves."""
+        return None
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,11 @@ def half_edges(triangles: Ints) -> Ints:
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
 
 
+def opposite_edges(triangles: np.ndarray) -> Ints:
+    """Return the ends of the edge opposite each corner i, corners i + 1 and i + 2, (t, 3, 2)."""
+    return np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
+
+
 def edges_of(triangles: Ints) -> Edges:
     """Return the edges of triangles (t, 3)."""
     size = int(triangles.max()) + 1

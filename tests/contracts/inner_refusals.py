@@ -84,6 +84,7 @@ from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.designs import LineDesign, crossing_of_widths
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.border_motion import border_motion
@@ -386,11 +387,13 @@ SUPPORTS: Table = {
     ),
     "two chambers of a name": lambda s: Chambers(("a", "a"), np.array([0, 1])),
     "walls of another pattern": lambda s: find_walls(
-        s.pattern, Chambers(("a", "b"), np.array([0, 1])), s.held
+        s.pattern, Chambers(("a", "b"), np.array([0, 1])), Planes(s.pattern, s.held)
     ),
-    "four chambers at a vertex": lambda s: find_walls(s.pattern, _four(s.pattern), s.held),
+    "four chambers at a vertex": lambda s: find_walls(
+        s.pattern, _four(s.pattern), Planes(s.pattern, s.held)
+    ),
     "chambers of an open tube": lambda s: find_walls(
-        tube(), _parted(tube(), 0), clamp(tube(), ["wall"])
+        tube(), _parted(tube(), 0), Planes(tube(), clamp(tube(), ["wall"]))
     ),
     "3 pressures for 2 chambers": lambda s: _solver(s, chambers=_parted(s.pattern, 2, 0.02)).solve(
         s.plain, (1e3, 1e3, 1e3)

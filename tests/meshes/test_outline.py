@@ -5,6 +5,7 @@ import pytest
 from helpers.outlines import check_twins, edges_on, volume
 from mpi4py import MPI
 
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import two_panels
 
@@ -34,7 +35,7 @@ def test_cut_of_one_edge_stays_open(alone: MPI.Comm) -> None:
     strip = np.array([[-0.03, 0], [0.03, 0], [0.03, 4e-3], [-0.03, 4e-3]])
     pattern = two_panels(alone, strip, 3.5e-3, planes=(0,))
     assert len(pattern.free_edges) == 4
-    assert symmetry_plane(pattern, 0).close(pattern)
+    assert Planes(pattern, symmetry_plane(pattern, 0)).close
 
 
 def test_lines_are_mesh_edges_on_both_panels(alone: MPI.Comm) -> None:
@@ -75,7 +76,7 @@ def test_cut_is_free_and_in_its_plane(alone: MPI.Comm, planes: tuple[int, ...]) 
     fixed = symmetry_plane(pattern, planes[0])
     for axis in planes[1:]:
         fixed |= symmetry_plane(pattern, axis)
-    assert fixed.close(pattern)
+    assert Planes(pattern, fixed).close
     assert len(fixed.guided) == len(pattern.free_edges)
     for axis in planes:
         border = np.unique(symmetry_plane(pattern, axis).guided)

@@ -22,7 +22,8 @@ from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, chambers_of_panels, find_walls
+from toros_fem.mechanics.skin.chambers import Chambers, Fan, chambers_of_panels, find_walls
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
@@ -97,28 +98,36 @@ def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
     assert shares.min() > 0.1, "each is a body"
 
 
+def hessian(fan: Fan, x: np.ndarray) -> np.ndarray:
+    """The whole matrix."""
+    rows, columns = np.indices((x.size, x.size)).reshape(2, -1)
+    return fan.hessian(x, rows, columns).reshape(x.size, x.size)
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_derivatives_of_a_wall(closed: bool) -> None:
     rng = np.random.default_rng(0)
     weights, kept = rng.random(5), np.ones(3) if closed else np.array([1.0, 0.0, 1.0])
-    wall = Wall(np.arange(5), closed, (0, 1), weights / weights.sum(), kept)
+    edges = np.stack([np.arange(5), np.roll(np.arange(5), -1)], axis=1)[: 5 if closed else 4]
+    wall = Fan(np.arange(5), edges, (0, 1), np.zeros(3), weights / weights.sum(), kept)
     x, y = rng.standard_normal((2, 5, 3))
     rise = slope(lambda h: wall.volume(x + h * y))  # a cubic: exact
     assert (wall.gradient(x) * y).sum() == pytest.approx(rise, rel=1e-12)
     gap = wall.gradient(x + 0.5 * y) - wall.gradient(x - 0.5 * y)  # quadratic: exact
-    assert (wall.hessian(x) @ y.ravel()).reshape(5, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
+    assert hessian(wall, x) @ y.ravel() == pytest.approx(gap.ravel(), rel=1e-12, abs=1e-14)
 
 
 def test_derivatives_of_a_lid() -> None:
     rng = np.random.default_rng(0)
-    lid = Lid(np.arange(4), np.array([[0, 1], [1, 2], [2, 3]]), np.array([0, 0, 0.7]), (0, -1))
+    edges, foot = np.array([[0, 1], [1, 2], [2, 3]]), np.array([0, 0, 0.7])
+    lid = Fan(np.arange(4), edges, (0, -1), foot, np.zeros(4), np.zeros(3))
     x, y = rng.standard_normal((2, 4, 3))
     rise = slope(lambda h: lid.volume(x + h * y))  # a cubic: exact
     assert (lid.gradient(x) * y).sum() == pytest.approx(rise, rel=1e-12)
     gap = lid.gradient(x + 0.5 * y) - lid.gradient(x - 0.5 * y)  # quadratic: exact
-    hessian = lid.hessian(x)
-    assert (hessian @ y.ravel()).reshape(4, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
-    blocks = np.abs(hessian).reshape(4, 3, 4, 3).max(axis=(1, 3)) > 0
+    matrix = hessian(lid, x)
+    assert matrix @ y.ravel() == pytest.approx(gap.ravel(), rel=1e-12, abs=1e-14)
+    blocks = np.abs(matrix).reshape(4, 3, 4, 3).max(axis=(1, 3)) > 0
     assert np.array_equal(blocks, lid.linked)
 
 
@@ -198,4 +207,4 @@ def test_panels_as_chambers(grid: Skin) -> None:
     made = chambers_of_panels(pattern, {"ends": ["base", "tip"], "side": ["wall"]})
     assert made.of_cell[pattern.cells_of("tip")].tolist() == [0] * len(pattern.cells_of("tip"))
     fixed = clamp(pattern, ["base"])
-    assert len(find_walls(pattern, made, fixed)) == 2
+    assert len(find_walls(pattern, made, Planes(pattern, fixed))) == 2

@@ -10,16 +10,15 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.bend import Bend, OffsetPrint
-from toros_fem.mechanics.terms.bladder import RubberLayer
 from toros_fem.mechanics.terms.courses import Courses
-from toros_fem.mechanics.terms.dead_force import DeadForce
+from toros_fem.mechanics.terms.dead_loads import DeadForce, OwnWeight
 from toros_fem.mechanics.terms.images import Images
 from toros_fem.mechanics.terms.line_families import LineFamilies
-from toros_fem.mechanics.terms.own_weight import OwnWeight
 from toros_fem.mechanics.terms.pressure import Pressure
-from toros_fem.mechanics.terms.sheet import Sheet, TensionSheet
+from toros_fem.mechanics.terms.sheet import RubberLayer, Sheet, TensionSheet
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
@@ -53,12 +52,11 @@ def make_model(
             walls between the chambers cannot be found.
         OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
     """
-    pattern, bending, closed = skin.pattern, composite.bending, False
+    pattern, bending = skin.pattern, composite.bending
     design = design or Densities(skin)
-    if periodic is None:
-        if contact is None or not contact.holds:
-            supports.require_no_rigid_motion(pattern, bends=bending is not None)
-        closed = supports.close(pattern)  # a pressure can act
+    if periodic is None and (contact is None or not contact.holds):
+        supports.require_no_rigid_motion(pattern, bends=bending is not None)
+    planes = Planes(pattern, supports)
 
     sheet = TensionSheet if composite.membrane.relaxed else Sheet
     terms: list[Term] = [sheet(skin, composite, design)]
@@ -74,14 +72,14 @@ def make_model(
         terms.append(OffsetPrint(skin, composite))
     if periodic is not None:
         terms.append(Images(skin, periodic, bends=bending is not None))
-    if closed:
-        terms.append(Pressure(skin, supports, chambers))
+    if periodic is None and planes.close:  # a pressure can act
+        terms.append(Pressure(skin, supports, planes, chambers))
     elif chambers is not None:
         pattern.require_closed()
     if weight is not None:
         terms.append(OwnWeight(skin, weight))
     terms.append(DeadForce(skin))
     if contact is not None:
-        sizes, planes = contact.sizes(composite), supports.in_symmetry_planes(pattern)
-        terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes))
+        sizes = contact.sizes(composite)
+        terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes.of_symmetry()))
     return SkinModel(skin, composite, supports, terms, design)

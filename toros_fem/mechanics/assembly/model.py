@@ -24,8 +24,8 @@ from toros_fem.mechanics.skin.patch_space import make_patch, positions
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.bend import Bend
+from toros_fem.mechanics.terms.dead_loads import OwnWeight
 from toros_fem.mechanics.terms.images import Images
-from toros_fem.mechanics.terms.own_weight import OwnWeight
 from toros_fem.mechanics.terms.pressure import Pressure
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin

@@ -69,32 +69,36 @@ class ArcLengthOptions(Table):
 
 
 @dataclass(frozen=True, eq=False)
-class _Equilibrium:
-    """A state in equilibrium, where the tangent is factorised.
-
-    Attributes:
-        state: Owned unknowns.
-        factor: Load factor.
-        negative: Number of negative eigenvalues of the tangent.
-        residual: Norm of the first variation over the applied load.
-        response: Derivative of the state by the load factor.
-        steps: Newton steps to it.
-    """
+class _Point:
+    """Owned unknowns x and load factor λ, or a change of both."""
 
     state: Floats
     factor: float
-    negative: int
-    residual: float
-    response: Floats
-    steps: int
+
+    def plus(self, change: _Point, times: float = 1.0) -> _Point:
+        """Return the point that a change, times a number, leads to."""
+        return _Point(self.state + times * change.state, self.factor + times * change.factor)
+
+    def minus(self, other: _Point) -> _Point:
+        """Return the change from another point to this one."""
+        return self.plus(other, -1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class _Direction:
-    """Change of state and load factor per arc length."""
+class _Equilibrium(_Point):
+    """A point in equilibrium, where the tangent is factorised.
 
-    state: Floats
-    factor: float
+    Attributes:
+        negative: Number of negative eigenvalues of the tangent.
+        residual: Norm of the first variation over the applied load.
+        response: Change of the state by the load factor, per load factor.
+        steps: Newton steps to it.
+    """
+
+    negative: int
+    residual: float
+    response: _Point
+    steps: int
 
 
 class _StepError(TorosError):
@@ -111,13 +115,7 @@ def follow_arc(
 ) -> Iterator[TracePoint]:
     """Yield equilibria along a path of loads times a load factor (collective).
 
-    Args:
-        solver: Equilibrium solver.
-        density: Projected density of its owned triangles.
-        load: Loads at load factor 1; a displacement of supports stays as it is.
-        metrics: Metrics to compute at each point.
-        start: As for `EquilibriumSolver.solve`, for the first point.
-        options: Ends and density of the path.
+    Arguments are those of `trace`; a displacement of supports stays as it is.
 
     Raises:
         ParameterError: The loads do not move the skin.
@@ -156,7 +154,7 @@ class _ArcLength:
 
     Attributes:
         point: The last point.
-        direction: Tangent of the path there.
+        direction: Tangent of the path there, per arc length.
         length: Arc length from the first point.
         ended: Whether the path has reached an end.
     """
@@ -179,20 +177,19 @@ class _ArcLength:
         self.length, self._points, self.ended = 0.0, 1, False
         self._act()
         try:
-            self.point = self._corrected(first.state, options.first, None)
+            self.point = self._corrected(_Point(first.state, options.first), None)
         except _StepError as error:  # raised by all ranks or by none
             raise EquilibriumError(
                 f"the path has no first point at load factor {options.first:g}: {error}",
                 replace(first, converged=False),
             ) from None
-        self._scale = norm(self._comm, self.point.response)
+        self._scale = norm(self._comm, self.point.response.state)
         if self._scale == 0:
             raise ParameterError(
                 "the loads do not move the skin; give a pressure, a force or a weight that acts on "
                 "free vertices."
             )
-        none: Floats = np.zeros(len(self.point.state))
-        sense = _Direction(none, float(np.sign(options.first_increment)))
+        sense = _Point(np.zeros_like(first.state), float(np.sign(options.first_increment)))
         self.direction = self._tangent_at(self.point, sense)
         self._step = self._first_step = abs(options.first_increment / self.direction.factor)
 
@@ -205,7 +202,9 @@ class _ArcLength:
         point.state.setflags(write=False)
         kind = "A stable" if not point.negative else "An unstable"
         counted = f", where the tangent has {point.negative} negative eigenvalues"
-        found = Equilibrium(
+        factorisations = self._factorisations - self._counted
+        self._counted = self._factorisations
+        return Equilibrium(
             **readings(model, point.state),
             density=self._density,
             load=load,
@@ -218,11 +217,9 @@ class _ArcLength:
             condition=condition_of(model, point.state, snapped=None, critical=None),
             steps=point.steps,
             modified_steps=0,
-            factorisations=self._factorisations - self._counted,
+            factorisations=factorisations,
             history=(),
         )
-        self._counted = self._factorisations
-        return found
 
     def advance(self) -> None:
         """Find the next point, by shorter steps where a step fails (collective).
@@ -233,11 +230,12 @@ class _ArcLength:
         self._act()
         step = self._step
         while True:
+            step = min(step, self._longest())
             try:
-                length, point, direction = self._stepped(min(step, self._longest()))
+                length, point, direction = self._stepped(step)
                 break
             except _StepError as error:  # raised by all ranks or by none
-                step = min(step, self._longest()) / 2
+                step /= 2
                 if step < LEAST_STEP * self._first_step:
                     raise EquilibriumError(
                         f"the path ends at load factor {self.point.factor:.6g}, after "
@@ -261,37 +259,26 @@ class _ArcLength:
 
     def _longest(self) -> float:
         """Return the longest step along the tangent that keeps points close to each other."""
-        moved = largest(
-            self._comm,
-            float(np.abs(self._model.positions(self.direction.state)).max(initial=0.0)),
-        )
+        moves = np.abs(self._model.positions(self.direction.state))
+        moved = largest(self._comm, float(moves.max(initial=0.0)))
         options, rate = self._options, abs(self.direction.factor)
         by_load = options.largest_increment / rate if rate > 0 else np.inf
         return min(options.largest_movement * self._size / moved, by_load)
 
-    def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Direction]:
-        """Return length, point and tangent after one step.
-
-        Raises:
-            _StepError: Newton's method does not converge, or to a point of another path.
-        """
-        model, here, along = self._model, self.point, self.direction
-        within = self._solver.options.fraction_to_barrier
-        fraction = model.largest_step(here.state, step * along.state, within)
-        step *= fraction
-        state, factor = here.state + step * along.state, here.factor + step * along.factor
-        point = self._corrected(state, factor, along)
-        away = self._product(
-            _Direction(point.state - state, point.factor - factor),
-            _Direction(point.state - state, point.factor - factor),
-        )
-        if away**0.5 > FAR * step:
+    def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Point]:
+        """Return length, point and tangent after one step, or raise a _StepError."""
+        here, along = self.point, self.direction
+        step *= self._allowed(here.state, step * along.state)
+        predicted = here.plus(along, step)
+        point = self._corrected(predicted, along)
+        off = point.minus(predicted)
+        if self._product(off, off) ** 0.5 > FAR * step:
             raise _StepError("Newton's method went far from the path.")
         end = self._options.end_between(here.factor, point.factor)
         if end is not None:
             share = (end - here.factor) / (point.factor - here.factor)
-            between = here.state + share * (point.state - here.state)
-            point, step = self._corrected(between, end, None), share * step
+            between = here.plus(point.minus(here), share)
+            point, step = self._corrected(_Point(between.state, end), None), share * step
             self.ended = True
         direction = self._tangent_at(point, along)
         if self._product(direction, along) < TURN:
@@ -299,55 +286,47 @@ class _ArcLength:
             raise _StepError("the path turns sharply.")
         return step, point, direction
 
-    def _tangent_at(self, point: _Equilibrium, before: _Direction) -> _Direction:
+    def _tangent_at(self, point: _Equilibrium, before: _Point) -> _Point:
         """Return the tangent at a point, in the sense of the one before."""
-        unit = _Direction(point.response, 1.0)
+        unit = point.response
         size = float(np.copysign(self._product(unit, unit) ** 0.5, self._product(unit, before)))
-        return _Direction(np.asarray(point.response / size), 1.0 / size)
+        return _Point(np.asarray(unit.state / size), 1.0 / size)
 
-    def _corrected(self, predicted: Floats, at: float, across: _Direction | None) -> _Equilibrium:
+    def _corrected(self, predicted: _Point, across: _Point | None) -> _Equilibrium:
         """Return the equilibrium in the plane through a prediction, across a direction.
 
-        Args:
-            predicted: State to start from.
-            at: Its load factor.
-            across: Normal of the plane; None keeps the load factor.
-
-        Raises:
-            _StepError: Newton's method does not converge.
+        Without a direction the load factor is kept. A _StepError is raised where Newton's method
+        does not converge.
         """
         model, comm = self._model, self._comm
-        state, factor, before = predicted.copy(), at, np.inf
-        moved = np.inf
+        at, before, moved = predicted, np.inf, np.inf
         for steps in range(MAX_STEPS + 1):
             model.set_load(times(1.0, self._load))
-            force = model.applied_load(state)
-            model.set_load(times(factor, self._load))
-            residual = model.residual(state)
+            force = model.applied_load(at.state)
+            model.set_load(times(at.factor, self._load))
+            residual = model.residual(at.state)
             size = norm(comm, residual)
             share = size / max(self._peak * norm(comm, force), np.finfo(float).tiny)
-            negative = self._factorise(state)
-            response = self._factors.solve(force) * model.free
+            negative = self._factorise(at.state)
+            response = _Point(self._factors.solve(force) * model.free, 1.0)
             stuck = size > STUCK * before
             negligible = share <= STAGNATED or (share <= UNRESOLVED and moved <= RESOLVED)
             if share <= self._solver.options.tolerance or (stuck and negligible):
-                return _Equilibrium(state, factor, negative, share, response, steps)
-            change, rise = -self._factors.solve(residual) * model.free, 0.0
+                return _Equilibrium(at.state, at.factor, negative, share, response, steps)
+            change = _Point(-self._factors.solve(residual) * model.free, 0.0)
             if across is not None:
-                gap = self._product(across, _Direction(state - predicted, factor - at))
-                rise = -(gap + self._product(across, _Direction(change, 0.0))) / self._product(
-                    across, _Direction(response, 1.0)
-                )
-            change += rise * response
-            longest = norm(comm, change)
-            if not np.isfinite(longest):
+                gap = self._product(across, at.plus(change).minus(predicted))
+                change = change.plus(response, -gap / self._product(across, response))
+            if not np.isfinite(norm(comm, change.state)):
                 break
-            within = self._solver.options.fraction_to_barrier
-            fraction = model.largest_step(state, change, within)
-            state, factor = state + fraction * change, factor + fraction * rise
+            at = at.plus(change, self._allowed(at.state, change.state))
             before = size
-            moved = largest(comm, float(np.abs(change).max(initial=0.0))) / self._size
+            moved = largest(comm, float(np.abs(change.state).max(initial=0.0))) / self._size
         raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
+
+    def _allowed(self, state: Floats, change: Floats) -> float:
+        """Return the fraction of a change that stretch bounds and contact allow."""
+        return self._model.largest_step(state, change, self._solver.options.fraction_to_barrier)
 
     def _make_tangent(self) -> None:
         """Make tangent and factors for the pairs in contact."""
@@ -369,6 +348,6 @@ class _ArcLength:
             raise _StepError("the tangent is singular, as of a flat membrane without load.")
         return negative
 
-    def _product(self, one: _Direction, other: _Direction) -> float:
+    def _product(self, one: _Point, other: _Point) -> float:
         by_state = dot(self._comm, one.state, other.state) / self._scale**2
         return by_state + one.factor * other.factor

@@ -39,17 +39,10 @@ class LoadPath:
     the first. The tangent of each step is factorised anew.
 
     Attributes:
-        solver, steps, start: As given.
-
-    Args:
-        solver: Equilibrium solver.
+        solver: As given.
         steps: Loads in the order in which they act; numbers are pressures in Pa.
         start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
             first step starts; None starts at the assembled positions.
-
-    Raises:
-        ParameterError: There are no steps, or a load does not fit.
-        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
     """
 
     @collective("solver.skin.comm", owned=("start",))
@@ -71,18 +64,16 @@ class LoadPath:
         pressures: Floats | None = None,
         near: Sequence[Equilibrium] | None = None,
     ) -> tuple[Equilibrium, ...]:
-        """Return the equilibrium of each step (collective).
+        """Return the equilibrium of each step at the density of owned triangles (collective).
 
         Args:
-            density: Projected density of the owned triangles, in [0, 1].
+            density: As of `EquilibriumSolver.solve`.
             pressures: Pressure in Pa of each chamber at each step, (steps, chambers), in the place
                 of those of the steps; None takes these.
             near: Path of a neighbouring design, at whose states the iterations start; None starts
                 each at the step before. It does not change the path that is solved for.
 
         Raises:
-            ParameterError: An array does not fit.
-            DensityError: The density does not fit, or leaves [0, 1].
             EquilibriumError: A step has no equilibrium.
         """
         if near is not None and len(near) != len(self.steps):
@@ -92,9 +83,8 @@ class LoadPath:
         found: list[Equilibrium] = []
         for number, load in enumerate(self._loads(pressures)):
             after = found[-1] if found else None
-            start: Floats | Equilibrium | None = self.start if after is None else None
-            if near is not None:
-                start = near[number]
+            first = self.start if after is None else None
+            start = first if near is None else near[number]
             found.append(self.solver.solve(density, load, start, after=after))
         return tuple(found)
 
@@ -111,9 +101,6 @@ class LoadPath:
             equilibria: The path, as `solve` returned it.
             slopes: dT/dx by the positions of owned nodes at each step, (n, 3); None where T does
                 not depend on a step.
-
-        Raises:
-            ParameterError: The numbers of steps differ, or a state is not stable.
         """
         if not len(equilibria) == len(slopes) == len(self.steps):
             raise ParameterError(

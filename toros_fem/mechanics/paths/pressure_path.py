@@ -48,10 +48,7 @@ def follow_pressures(
 
 
 def _continue(
-    solver: EquilibriumSolver,
-    density: Floats,
-    before: Equilibrium,
-    load: Load,
+    solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
 ) -> Equilibrium:
     """Find the equilibrium under a load by continuation from another one."""
     begin = before.load
@@ -64,17 +61,14 @@ def _continue(
         steps = last.steps
         if last.converged:
             try:
-                last = solver.finish(last)
+                last = reached = solver.finish(last)
             except EquilibriumError as error:  # raised by all ranks or by none
                 last = error.result
             steps += last.steps
-        if last.converged:
-            reached = last
         return Attempt(last.state, 1 if last.converged else -1, steps)
 
-    done = run_continuation(
-        attempt, ContinuationResult(before.state, 0.0, 1), 1.0, 1.0, LEAST_INCREMENT
-    )
+    start = ContinuationResult(before.state, 0.0, 1)
+    done = run_continuation(attempt, start, 1.0, 1.0, LEAST_INCREMENT)
     if done.load_factor != 1.0:
         raise EquilibriumError(
             f"the path ends between {begin} and {load}, after "

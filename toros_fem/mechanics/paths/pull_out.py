@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_floats, real_numbers, require_kind, shown
+from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
@@ -58,7 +61,6 @@ def pull_out(
 
     Args:
         solver: Equilibrium solver with contact; the body is held or moved, without a mass.
-        density: Projected density of the owned triangles, in [0, 1].
         load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.
@@ -78,38 +80,36 @@ def pull_out(
     steps = real_numbers("depths", depths, "distances in m, ascending from 0")
     if steps.ndim != 1 or not len(steps) or steps[0] != 0 or not (np.diff(steps) > 0).all():
         raise ParameterError(f"depths = {shown(depths)} must be distances in m, ascending from 0.")
-    pull = _Pull(solver, density, load_of(load), np.asarray(along / length), body)
+    contact = solver.model.contact
+    if contact is None or not 0 <= body < len(contact.contact.bodies):
+        raise ParameterError(f"the solver's contact has no body number {body}.")
+    pull = _Pull(solver, contact, density, load_of(load), np.asarray(along / length), body)
     return pull.follow(steps, closed)
 
 
+@dataclass(frozen=True, eq=False)
 class _Pull:
-    """A pull of one body, by steps that shrink where they fail."""
+    """A pull of one body along a unit vector, by steps that shrink where they fail."""
 
-    def __init__(
-        self,
-        solver: EquilibriumSolver,
-        density: Floats,
-        load: Load,
-        along: Floats,
-        body: int,
-    ) -> None:
-        contact = solver.model.contact
-        if contact is None or not 0 <= body < len(contact.contact.bodies):
-            raise ParameterError(f"the solver's contact has no body number {body}.")
-        self._solver, self._contact = solver, contact
-        self._density, self._load = density, load
-        self._along, self._body = along, body
-        self._laplacian = flat_laplacian(solver.skin.pattern)
+    solver: EquilibriumSolver
+    contact: SkinContact
+    density: Floats
+    load: Load
+    along: Floats
+    body: int
+
+    @cached_property
+    def _laplacian(self) -> csr_array:
+        return flat_laplacian(self.solver.skin.pattern)
 
     def follow(self, depths: Floats, closed: Floats) -> Iterator[PullPoint]:
         """Return an iterator over the equilibria at the depths."""
-        skin, friction = self._solver.skin, self._contact.friction
+        skin, friction = self.solver.skin, self.contact.friction
         rest = None
         if friction is not None:
             rest = friction.at_rest(skin.gather_vertices(closed), self._poses(0.0))
-        last = self._point(
-            self._solver.solve(self._density, self._at(0.0), closed, sliding=rest), 0.0
-        )
+        begin = self.solver.solve(self.density, self._at(0.0), closed, sliding=rest)
+        last = self._point(begin, 0.0)
         yield last
         for goal in depths[1:]:
             step = goal - last.depth
@@ -124,18 +124,18 @@ class _Pull:
 
     def _next(self, last: PullPoint, depth: float) -> PullPoint:
         """Return the equilibrium at the next depth."""
-        solver = self._solver
+        solver = self.solver
         start = self._carried(last, depth)[solver.skin.owned_vertices]
         load, after = self._at(depth), last.result
-        found = solver.solve(self._density, load, start, after=after, trial=True)
+        found = solver.solve(self.density, load, start, after=after, trial=True)
         return self._point(solver.finish(found), depth)
 
     def _at(self, depth: float) -> Load:
-        return replace(self._load, poses=self._poses(depth))
+        return replace(self.load, poses=self._poses(depth))
 
     def _poses(self, depth: float) -> Floats:
-        poses: Floats = np.zeros((len(self._contact.contact.bodies), 6))
-        poses[self._body, :3] = depth * self._along
+        poses: Floats = np.zeros((len(self.contact.contact.bodies), 6))
+        poses[self.body, :3] = depth * self.along
         return poses
 
     def _carried(self, last: PullPoint, depth: float) -> Floats:
@@ -144,15 +144,15 @@ class _Pull:
         The others follow by the harmonic extension over the flat panels.
         """
         touching = np.any(last.normals != 0, axis=1)
-        motion, moved = (depth - last.depth) * self._along, last.positions.copy()
-        for k, fixed in enumerate(self._solver.model.supports.fixed.T):
+        motion, moved = (depth - last.depth) * self.along, last.positions.copy()
+        for k, fixed in enumerate(self.solver.model.supports.fixed.T):
             jump = np.where(touching & ~fixed, motion[k], 0.0)
             moved[:, k] += harmonic_extension(self._laplacian, touching | fixed)(jump)
         return moved
 
     def _point(self, found: Equilibrium, depth: float) -> PullPoint:
         """Return a point of the pull from its equilibrium (collective)."""
-        solver, contact, body = self._solver, self._contact, self._body
+        solver, contact, body = self.solver, self.contact, self.body
         gradient = contact.forces(found.state)
         positions = solver.skin.gather_vertices(found.positions)
         bodies = contact.contact.bodies
@@ -160,32 +160,24 @@ class _Pull:
         begin = count + sum(len(other.points) for other in bodies[:body])
         push = -gradient[begin : begin + len(bodies[body].points)].sum(axis=0)
         friction, side = contact.friction, len(contact.contact.grounds) + body
-        if friction is not None:
-            force = on_first_rank(
-                solver.skin.comm, lambda: friction.force(positions, self._poses(depth))
-            )
-            push = push + force[side].sum(axis=0)  # the body's reaction
+        if friction is not None:  # the body's reaction
+            poses = self._poses(depth)
+            force = on_first_rank(solver.skin.comm, lambda: friction.force(positions, poses))
+            push = push + force[side].sum(axis=0)
         normals = contact.normals(found.state)[side]
-        return PullPoint(depth, float(-push @ self._along), positions, normals, found)
+        return PullPoint(depth, float(-push @ self.along), positions, normals, found)
 
 
 def largest_force(points: Sequence[PullPoint], limit: float) -> float:
-    """Return the largest force in N of a pull up to a depth in m.
-
-    Args:
-        points: The pull.
-        limit: The depth; between two points the force is interpolated.
-    """
+    """Return the largest force in N of a pull up to a depth in m, interpolated between points."""
     depths, forces = _curve(points)
     return float(max(forces[depths <= limit].max(), np.interp(limit, depths, forces)))
 
 
 def slip_under(points: Sequence[PullPoint], force: float) -> float | None:
-    """Return the first depth in m of a pull that holds a force in N; None if none does.
+    """Return the first depth in m of a pull that holds a force in N, interpolated between points.
 
-    Args:
-        points: The pull.
-        force: The force; between two points it is interpolated.
+    None if none does.
     """
     depths, forces = _curve(points)
     first = int(np.argmax(forces >= force))

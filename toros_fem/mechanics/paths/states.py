@@ -30,8 +30,7 @@ class FoundStates:
     """Stable equilibria that a search saw.
 
     Attributes:
-        best: The one of lowest energy; it is the solver's last one, so that the solver's tangent
-            and reactions belong to it.
+        best: The one of lowest energy.
         energies: Energy in J of each distinct state, ascending.
         counts: How often each of them was found.
         failures: Number of tries that found no equilibrium.
@@ -71,8 +70,7 @@ def find_states(
     no lower one.
 
     Args:
-        solver: Equilibrium solver.
-        density: Projected density of its owned triangles.
+        solver, density: As of `EquilibriumSolver.solve`.
         load: What acts; a number is a pressure in Pa.
         start: An equilibrium of this solver at this density and load; None solves for it.
         tries: Number of tries.
@@ -104,22 +102,18 @@ def find_states(
                 grown = size * 10 ** (number / max(1, tries - 1) - 1)
                 begin = _kicked(solver, best, rng, grown)
             found = solver.solve(density, acting, begin)
-            seen.append(found.energy)
         except NoEquilibriumError:  # raised by all ranks or by none
             failures += 1
             continue
+        seen.append(found.energy)
         if found.energy < best.energy - SAME_ENERGY * abs(best.energy):
             best = found
-    solver.tangent_at(best)
-    energies: list[float] = []
-    counts: list[int] = []
+    counts: dict[float, int] = {}
+    same = np.nan
     for energy in sorted(seen):
-        if energies and energy - energies[-1] <= SAME_ENERGY * abs(energies[-1]):
-            counts[-1] += 1
-        else:
-            energies.append(energy)
-            counts.append(1)
-    return FoundStates(best, tuple(energies), tuple(counts), failures)
+        same = same if energy - same <= SAME_ENERGY * abs(same) else energy
+        counts[same] = counts.get(same, 0) + 1
+    return FoundStates(best, tuple(counts), tuple(counts.values()), failures)
 
 
 def _inflated(solver: EquilibriumSolver, at: Equilibrium, rng: np.random.Generator) -> Floats:

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective
-from toros_fem.base.validation import (
-    require_callable,
-    require_choice,
-    require_kind,
-    shown,
-)
+from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
 from toros_fem.measures.metrics import Metric, check_metrics
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -83,38 +78,40 @@ def trace(
     if by == "pressure":
         if options is not None:
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')
-        levels = _levels(solver, loads)
-        return _until(follow_pressures(solver, density, levels, metrics, start), stop)
-    model = solver.model
-    if model.slides:
-        raise ParameterError(
-            'friction depends on the path that the load takes: follow it by="pressure".'
-        )
-    load = load_of(cast(Load | Pressure, loads)).on(model)
-    if not replace(load, displacement=None, poses=None):
-        raise ParameterError(
-            "no load acts that a load factor could scale; give a pressure, a force or a weight."
-        )
-    density = model.check(density)
-    state = start.state if isinstance(start, Equilibrium) else start
-    path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
+        path = follow_pressures(solver, density, _levels(solver, loads), metrics, start)
+    else:
+        load, density = _scaled_load(solver, loads), solver.model.check(density)
+        state = start.state if isinstance(start, Equilibrium) else start
+        path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
     return _until(path, stop)
 
 
-def _levels(
-    solver: EquilibriumSolver, loads: Load | Pressure | Sequence[Load | Pressure]
-) -> Sequence[Load | Pressure]:
+def _levels(solver: EquilibriumSolver, loads: Any) -> Sequence[Load | Pressure]:
     """Return the loads of a path, all checked before the first is solved for."""
-    several = isinstance(loads, list | tuple) or np.ndim(loads) > 0  # type: ignore[arg-type]
-    if not several or not len(loads):  # type: ignore[arg-type]
+    several = isinstance(loads, list | tuple) or np.ndim(loads) > 0
+    if not several or not len(loads):
         raise ParameterError(
             f'loads = {shown(loads)}: a path by="pressure" needs all loads, or pressures in Pa, '
             "as a list, in the order in which they act."
         )
-    levels = cast(Sequence[Load | Pressure], loads)
+    levels: Sequence[Load | Pressure] = loads
     for level in levels:
         load_of(level).on(solver.model)
     return levels
+
+
+def _scaled_load(solver: EquilibriumSolver, load: Any) -> Load:
+    """Return the load of a path by arc length, checked to be one that a factor scales."""
+    if solver.model.slides:
+        raise ParameterError(
+            'friction depends on the path that the load takes: follow it by="pressure".'
+        )
+    acting = load_of(load).on(solver.model)
+    if not replace(acting, displacement=None, poses=None):
+        raise ParameterError(
+            "no load acts that a load factor could scale; give a pressure, a force or a weight."
+        )
+    return acting
 
 
 def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:

@@ -46,9 +46,7 @@ class TracePoint:
 
 
 def measured_point(
-    solver: EquilibriumSolver,
-    result: Equilibrium,
-    metrics: Sequence[Metric],
+    solver: EquilibriumSolver, result: Equilibrium, metrics: Sequence[Metric]
 ) -> TracePoint:
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin, several = solver.skin, len(result.pressures) > 1

@@ -108,20 +108,18 @@ def estimate_error(
             "force = …, so that they act on the refined one too."
         )
     begin = time.perf_counter()
-    finer = refine(skin.pattern)
-    positions = skin.gather_vertices(result.positions)
+    finer, moved = refine(skin.pattern), load.displacement
     options = replace(solver.options, tolerance=max(solver.options.tolerance, TOLERANCE))
     fixed = supports(finer.pattern) if supports else None
     fine = solver.refined(finer, supports=fixed, options=options)
-    fine_skin, moved = fine.skin, load.displacement
-    whole = skin.gather_cells(result.density)
-    density = whole[finer.cell][fine_skin.owned_cells]
     load = replace(
         load,
         force=None if force is None else force(finer.pattern),
         displacement=None if moved is None else finer.at_vertices(moved),
     )
-    divided = finer.at_vertices(positions)[fine_skin.owned_vertices]
+    density = skin.gather_cells(result.density)[finer.cell][fine.skin.owned_cells]
+    positions = skin.gather_vertices(result.positions)
+    divided = finer.at_vertices(positions)[fine.skin.owned_vertices]
     # Around shorter edges less of the sheet is left out of contact.
     refused = fine.model.refusal(fine.model.state_of(divided)) is not None
     start = None if refused else divided
@@ -131,7 +129,7 @@ def estimate_error(
         if direct:
             raise
         found = fine.solve(density, load, start)
-    fine_positions = fine_skin.gather_vertices(found.positions)
+    fine_positions = fine.skin.gather_vertices(found.positions)
     seconds = time.perf_counter() - begin
     estimates = []
     for quantity in quantities:

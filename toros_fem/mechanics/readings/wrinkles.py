@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_kind
 from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.membrane import barrier
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.meshes.pattern import Pattern
 
 # Strains below this are rounding, of sewn coordinates too.
 ROUNDING = 1e-9
+# Imaginary step, whose square is lost, by which eq. (1) is differentiated to rounding.
+STEP = 1e-100
 
 
 class Tension(IntEnum):
@@ -44,22 +51,12 @@ class WrinkleField:
     direction: Floats
 
     def share(self, state: Tension, areas: Floats) -> float:
-        """Return the fraction of the flat area in a state.
-
-        Args:
-            state: The state.
-            areas: Flat areas of all triangles, (t,), in m².
-        """
+        """Return the fraction in a state of the flat areas of all triangles, (t,), in m²."""
         return float(areas[self.state == state].sum() / areas.sum())
 
 
 def wrinkle_field(solver: EquilibriumSolver, density: Floats, result: Equilibrium) -> WrinkleField:
-    """Return the wrinkles of an equilibrium, equal on all ranks (collective).
-
-    Args:
-        solver: The solver that found the result.
-        density: Projected density of its owned triangles.
-        result: The equilibrium.
+    """Return the wrinkles of an equilibrium of a solver, equal on all ranks (collective).
 
     Raises:
         ParameterError: The sheet is no tension field.
@@ -75,15 +72,10 @@ def wrinkle_field(solver: EquilibriumSolver, density: Floats, result: Equilibriu
 def wrinkles(
     pattern: Pattern, composite: Composite, density: Floats, positions: Floats
 ) -> WrinkleField:
-    """Return the wrinkles of a deformed pattern.
+    """Return the wrinkles of a pattern whose vertices have been moved to positions, (n, 3), in m.
 
     A sheet is slack where λ₁ ≤ 1, and elsewhere wrinkled where ∂ψ/∂λ₂ of eq. (1) is negative.
-
-    Args:
-        pattern: The pattern.
-        composite: The two materials and the stretch bounds.
-        density: Projected density of all triangles, (t,).
-        positions: Positions of all assembled vertices, (n, 3), in m.
+    The densities are those of all triangles, (t,).
 
     Raises:
         ParameterError: The sheet is no tension field.
@@ -93,8 +85,8 @@ def wrinkles(
             "wrinkling = None: this sheet takes compression, and its wrinkles are those of the "
             'mesh. Use Composite(membrane=Membrane(wrinkling="tension-field")).'
         )
-    chart = np.linalg.inv(_edges(pattern.corners))
-    F = _edges(positions[pattern.triangles]) @ chart
+    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, *composite.widest_bounds)
+    F = bounds.gradient(positions[pattern.triangles])
     _, stretches, rows = np.linalg.svd(F)
     x, y = stretches.T - 1
     slack = x <= ROUNDING
@@ -105,11 +97,6 @@ def wrinkles(
     return WrinkleField(state, flat, moved / np.where(slack, 1.0, stretches[:, 0])[:, None])
 
 
-def _edges(corners: Floats) -> Floats:
-    """Return the two edges from the first corner as columns, (t, d, 2), of corners (t, 3, d)."""
-    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-
-
 def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) -> Floats:
     """Return ∂ψ/∂λ₂ of eq. (1) in N/m at λ₁ = 1 + x and λ₂ = 1 + y; −∞ below the bound of λ₂."""
     fabric, printed = composite.fabric, composite.reinforcement
@@ -117,8 +104,8 @@ def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) 
     lam = interpolate(density, fabric.thickness * fabric.lam, printed.thickness * printed.lam)
     pairs = zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
     c1, c2 = (interpolate(density, *pair) for pair in pairs)
-    a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
-    outside = y * y >= a
-    y = np.where(outside, 0.0, y)
-    stress = 2 * mu * y / (1 - y * y / a) + lam * (x + y) / (1 - (x + y) ** 2 / b)
+    outside = y * y >= (c1 - 1) ** 2
+    varied = np.where(outside, 0.0, y) + 1j * STEP
+    strain: Any = SimpleNamespace(total=x + varied, square=(x - varied) ** 2)
+    stress = barrier(strain, mu, lam, c1, c2, np.log1p).imag / STEP
     return np.asarray(np.where(outside, -np.inf, stress))

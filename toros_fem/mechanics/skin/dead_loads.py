@@ -44,40 +44,27 @@ class Weight:
 
 
 def refined_force(finer: Refinement, pattern: Pattern, force: Floats) -> Floats:
-    """Return dead forces in N on a refined pattern, (n, 3), with the same total.
+    """Return dead forces in N, (n, 3), on a refined pattern, from those on the coarse one, (m, 3).
 
-    Force per area is interpolated.
-
-    Args:
-        finer: The refinement.
-        pattern: The coarse pattern.
-        force: Forces on its assembled vertices, (m, 3).
+    Force per area is interpolated; the total stays.
     """
     density = finer.at_vertices(force / pattern.vertex_areas[:, None])
     return np.asarray(density * finer.pattern.vertex_areas[:, None])
 
 
 def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
-    """Return dead forces that spread one force over a panel by flat area.
-
-    Args:
-        pattern: The pattern.
-        panel: Name of the panel.
-        force: The total force in N, (3,).
-
-    Returns:
-        Forces in N on all assembled vertices, (n, 3).
+    """Spread one force in N, (3,), over a panel by flat area: forces on all vertices, (n, 3).
 
     Raises:
         PanelError: There is no such panel.
         ParameterError: The force is no finite vector.
     """
     require_kind("pattern", pattern, Pattern, "a Pattern")
-    total = _vector("force", force, 3, "N")
+    whole = _vector("force", force, 3, "N")
     cells = pattern.cells_of(panel)
     third = np.repeat(pattern.areas[cells] / 3, 3)
     areas = np.bincount(pattern.triangles[cells].ravel(), third, minlength=len(pattern.points))
-    return np.asarray(np.outer(areas / areas.sum(), total))
+    return np.asarray(np.outer(areas / areas.sum(), whole))
 
 
 def point_force(
@@ -86,7 +73,7 @@ def point_force(
     force: Sequence[float] | Floats,
     panel: str | None = None,
 ) -> Floats:
-    """Return a dead force at one point of the skin.
+    """Return dead forces on all vertices, (n, 3), of one force at one point of the skin.
 
     The vertices of the triangle there bear it by their barycentric coordinates, so that it has the
     right moment too. At a vertex that vertex bears it alone.
@@ -97,9 +84,6 @@ def point_force(
             assembled skin is taken; or flat coordinates (2,) in the chart of `panel`.
         force: The force in N, (3,).
         panel: Name of the panel of flat coordinates; None for assembled ones.
-
-    Returns:
-        Forces in N on all assembled vertices, (n, 3).
 
     Raises:
         PanelError: There is no such panel.
@@ -112,8 +96,7 @@ def point_force(
     at = _vector("place", place, 2 if flat else 3, "m")
     cells = np.arange(len(pattern.panel)) if panel is None else pattern.cells_of(panel)
     corners = pattern.corners[cells] if flat else pattern.points[pattern.triangles[cells]]
-    weights = _nearest_weights(corners, at)
-    away = np.linalg.norm(np.einsum("cik,ci->ck", corners, weights) - at, axis=1)
+    weights, away = _nearest(corners, at)
     nearest = int(np.argmin(away))
     if away[nearest] > ON_SKIN * pattern.size:
         where = f"panel {panel!r}" if flat else "the assembled skin"
@@ -132,31 +115,22 @@ def _vector(name: str, values: Sequence[float] | Floats, size: int, unit: str) -
     return checked_floats(name, values, what, (size,))
 
 
-def _nearest_weights(corners: Floats, at: Floats) -> Floats:
-    """Return barycentric coordinates (c, 3) of the point of each triangle nearest to a point."""
-    inside = _projected(corners, at)
-    beyond = (inside < 0).any(axis=1)
-    best = np.full(len(corners), np.inf)
-    found = inside.copy()
-    for i in range(3):  # outside, the nearest point is on an edge
-        a, b = corners[:, i], corners[:, (i + 1) % 3]
-        along = b - a
-        share = np.einsum("ck,ck->c", at - a, along) / np.einsum("ck,ck->c", along, along)
-        share = np.clip(share, 0.0, 1.0)
-        distance = np.linalg.norm(a + share[:, None] * along - at, axis=1)
-        closer = beyond & (distance < best)
-        best[closer] = distance[closer]
-        row = np.zeros((len(corners), 3))
-        row[:, i], row[:, (i + 1) % 3] = 1 - share, share
-        found[closer] = row[closer]
-    return found
+def _nearest(corners: Floats, at: Floats) -> tuple[Floats, Floats]:
+    """Return the point of each triangle that is nearest to a point, and its distance, (c,).
 
-
-def _projected(corners: Floats, at: Floats) -> Floats:
-    """Return barycentric coordinates (c, 3) of a point's projection onto triangles' planes."""
-    u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], at - corners[:, 0]
-    uu, uv, vv = (np.einsum("ck,ck->c", *pair) for pair in ((u, u), (u, v), (v, v)))
-    uw, vw = (np.einsum("ck,ck->c", side, w) for side in (u, v))
-    area = uu * vv - uv**2
-    one, two = (vv * uw - uv * vw) / area, (uu * vw - uv * uw) / area
-    return np.stack([1 - one - two, one, two], axis=1)
+    The points are barycentric coordinates, (c, 3).
+    """
+    edges, arms = corners[:, [1, 2, 0]] - corners, at - corners
+    share = np.einsum("cik,cik->ci", arms, edges) / np.einsum("cik,cik->ci", edges, edges)
+    share = np.clip(share, 0.0, 1.0)[:, :, None]
+    on_edges = (1 - share) * np.eye(3) + share * np.roll(np.eye(3), 1, axis=1)
+    # The projection onto the plane counts if it lies inside.
+    sides = corners[:, 1:] - corners[:, :1]
+    products = sides @ arms[:, 0, :, None]
+    local = np.linalg.solve(sides @ sides.transpose(0, 2, 1), products)[:, :, 0]
+    inside = np.concatenate([1 - local.sum(axis=1, keepdims=True), local], axis=1)
+    points = np.concatenate([inside[:, None], on_edges], axis=1)
+    away = np.linalg.norm(np.einsum("cpi,cik->cpk", points, corners) - at, axis=2)
+    away[(inside < 0).any(axis=1), 0] = np.inf
+    best = np.arange(len(corners)), np.argmin(away, axis=1)
+    return points[best], away[best]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, override
 
-import basix.ufl
 import numpy as np
 from dolfinx import fem
 
@@ -21,6 +20,7 @@ from toros_fem.base.validation import (
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.cell_functions import cell_space
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
@@ -36,12 +36,7 @@ def crossing_of_widths(ratio: float) -> float:
     """Return the factor c of bonded crossings, over the ratio of the stiffnesses of the materials.
 
     Few wide lines and many thin ones stiffen less than lines of equal width and the same shares.
-
-    Args:
-        ratio: Width of the lines of one family over those of the other, either way round.
-
-    Raises:
-        ParameterError: The ratio is not positive.
+    The ratio is that of their widths, either way round.
     """
     require_positive(ratio=ratio)
     power = float(ratio) ** WIDTH_EXPONENT
@@ -49,25 +44,23 @@ def crossing_of_widths(ratio: float) -> float:
 
 
 def check_density(skin: Skin, density: Any) -> Floats:
-    """Return owned densities as an array, with one result on all ranks (collective).
-
-    Raises:
-        DensityError: They are no real numbers, the shape is wrong, or one is outside [0, 1].
-    """
-    owned = len(skin.owned_cells)
+    """Return owned densities as an array, checked to be in [0, 1] on all ranks (collective)."""
     with together(skin.comm):
-        found = real_numbers("density", density, "one for each owned triangle", DensityError)
-        if found.shape != (owned,):
-            raise DensityError(
-                f"density has shape {found.shape}; this rank owns {owned} triangles."
-            )
-        outside = ~((found >= 0) & (found <= 1))
-        if outside.any():
-            k = int(np.flatnonzero(outside)[0])
-            raise DensityError(
-                f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
-                "[0, 1]. Clip the density, or look for an earlier error."
-            )
+        return _checked_density(skin, density)
+
+
+def _checked_density(skin: Skin, density: Any) -> Floats:
+    owned = len(skin.owned_cells)
+    found = real_numbers("density", density, "one for each owned triangle", DensityError)
+    if found.shape != (owned,):
+        raise DensityError(f"density has shape {found.shape}; this rank owns {owned} triangles.")
+    outside = ~((found >= 0) & (found <= 1))
+    if outside.any():
+        k = int(np.flatnonzero(outside)[0])
+        raise DensityError(
+            f"density of triangle {skin.owned_cells[k]} is {found[k]}; it must lie in "
+            "[0, 1]. Clip the density, or look for an earlier error."
+        )
     return found
 
 
@@ -77,9 +70,6 @@ class Densities:
     Attributes:
         density: ρ̄ as a function.
         lines: Line families in UFL; None.
-
-    Args:
-        skin: The sewn skin.
     """
 
     lines: Lines | None = None
@@ -94,11 +84,7 @@ class Densities:
         return [self.density]
 
     def check(self, design: Any) -> Floats:
-        """Return an owned design as an array, with one result on all ranks.
-
-        Raises:
-            DensityError: It does not fit, or leaves its bounds.
-        """
+        """Return an owned design as an array, or raise a DensityError on all ranks."""
         return check_density(self.skin, design)
 
     def set(self, design: Floats) -> None:
@@ -132,15 +118,11 @@ class LineDesign(Densities):
     axis of the panel's flat chart. Only the direction of (cos 2t, sin 2t) counts, not its length;
     the zero vector means t = 0. Linear combinations of designs are designs too.
 
+    `crossing` is the factor c of bonded crossings in `fabric_factor`, over the ratio of the
+    stiffnesses of print and fabric.
+
     Attributes:
         families: Number K of families.
-
-    Args:
-        skin: The sewn skin.
-        composite: Lines are made of its reinforcement.
-        families: Number of families.
-        crossing: Factor c of bonded crossings in `fabric_factor`, over the ratio of the
-            stiffnesses of print and fabric.
 
     Raises:
         ParameterError: There is no family, the factor is negative, or the sheet wrinkles.
@@ -160,13 +142,12 @@ class LineDesign(Densities):
         self.families = families
         ratio = composite.reinforcement.membrane_stiffness / composite.fabric.membrane_stiffness
         self._crossing = crossing * ratio
-        element = basix.ufl.element("DG", "triangle", 0, shape=(3 * families,))
-        space = fem.functionspace(skin.mesh, element)
+        space, owned = cell_space(skin, 3 * families), len(skin.owned_cells)
         self._values = fem.Function(space, name="line families")
         self.lines = Lines(self._values, fem.Constant(skin.mesh, self._crossing))
-        owned = skin.mesh.topology.index_map(2).size_local
-        self._row = space.dofmap.list[:owned, 0]  # of each triangle among the lines' values
-        self._place = skin.density_space.dofmap.list[:owned, 0]  # and among owned values
+        # Rows of the lines' values in the order of the owned densities.
+        rows, order = space.dofmap.list[:owned, 0], skin.density_space.dofmap.list[:owned, 0]
+        self._rows = rows[np.argsort(order)]
         self._angles: Floats = np.zeros((owned, 2, families))
 
     @property
@@ -176,29 +157,31 @@ class LineDesign(Densities):
 
     @override
     def check(self, design: Any) -> Floats:
+        with together(self.skin.comm):
+            return self._checked(design)
+
+    def _checked(self, design: Any) -> Floats:
         skin, count = self.skin, self.families
         shape = (len(skin.owned_cells), 1 + 3 * count)
-        with together(skin.comm):
-            if np.shape(design) != shape:
-                raise DensityError(
-                    f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
-                    f"density, shares, cosines and sines of {count} families."
-                )
+        if np.shape(design) != shape:
+            raise DensityError(
+                f"the design has shape {np.shape(design)}; on this rank it must be {shape}: "
+                f"density, shares, cosines and sines of {count} families."
+            )
         design = np.asarray(design)
-        check_density(skin, design[:, 0])
+        _checked_density(skin, design[:, 0])
         shares = design[:, 1 : 1 + count]
         cover = shares.sum(axis=1)
         wrong = ~((shares >= 0).all(axis=1) & (cover <= MAX_COVER))
         wrong |= ~np.isfinite(design).all(axis=1)
-        with together(skin.comm):
-            if wrong.any():
-                k = int(np.flatnonzero(wrong)[0])
-                raise DensityError(
-                    f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
-                    f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
-                    f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
-                    "or look for an earlier error."
-                )
+        if wrong.any():
+            k = int(np.flatnonzero(wrong)[0])
+            raise DensityError(
+                f"the lines of triangle {skin.owned_cells[k]} have the shares {shares[k]}, the "
+                f"sum {cover[k]} and the angles' vectors {design[k, 1 + count :]}; all must "
+                f"be finite, no share below 0, their sum at most {MAX_COVER}. Clip the shares, "
+                "or look for an earlier error."
+            )
         return design
 
     @override
@@ -210,34 +193,30 @@ class LineDesign(Densities):
         length = np.linalg.norm(angles, axis=1, keepdims=True)
         unit = angles / np.where(length > 0, length, 1.0)
         unit[:, 0] = np.where(length[:, 0] > 0, unit[:, 0], 1.0)
-        values = np.hstack([design[:, 1 : 1 + count], unit.reshape(len(design), -1)])
-        self._values.x.array.reshape(-1, 3 * count)[self._row] = values[self._place]
+        values = np.concatenate([design[:, None, 1 : 1 + count], unit], axis=1)
+        self._values.x.array.reshape(-1, 3, count)[self._rows] = values
         self._values.x.scatter_forward()
 
     @override
     def backward(self, parts: Sequence[Floats]) -> Floats:
-        """Return the derivatives by the columns of the design, (n, 1 + 3 K).
-
-        By the zero vector of an angle, where there is no derivative, it is zero.
-        """
-        count = self.families
-        by_lines = np.empty((len(self._row), 3 * count))
-        by_lines[self._place] = parts[1].reshape(-1, 3 * count)[self._row]
+        """Return the derivatives; by the zero vector of an angle, which has none, it is zero."""
+        by_lines, lines = self._owned_lines(parts[1]), self._owned_lines(self._values.x.array)
         # Only the part across the vector turns it.
-        by_unit, unit = by_lines[:, count:].reshape(-1, 2, count), self._owned_lines()[:, 1:]
+        by_unit, unit = by_lines[:, 1:], lines[:, 1:]
         length = np.linalg.norm(self._angles, axis=1, keepdims=True)
         across = by_unit - unit * (by_unit * unit).sum(axis=1, keepdims=True)
         by_angles = np.where(length > 0, across / np.where(length > 0, length, 1.0), 0.0)
-        return np.column_stack([parts[0], by_lines[:, :count], by_angles.reshape(-1, 2 * count)])
+        return np.column_stack([parts[0], by_lines[:, 0], by_angles.reshape(len(lines), -1)])
 
     @property
     def cover(self) -> Floats:
         """Covered part S of the owned triangles."""
-        return np.asarray(self._owned_lines()[:, 0].sum(axis=1))
+        return np.asarray(self._owned_lines(self._values.x.array)[:, 0].sum(axis=1))
 
     @override
     def mix(self, fabric: float, reinforcement: float) -> Floats:
-        shares, cosines, sines = (list(part.T) for part in np.moveaxis(self._owned_lines(), 1, 0))
+        lines = np.moveaxis(self._owned_lines(self._values.x.array), 1, 0)
+        shares, cosines, sines = (list(part.T) for part in lines)
         factor = fabric_factor(shares, cosines, sines, self._crossing)
         return np.asarray(factor * super().mix(fabric, reinforcement))
 
@@ -245,8 +224,6 @@ class LineDesign(Densities):
     def plain(self, stiffness: float) -> Floats:
         return super().plain(stiffness) / (1 - self.cover)
 
-    def _owned_lines(self) -> Floats:
-        """Return shares, cosines and sines of the owned triangles, (n, 3, K)."""
-        values = np.empty((len(self._row), 3 * self.families))
-        values[self._place] = self._values.x.array.reshape(-1, 3 * self.families)[self._row]
-        return values.reshape(-1, 3, self.families)
+    def _owned_lines(self, values: Floats) -> Floats:
+        """Return what belongs to shares, cosines and sines of the owned triangles, (n, 3, K)."""
+        return values.reshape(-1, 3, self.families)[self._rows]

@@ -23,25 +23,13 @@ def relaxed_into_bounds(
     """Return a shape inside the stretch bounds, near a shape that leaves them in some triangles.
 
     A shape that is interpolated from a coarser mesh stretches the few triangles most that lie
-    across a kink of it. Around these the map from the flat panels is made harmonic.
-
-    Args:
-        pattern: The pattern.
-        composite: Its stretch bounds; of two materials the wider ones, into the narrower ones a
-            solve takes the shape by itself.
-        fixed: Components that keep their positions, (n, 3).
-        positions: Positions of all assembled vertices, (n, 3), in m.
-
-    Returns:
-        Positions of all vertices; None if the bounds cannot be met in this way.
+    across a kink of it. Around these the map from the flat panels is made harmonic. Of two
+    materials the wider bounds count: into the narrower ones a solve takes the shape by itself.
+    Fixed components, (n, 3), keep their positions. None where the bounds cannot be met in this way.
     """
     triangles = pattern.triangles
-    bounds = StretchBounds(
-        MPI.COMM_SELF,
-        pattern.corners,
-        *composite.widest_bounds,
-        wrinkles=composite.membrane.relaxed,
-    )
+    widest, wrinkles = composite.widest_bounds, composite.membrane.relaxed
+    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, *widest, wrinkles=wrinkles)
     found, laplacian = np.array(positions), None
     for rings in range(1, ROUNDS + 1):
         use = bounds.use(found[triangles])

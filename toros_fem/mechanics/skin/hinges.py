@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from toros_fem.base.mpi import largest
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.topology import edge_keys
+from toros_fem.meshes.topology import edge_keys, opposite_edges
 
 # Smallest singular value of the quadratic patch's angles over those of the average. Below it the
 # six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be
@@ -54,27 +54,21 @@ def find_hinges(
     """Return the hinges of all local triangles; complete for those that this rank owns.
 
     An edge without moment takes the angle of least energy: the natural condition inside a
-    triangle. It depends on Poisson's ratio alone, so that the tensors are constants.
-
-    Args:
-        skin: The sewn skin.
-        bending: Curvature formula, seams and rest shape.
-        supports: Edges that keep their direction.
-        poisson: Poisson's ratio of the sheet. Where fabric and reinforcement differ, an error of
-            second order in the difference remains at free and hinged edges.
-        turn_free: Whether free edges have rotations too, if any edge has: then equilibrium finds
-            their angles, whatever bends the sheet.
+    triangle. It depends on Poisson's ratio alone, so that the tensors are constants. Where that of
+    fabric and reinforcement differs, an error of second order in the difference remains there.
+    With `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their
+    angles, whatever bends the sheet.
 
     Raises:
         ParameterError: The assembled rest shape is folded flat somewhere.
     """
     corner = skin.position_space.dofmap.list
     neighbour, opposite = neighbours(skin)
-    cell = np.arange(len(corner))[:, None]
-    alone = neighbour == cell
+    alone = neighbour == np.arange(len(corner))[:, None]
     flap = np.where(alone, corner, corner[neighbour, opposite])
     normals, mirrored = _mirrors(skin, corner, supports)
     mirrored &= alone
+    mirror = normals * mirrored[:, :, None]
     has_moment = ~alone | mirrored
     if bending.seams == "hinged":
         has_moment &= ~_on_seam(skin, corner)
@@ -87,24 +81,15 @@ def find_hinges(
         angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
     rotation: Floats = np.zeros(alone.shape)
     if bending.curvature == "midedge":
-        vertex = skin.vertex[corner]
-        first = np.roll(vertex, -1, axis=1) < np.roll(vertex, -2, axis=1)
-        turning = has_moment & ~mirrored
-        if turn_free:
-            turning |= alone & ~mirrored
-        rotation = np.where(turning, np.where(first, 2.0, -2.0), 0.0) / _rotation_length(skin)
-    mirror = normals * mirrored[:, :, None]
+        first, second = np.moveaxis(opposite_edges(skin.vertex[corner]), -1, 0)
+        turning = (has_moment | alone if turn_free else has_moment) & ~mirrored
+        factor = np.where(first < second, 2.0, -2.0) / _rotation_length(skin)
+        rotation = np.where(turning, factor, 0.0)
     rest: Floats = np.zeros(alone.shape)
     if bending.rest == "assembled":
         place = skin.pattern.points[skin.vertex]
         rest = edge_angles(place[corner], place[flap], mirror) * has_moment
-        sharpest = largest(skin.comm, float(np.abs(rest[: len(skin.owned_cells)]).max(initial=0)))
-        if sharpest > FOLDED:
-            raise ParameterError(
-                f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; its "
-                f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
-                "take the flat rest shape."
-            )
+        _require_unfolded(skin, rest)
     return Hinges(
         flap=flap.astype(np.int32),
         has_moment=has_moment,
@@ -113,6 +98,17 @@ def find_hinges(
         rest=rest,
         rotation=rotation,
     )
+
+
+def _require_unfolded(skin: Skin, rest: Floats) -> None:
+    """Check that the side of each fold at rest is known (collective)."""
+    sharpest = largest(skin.comm, float(np.abs(rest[: len(skin.owned_cells)]).max(initial=0)))
+    if sharpest > FOLDED:
+        raise ParameterError(
+            f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; its "
+            f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
+            "take the flat rest shape."
+        )
 
 
 def _rotation_length(skin: Skin) -> float:
@@ -155,9 +151,7 @@ def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats,
     known, last = np.unique(edge_keys(supports.guided, count)[::-1], return_index=True)
     unit = supports.normals / np.linalg.norm(supports.normals, axis=1)[:, None]
     unit = unit[::-1][last]
-    vertex = skin.vertex[corner]
-    ends = np.stack([np.roll(vertex, -1, axis=1), np.roll(vertex, -2, axis=1)], axis=2)
-    keys = edge_keys(ends, count)
+    keys = edge_keys(opposite_edges(skin.vertex[corner]), count)
     place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
     found = known[place] == keys
     normals[found] = unit[place[found]]
@@ -167,21 +161,16 @@ def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats,
 def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
     """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `forms.hinge`.
 
-    Args:
-        corners: Corners of the triangles, (cells, 3, 3).
-        flaps: Vertices across their edges, (cells, 3, 3).
-        mirror: Unit normals of the planes that mirror the flaps, zero without a mirror.
+    They lie between corners and the flaps across the edges, which planes with the unit normals
+    `mirror` reflect, all (cells, 3, 3); zero is no mirror.
     """
-    angles = np.zeros(corners.shape[:2])
-    for i in range(3):
-        a, b, c = (corners[:, (i + k) % 3] for k in (1, 2, 0))
-        away = np.einsum("ij,ij->i", mirror[:, i], flaps[:, i] - a)
-        d = flaps[:, i] - 2 * away[:, None] * mirror[:, i]
-        one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
-        unit = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
-        sine = np.einsum("ij,ij->i", np.cross(one, two), unit)
-        angles[:, i] = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
-    return angles
+    a, b, c = np.roll(corners, -1, axis=1), np.roll(corners, -2, axis=1), corners
+    away = np.einsum("cij,cij->ci", mirror, flaps - a)
+    d = flaps - 2 * away[:, :, None] * mirror
+    one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
+    unit = (b - a) / np.linalg.norm(b - a, axis=2)[:, :, None]
+    sine = np.einsum("cij,cij->ci", np.cross(one, two), unit)
+    return np.asarray(np.arctan2(sine, np.einsum("cij,cij->ci", one, two)))
 
 
 def _flat_corners(skin: Skin) -> Floats:
@@ -216,14 +205,12 @@ def _unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: L
     Without a neighbour the triangle itself is mirrored.
     """
     start, along, normal, length = _edge_frames(flat)
-    first = np.roll(corner, -1, axis=1)
-    rows = np.arange(len(flat))[:, None]
-    itself = neighbour == rows
+    itself = neighbour == np.arange(len(flat))[:, None]
     apex = flat[neighbour, opposite]
     # The neighbour's own corners at the two ends of the edge.
-    at = [np.argmax(corner[neighbour] == node[:, :, None], axis=2)
-          for node in (first, np.roll(corner, -2, axis=1))]  # fmt: skip
-    a, b = (flat[neighbour, place] for place in at)
+    ends = opposite_edges(corner)[:, :, :, None]
+    places = np.argmax(corner[neighbour][:, :, None] == ends, axis=3)
+    a, b = (flat[neighbour, place] for place in np.moveaxis(places, -1, 0))
     edge = b - a
     square = np.einsum("cij,cij->ci", edge, edge)
     fraction = np.einsum("cij,cij->ci", apex - a, edge) / square
@@ -264,15 +251,10 @@ def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
     compliance = np.linalg.inv(
         np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     )
-    for edges in _subsets():
+    for edges in list(product((False, True), repeat=3))[1:]:
         cells = np.flatnonzero((known == edges).all(axis=1))
         chosen = np.flatnonzero(edges)
         g = angles[cells][:, chosen]
         soft = compliance @ g.transpose(0, 2, 1)
         tensors[np.ix_(cells, chosen)] = (soft @ np.linalg.inv(g @ soft)).transpose(0, 2, 1)
     return tensors * [1, 1, 0.5]
-
-
-def _subsets() -> Sequence[Bools]:
-    """The seven non-empty subsets of three edges."""
-    return [np.array([bool(n & 1), bool(n & 2), bool(n & 4)]) for n in range(1, 8)]

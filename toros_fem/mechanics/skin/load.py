@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
-from toros_fem.mechanics.skin.supports import require_displacement
+from toros_fem.mechanics.skin.planes import Planes
 
 if TYPE_CHECKING:
     from toros_fem.mechanics.assembly.model import SkinModel
@@ -65,28 +65,27 @@ class Load:
                 f"pressure has shape {values.shape}; it must be one number in Pa, or one for each "
                 f"of the {chambers} chambers."
             )
-        if values.any() and not supports.close(pattern):
+        planes, points = Planes(pattern, supports), pattern.points.shape
+        if values.any() and not planes.close:
             pattern.require_closed()
-        points, force, displacement = pattern.points.shape, self.force, self.displacement
+        force = self.force
         if force is not None:
-            force = checked_floats("force", force, f"finite and of shape {points}, in N", points)
-        if displacement is None:
-            displacement = supports.displacement
-        else:
-            displacement = require_displacement(displacement, points)
-            moved = replace(supports, displacement=displacement)
-            if moved.close(pattern) != supports.close(pattern):
+            what = f"finite and of shape {points}, in N"
+            force = checked_floats("force", force, what, points).copy()
+        if self.displacement is not None:
+            supports = replace(supports, displacement=self.displacement)
+            if Planes(pattern, supports).close != planes.close:
                 raise ParameterError(
                     "the displacement moves a border out of its symmetry plane; move it in the "
                     "plane only, or simulate the whole skin."
                 )
-        bodies = 0 if model.contact is None else len(model.contact.poses)
+        moved = supports.displacement
         return Load(
             np.full(chambers, values),
-            _copy(force),
-            _copy(displacement),
+            force,
+            None if moved is None else moved.copy(),
             0.0 if model.weight is None else float(weight),
-            _poses(bodies, self.poses),
+            _poses(0 if model.contact is None else len(model.contact.poses), self.poses),
             float(fraction) if model.free_bodies else 0.0,
         )
 
@@ -156,19 +155,23 @@ class Load:
         return Load(np.zeros_like(self.pressures)).towards(self, load_factor)
 
     def towards(self, other: Load, fraction: float) -> Load:
-        """Return the load that lies a fraction of the way towards another one."""
+        """Return the load that lies a fraction of the way towards another one; None is zero."""
 
-        def between(one: float, two: float) -> float:
+        def between(one: Any, two: Any) -> Any:
             return one + fraction * (two - one)
 
-        begin, end = self, other
+        def arrays(one: Floats | None, two: Floats | None) -> Floats | None:
+            if one is None and two is None:
+                return None
+            return np.asarray(between(_zero(one), _zero(two)))
+
         return Load(
-            begin.pressures + fraction * (end.pressures - begin.pressures),
-            _between(begin.force, end.force, fraction),
-            _between(begin.displacement, end.displacement, fraction),
-            between(begin.weight, end.weight),
-            _between(begin.poses, end.poses, fraction),
-            between(begin.weight_of_bodies, end.weight_of_bodies),
+            between(self.pressures, other.pressures),
+            arrays(self.force, other.force),
+            arrays(self.displacement, other.displacement),
+            between(self.weight, other.weight),
+            arrays(self.poses, other.poses),
+            between(self.weight_of_bodies, other.weight_of_bodies),
         )
 
 
@@ -187,21 +190,9 @@ def _poses(bodies: int, poses: Floats | None) -> Floats | None:
     return checked_floats("poses", poses, what, (bodies, 6)).copy()
 
 
-def _between(one: Floats | None, other: Floats | None, fraction: float) -> Floats | None:
-    """Interpolate linearly; None is zero."""
-    if one is None and other is None:
-        return None
-    begin, end = _zero(one), _zero(other)
-    return np.asarray(begin + fraction * (end - begin))
-
-
 def _zero(values: Floats | None) -> Floats:
     return np.zeros(1) if values is None else np.asarray(values, dtype=np.float64)
 
 
 def _percent(fraction: float) -> str:
     return "" if fraction == 1 else f"{100 * fraction:.3g} % of "
-
-
-def _copy(values: Floats | None) -> Floats | None:
-    return None if values is None else np.array(values, dtype=np.float64)

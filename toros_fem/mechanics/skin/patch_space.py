@@ -17,7 +17,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import gather_by_index
 from toros_fem.meshes.skin import Skin, concatenated_index_map
-from toros_fem.meshes.topology import edge_keys
+from toros_fem.meshes.topology import edge_keys, opposite_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Unknowns:
         fixed: Fixed ones among the local ones, (blocks, size).
         seen: Blocks that each triangle sees, (cells, k); None if it sees none.
         original: Returns the number of each local block in an order that no partition changes,
-            and how many there are; None for blocks that the first rank owns and all know.
+            and how many there are; None where all ranks know all blocks, in one order.
         placed: Whether triangles see them only in where `Term.place` puts their nodes, so that
             they have no entries of their own in the tangents of triangles.
     """
@@ -75,47 +75,35 @@ class Patch:
 
         It is that of the pattern: positions of the vertices, then the other unknowns (collective).
         """
-        comm = self.skin.comm
-        parts: list[Floats] = [self.skin.gather_vertices(positions(self.skin, state)).ravel()]
-        for dofs, original in self._orders():
-            if original is None:
-                parts.append(comm.bcast(state[dofs.ravel()] if comm.rank == 0 else None, root=0))
-            else:
-                numbers, count = original
-                owned = dofs[:, 0] < len(state)
-                parts.append(gather_by_index(comm, numbers[owned], state[dofs[owned, 0]], count))
+        parts: list[Floats] = []
+        for dofs, numbers, count in self._kinds():
+            owned = dofs[:, 0] < len(state)
+            rows = gather_by_index(self.skin.comm, numbers[owned], state[dofs[owned]], count)
+            parts.append(rows.ravel())
         return np.concatenate(parts)
 
     def scatter(self, unknowns: Floats) -> Floats:
-        """Return the state of this rank from all unknowns, as of `gather`.
-
-        Raises:
-            ParameterError: Their number is that of another skin.
-        """
-        orders = self._orders()
-        sizes = [3 * len(self.skin.pattern.points)]
-        sizes += [dofs.size if original is None else original[1] for dofs, original in orders]
+        """Return the state of this rank from all unknowns, as of `gather`."""
+        kinds = self._kinds()
+        sizes = [count * dofs.shape[1] for dofs, _, count in kinds]
         if unknowns.shape != (sum(sizes),):
             raise ParameterError(
                 f"the unknowns have shape {unknowns.shape}; this skin has ({sum(sizes)},)."
             )
-        first, *parts = np.split(unknowns, np.cumsum(sizes)[:-1])
         state = np.zeros(self.space.dofmap.index_map.size_local)
-        positions(self.skin, state)[:] = first.reshape(-1, 3)[self.skin.owned_vertices]
-        for part, (dofs, original) in zip(parts, orders, strict=True):
-            if original is not None:
-                owned = dofs[:, 0] < len(state)
-                state[dofs[owned, 0]] = part[original[0][owned]]
-            elif self.skin.comm.rank == 0:
-                state[dofs.ravel()] = part
+        parts = np.split(unknowns, np.cumsum(sizes)[:-1])
+        for part, (dofs, numbers, count) in zip(parts, kinds, strict=True):
+            owned = dofs[:, 0] < len(state)
+            state[dofs[owned]] = part.reshape(count, dofs.shape[1])[numbers[owned]]
         return state
 
-    def _orders(self) -> list[tuple[LocalInts, tuple[Ints, int] | None]]:
-        """Local unknowns of each kind, with the original numbers of their blocks and how many."""
-        return [
-            (dofs, None if more.original is None else more.original())
-            for dofs, more in zip(self.dofs, self.unknowns, strict=True)
-        ]
+    def _kinds(self) -> list[tuple[LocalInts, Ints, int]]:
+        """Of each kind the local unknowns of blocks, the blocks' original numbers, how many."""
+        found = [(self.position_dofs, self.skin.vertex, len(self.skin.pattern.points))]
+        for dofs, more in zip(self.dofs, self.unknowns, strict=True):
+            known = np.arange(len(dofs)), len(dofs)
+            found.append((dofs, *(known if more.original is None else more.original())))
+        return found
 
 
 def positions(skin: Skin, state: Floats) -> Floats:
@@ -128,13 +116,8 @@ def make_patch(skin: Skin, flaps: LocalInts | None, unknowns: Sequence[Unknowns]
 
     The space is a DG0 mixed element: everything a triangle sees is constant on it, and the dofmap
     points at the unknowns. So an energy of a triangle and its neighbours is an ordinary cell
-    integral.
-
-    Args:
-        skin: The sewn skin.
-        flaps: Nodes across the edges of each triangle, (cells, 3); None where it sees none.
-        unknowns: All unknowns beside the positions. What a triangle sees of one kind is a multiple
-            of three.
+    integral. Flaps are the nodes across the edges of each triangle, (cells, 3); None where it sees
+    none. What it sees of one kind of unknowns is a multiple of three.
     """
     nodes = skin.position_space.dofmap.index_map
     index_map, numbers = concatenated_index_map(
@@ -190,9 +173,7 @@ def pattern_edges(skin: Skin) -> tuple[Ints, int]:
     triangles, count = skin.pattern.triangles, len(skin.pattern.points)
 
     def keys(corner: Ints) -> Ints:
-        """Return the keys of the edges opposite each corner, (cells, 3)."""
-        ends = np.stack([np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)], axis=2)
-        return edge_keys(ends, count)
+        return edge_keys(opposite_edges(corner), count)
 
     known = np.unique(keys(triangles))
     facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)

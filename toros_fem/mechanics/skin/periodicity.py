@@ -45,9 +45,7 @@ class Periodic:
                 f"prescribed has shape {prescribed.shape}; it must be 3 × 2 of True or False, one "
                 "for each component of the mean deformation gradient."
             )
-        if not (prescribed[2, 0] and prescribed[2, 1]) or not (
-            prescribed[1, 0] or prescribed[0, 1]
-        ):
+        if not (prescribed[2].all() and (prescribed[1, 0] or prescribed[0, 1])):
             raise ParameterError(
                 "the mean deformation gradient may turn the tile: prescribe its z components, "
                 "and that along t of the column n, or that along n of the column t."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,13 +41,9 @@ class StretchBounds:
     """Feasibility of eq. (1), tested by the stretches themselves.
 
     The sign of the logarithm's argument is no test: it turns positive again far outside the bounds.
-
-    Args:
-        comm: Communicator; all methods are collective.
-        flat: Flat corners of the owned triangles, (n, 3 corners, 2), in m.
-        c1, c2: Bounds of eq. (1), of all triangles.
-        wrinkles: Whether the sheet wrinkles instead of taking compression. Then only the upper
-            bounds count: where it wrinkles, the natural width keeps the other ones by itself.
+    Where a sheet wrinkles instead of taking compression, only the upper bounds count: the natural
+    width keeps the other ones by itself. Corners are those of the owned triangles, (n, 3, 3), in m,
+    and `flat` their places on the flat panels, (n, 3, 2). All methods are collective.
     """
 
     def __init__(
@@ -80,6 +77,10 @@ class StretchBounds:
         used = strains / (self._room if room is None else room)
         return np.where(collapsed, np.inf, used.max(axis=0))
 
+    def use(self, corners: Floats) -> Floats:
+        """Return the fraction of the bounds that each triangle uses."""
+        return self._use(self.gradient(corners))
+
     def worst(self, corners: Floats) -> float:
         """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
         return self._worst(self.use(corners))
@@ -92,21 +93,12 @@ class StretchBounds:
         # A NaN must count as outside, and `max` would let it through on some ranks only.
         return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
 
-    def use(self, corners: Floats) -> Floats:
-        """Return the fraction of the bounds that each triangle uses."""
-        return self._use(self.gradient(corners))
-
     def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
         """Return a factor ≤ 1 on a step that keeps every triangle inside the bounds, 1 if possible.
 
-        Every triangle keeps at least (1 − fraction) of its distance to the bounds. The upper bounds
-        are convex in x, so that they also hold during the step. The lower ones are tested at its
-        end only, and the energy there decides.
-
-        Args:
-            corners: Corner positions (n, 3, 3) of a feasible state.
-            direction: Their change by the full step.
-            fraction: Fraction of the distance to the bounds that may be used up.
+        Every triangle of a feasible state may use up a fraction of its distance to the bounds. The
+        upper bounds are convex in x, so that they also hold during the step. The lower ones are
+        tested at its end only, and the energy there decides.
         """
         F, G = self.gradient(corners), self.gradient(direction)
         use = self._use(F)
@@ -130,11 +122,6 @@ class MixedBounds(StretchBounds):
 
     A start may lie outside of them, since another density had wider ones. `loosen` then widens the
     bounds of its triangles until it lies inside; `narrow` narrows them again.
-
-    Args:
-        density: Projected density ρ̄.
-        flat: As for `StretchBounds`.
-        composite: The two materials.
     """
 
     def __init__(self, density: fem.Function, flat: Floats, composite: Composite) -> None:
@@ -183,43 +170,35 @@ class MixedBounds(StretchBounds):
         pairs = zip(self._slack, self._change, strict=True)
         parts = [ufl.derivative(residual, slack, by) for slack, by in pairs if slack is not None]
         self._variation, self._work = sum(parts[1:], start=parts[0]), work
-        self._compiled: Any = None  # for the first start outside its bounds
+
+    @cached_property
+    def _compiled(self) -> Any:
+        """The change of the residual by the bounds, for the first start outside of them."""
+        return compiled(self._variation)
 
     def push(self) -> Floats:
         """Return the change of the residual by narrowing loosened bounds, in N, to first order.
 
         The state is the one that is set; fixed components have their part too (collective).
         """
-        if self._compiled is None:
-            self._compiled = compiled(self._variation)
         self._fill(self._change, self._true - self._room)
         return assembled(self._compiled, self._work)
 
     def narrow(self, corners: Floats, motion: Floats | None) -> float:
         """Narrow loosened bounds, along a predicted motion if that helps.
 
-        Args:
-            corners: Corner positions of the state, inside the bounds.
-            motion: Their change by narrowing all the way, to first order; None if it is not known.
-
-        Returns:
-            The fraction of the motion that is to be gone; equal on all ranks.
+        The motion is the change of the corners by narrowing all the way, to first order, None if it
+        is not known. Returned is the fraction of it that is to be gone; equal on all ranks.
         """
         fraction = 0.0 if motion is None else self._follow(corners, motion)
         if fraction == 0:
-            self._tighten(corners)
+            strains, _ = self._strains(self.gradient(corners))
+            near = strains + KEPT * (self._room - strains)
+            self._set(np.maximum(self._true, np.minimum(self._room, near)))
         return fraction
 
     def _follow(self, corners: Floats, motion: Floats) -> float:
-        """Narrow loosened bounds with a motion, as far as it keeps all triangles inside.
-
-        Args:
-            corners: Corner positions of the state.
-            motion: Their change by the whole way back to the bounds of the density.
-
-        Returns:
-            The fraction of the way, 0 where it is too short; equal on all ranks.
-        """
+        """Narrow loosened bounds with a motion, as far as all triangles stay inside; 0 if not."""
         F, G, whole = self.gradient(corners), self.gradient(motion), self._true - self._room
         limit = 1 - KEPT * (1 - self._use(F))
         fraction = 1.0
@@ -244,9 +223,7 @@ class MixedBounds(StretchBounds):
     def loosen(self, corners: Floats, *, everywhere: bool = False) -> bool:
         """Widen the bounds of triangles outside of them; return whether there are any.
 
-        Args:
-            corners: Corner positions of the start.
-            everywhere: Whether to widen first all bounds to those of the wider material.
+        With `everywhere` all bounds are widened first to those of the wider material.
         """
         strains, _ = self._strains(self.gradient(corners))
         if everywhere:
@@ -257,9 +234,3 @@ class MixedBounds(StretchBounds):
             return False
         self._set(np.where(outside, strains / LOOSENED, self._room))
         return True
-
-    def _tighten(self, corners: Floats) -> None:
-        """Narrow loosened bounds as far as the strains allow."""
-        strains, _ = self._strains(self.gradient(corners))
-        near = strains + KEPT * (self._room - strains)
-        self._set(np.maximum(self._true, np.minimum(self._room, near)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import permutations, product
 from typing import Any
 
@@ -14,6 +14,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     checked_floats,
     is_number,
+    real_numbers,
     require_callable,
     require_finite,
     require_kind,
@@ -21,10 +22,10 @@ from toros_fem.base.validation import (
     shown,
     whole_numbers,
 )
-from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
+from toros_fem.meshes.mirror import mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
-from toros_fem.meshes.topology import edge_keys, following, half_edges
+from toros_fem.meshes.topology import edge_keys, following, half_edges, opposite_edges
 
 # Cosine between a guided edge and the normal of its plane.
 SQUARE = 1e-3
@@ -36,25 +37,6 @@ def _no_edges() -> Ints:
 
 def _no_normals() -> Floats:
     return np.zeros((0, 3))
-
-
-@dataclass(frozen=True, eq=False)
-class Closure:
-    """Planes that close the free borders of a skin, for its volume.
-
-    A cone from the origin over a wall that is missing in a plane through the origin has no volume.
-    Where planes cut the skin on both sides, as z = 0 and z = L do, one of them does not contain
-    the origin: there a lid must be counted.
-
-    Attributes:
-        origin: Point from which cones are taken, (3,), in m.
-        planes: Axis and coordinate in m of the plane of each lid.
-        borders: Free half-edges that bound each lid, (k,).
-    """
-
-    origin: Floats
-    planes: tuple[tuple[int, float], ...]
-    borders: tuple[Ints, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,34 +73,30 @@ class Supports:
                 f"fixed = {shown(self.fixed)} must be True or False for each component, (n, 3). "
                 "clamp and clamp_where make it."
             )
-        object.__setattr__(self, "fixed", fixed)
-        what = "ends of free edges, (k, 2)"
-        guided = whole_numbers("guided", self.guided, what)
-        if guided.ndim != 2:
-            raise ParameterError(f"guided has shape {guided.shape}; it must be {what}.")
-        object.__setattr__(self, "guided", guided)
-        what = "normals of planes, (k, 3)"
-        normals = checked_floats("normals", self.normals, what, lambda _: True, finite=False)
-        object.__setattr__(self, "normals", normals)
-        moved = require_displacement(self.displacement, fixed.shape)
-        object.__setattr__(self, "displacement", moved)
-        for plane in self.planes if isinstance(self.planes, list | tuple) else [None]:
-            pair = isinstance(plane, list | tuple) and len(plane) == 2
-            if not (pair and plane[0] in (0, 1, 2) and is_number(plane[1])):
-                raise ParameterError(
-                    f"planes = {shown(self.planes)} must be a list of pairs: axis 0, 1 or 2, and "
-                    "coordinate in m. symmetry_plane makes them."
-                )
-        object.__setattr__(self, "planes", tuple(self.planes))
-        count = len(self.guided)
-        if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
+        guided = whole_numbers("guided", self.guided, "ends of free edges, (k, 2)")
+        normals = real_numbers("normals", self.normals, "normals of planes, (k, 3)")
+        moved = self.displacement
+        if moved is not None:
+            what = f"finite and of shape {fixed.shape}, in m, one row for each assembled vertex"
+            moved = checked_floats("displacement", moved, what, fixed.shape)
+        listed = isinstance(self.planes, list | tuple)
+        if not listed or not all(map(_is_plane, self.planes)):
             raise ParameterError(
-                f"guided has shape {self.guided.shape} and normals {self.normals.shape}; they "
-                "must be (k, 2) and (k, 3)."
+                f"planes = {shown(self.planes)} must be a list of pairs: axis 0, 1 or 2, and "
+                "coordinate in m. symmetry_plane makes them."
             )
-        length = np.linalg.norm(self.normals, axis=1)
+        pairs = guided.ndim == 2 and guided.shape[1] == 2
+        if not pairs or normals.shape != (len(guided), 3):
+            raise ParameterError(
+                f"guided has shape {guided.shape} and normals {normals.shape}; they must be "
+                "(k, 2) and (k, 3)."
+            )
+        length = np.linalg.norm(normals, axis=1)
         if not (np.isfinite(length) & (length > 0)).all():
             raise ParameterError("each row of normals must be finite and not zero.")
+        checked = (fixed, guided, normals, moved, tuple(self.planes))
+        for one, value in zip(fields(self), checked, strict=True):
+            object.__setattr__(self, one.name, value)
 
     def __or__(self, other: Supports) -> Supports:
         """Return the union; where both fix something, the second's values count."""
@@ -142,124 +120,24 @@ class Supports:
 
         This is right for whole panels and straight borders.
         """
-        fixed = np.asarray(self.fixed[finer.ends].all(axis=1))
-        displacement = None
-        if self.displacement is not None:
-            displacement = finer.at_vertices(self.displacement)
-        if not len(self.guided):
-            return Supports(fixed, displacement=displacement, planes=self.planes)
-        count = len(self.fixed)
+        displacement, count = self.displacement, len(self.fixed)
+        if displacement is not None:
+            displacement = finer.at_vertices(displacement)
         known = edge_keys(finer.ends[count:], count)
         middle = count + np.searchsorted(known, edge_keys(self.guided, count))
         halves = np.stack([self.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
-        normals = np.repeat(self.normals, 2, axis=0)
-        return Supports(fixed, halves.reshape(-1, 2), normals, displacement, self.planes)
-
-    def close(self, pattern: Pattern) -> bool:
-        """Return whether a pressure can act: the skin is closed, or planes close it.
-
-        A free border is closed by a symmetry plane, or by a coordinate plane through the origin in
-        which it is fixed.
-        """
-        return bool((self._closing_planes(pattern)[0] >= 0).all())
-
-    def closure(self, pattern: Pattern) -> Closure:
-        """Return how planes close the free borders of a skin that they close.
-
-        Raises:
-            ParameterError: A border lies in two planes, or runs from one lid to another.
-        """
-        axis, position = self._closing_planes(pattern)
-        origin = self._origin
-        off = (axis >= 0) & (position != origin[axis])
-        lids = []
-        borders = np.full(len(pattern.points), -1)
-        for k, at in sorted(set(zip(axis[off].tolist(), position[off].tolist(), strict=True))):
-            edges = pattern.free_edges[off & (axis == k) & (position == at)]
-            for j, other in self.planes:
-                if (j, other) != (k, at) and self._held(pattern, j, other)[edges].all(axis=1).any():
-                    raise ParameterError(
-                        f"a free edge lies in both planes {'xyz'[k]} = {at:g} m and {'xyz'[j]} = "
-                        f"{other:g} m, so that what closes it is not unique. Move a plane."
-                    )
-            there = borders[edges]
-            if ((there >= 0) & (there != k)).any():
-                raise ParameterError(
-                    f"planes cut the skin on both sides along {'xyz'[k]} and along "
-                    f"{'xyz'[there[there >= 0].max()]}, and a border runs from the one to the "
-                    "other. Let one of the four planes be no symmetry plane: simulate more."
-                )
-            borders[edges] = k
-            lids.append((k, at))
-        numbers = pattern.edges.twins[pattern.edges.border, 0]
-        return Closure(
-            origin,
-            tuple(lids),
-            tuple(numbers[off & (axis == k) & (position == at)] for k, at in lids),
+        return Supports(
+            np.asarray(self.fixed[finer.ends].all(axis=1)),
+            halves.reshape(-1, 2),
+            np.repeat(self.normals, 2, axis=0),
+            displacement,
+            self.planes,
         )
 
-    def in_planes(self, pattern: Pattern) -> Bools:
-        """Return whether each vertex lies in `closure`'s plane across x, y or z, (n, 3).
-
-        Where edges are guided their normals decide, since a clamp may fix more components.
-        """
-        across = np.zeros(self.fixed.shape, dtype=bool)
-        lengths = np.linalg.norm(self.normals, axis=1)[:, None]
-        for k in range(2):
-            np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
-        guided = np.asarray(across.any(axis=1))[:, None]
-        held = [self._held(pattern, k, at) for k, at in enumerate(self._origin)]
-        return np.asarray(np.stack(held, axis=1) & (across | ~guided))
-
-    def in_symmetry_planes(self, pattern: Pattern) -> Bools:
-        """Return whether each vertex is held in a plane of `planes` across x, y or z, (n, 3)."""
-        found = np.zeros(self.fixed.shape, dtype=bool)
-        for axis, at in self.planes:
-            found[:, axis] |= self._held(pattern, axis, at)
-        return found
-
-    @property
-    def _origin(self) -> Floats:
-        """A point, (3,), in one plane across each axis that has planes: if possible at 0."""
-        origin = np.zeros(3)
-        for axis in range(3):
-            found = [at for k, at in self.planes if k == axis]
-            origin[axis] = min(found, key=abs, default=0.0)
-        return origin
-
-    def _closing_planes(self, pattern: Pattern) -> tuple[Ints, Floats]:
-        """Axis and coordinate of the plane that closes each free edge; axis −1 without one.
-
-        Planes through `_origin` come first: there nothing is missing from the volume.
-        """
-        ends, origin = pattern.free_edges, self._origin
-        axis = np.full(len(ends), -1)
-        position = np.zeros(len(ends))
-        planes = [*self.planes, *((k, 0.0) for k in range(3))]
-        for k, at in sorted(planes, key=lambda plane: plane[1] == origin[plane[0]]):
-            held = self._held(pattern, k, at)
-            # A sheet that lies in the plane as a whole encloses nothing with it.
-            inside = held[ends].all(axis=1) & ~held.all()
-            axis[inside], position[inside] = k, at
-        return axis, position
-
-    def _held(self, pattern: Pattern, axis: int, at: float) -> Bools:
-        """Whether each vertex is fixed in a plane, and stays there."""
-        rest = pattern.points[:, axis] - at
-        moved = rest if self.displacement is None else rest + self.displacement[:, axis]
-        near = FLAT * pattern.size
-        return np.asarray(self.fixed[:, axis] & (np.abs(rest) <= near) & (np.abs(moved) <= near))
-
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
-        """Check that no rigid motion of the assembled skin is left free.
+        """Check that these are supports of a pattern that leave no rigid motion free.
 
-        Args:
-            pattern: The pattern.
-            bends: Whether the sheet resists bending; guided edges do not act on a membrane.
-
-        Raises:
-            ParameterError: The supports are made for another pattern, guide an edge that is not
-                free, or leave a rigid motion.
+        Guided edges act where the sheet resists bending, not on a membrane.
         """
         points = pattern.points
         if self.fixed.shape != points.shape:
@@ -268,10 +146,7 @@ class Supports:
                 "Make the supports from its own pattern."
             )
         self._check_guides(pattern)
-        arm = (points - points.mean(axis=0)) / pattern.size
-        shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-        turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
-        motions = np.concatenate([shifts, turns], axis=2)[self.fixed]
+        motions = _rigid_motions(_arms(points, pattern.size))[self.fixed]
         if bends:  # a guided edge does not let the sheet turn about it
             along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
             guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
@@ -305,16 +180,26 @@ class Supports:
             )
 
 
-def require_displacement(displacement: Any, shape: tuple[int, ...]) -> Floats | None:
-    """Return a displacement of all assembled vertices as an array; None passes.
+def _is_plane(plane: Any) -> bool:
+    pair = isinstance(plane, list | tuple) and len(plane) == 2
+    return pair and plane[0] in (0, 1, 2) and is_number(plane[1])
 
-    Raises:
-        ParameterError: It does not fit, or is not finite.
-    """
-    if displacement is None:
-        return None
-    what = f"finite and of shape {shape}, in m, one row for each assembled vertex"
-    return checked_floats("displacement", displacement, what, shape)
+
+def _arms(points: Floats, size: float) -> Floats:
+    """Return points from their mean over a size, (n, 3)."""
+    return np.asarray((points - points.mean(axis=0)) / size)
+
+
+def _rigid_motions(arms: Floats) -> Floats:
+    """Return motions of points by three shifts and three turns, (n, 3, 6)."""
+    turns = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
+    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
+
+
+def _none_fixed(pattern: Pattern) -> Bools:
+    """Return that no component is fixed, (n, 3), of what is checked to be a pattern."""
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    return np.zeros((len(pattern.points), 3), dtype=bool)
 
 
 def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
@@ -325,11 +210,10 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
         ParameterError: `panels` is no list of names, or it is empty, so that the skin could move
             as a rigid body.
     """
-    require_kind("pattern", pattern, Pattern, "a Pattern")
+    fixed = _none_fixed(pattern)
     require_names("panels", panels)
     if not panels:
         raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     for name in panels:
         fixed[pattern.vertices_of(name)] = True
     return Supports(fixed)
@@ -346,7 +230,7 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
     Raises:
         ParameterError: The region holds no vertex, or `where` returns something else.
     """
-    require_kind("pattern", pattern, Pattern, "a Pattern")
+    fixed = _none_fixed(pattern)
     require_callable("where", where, "a function of the positions (n, 3)")
     inside = np.asarray(where(pattern.points.copy()))
     if inside.dtype != bool or inside.shape != (len(pattern.points),):
@@ -360,18 +244,14 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
             f"the region holds no vertex; the skin spans {low} to {high}, in m. Check its unit and "
             "its axes."
         )
-    return Supports(np.repeat(inside[:, None], 3, axis=1))
+    fixed[inside] = True
+    return Supports(fixed)
 
 
 def displace(
     pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
 ) -> Supports:
-    """Fix every vertex of the named panels in all components, moved by one vector.
-
-    Args:
-        pattern: The pattern.
-        panels: Names of the panels.
-        displacement: Displacement from the assembled positions, (3,), in m.
+    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions.
 
     Raises:
         PanelError: A panel of that name does not exist.
@@ -397,15 +277,14 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
         PanelError: There is no such panel.
         ParameterError: The vertices lie on a line.
     """
-    require_kind("pattern", pattern, Pattern, "a Pattern")
+    whole = _none_fixed(pattern)
     among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
-    arm = (pattern.points[among] - pattern.points[among].mean(axis=0)) / pattern.size
+    arm = _arms(pattern.points[among], pattern.size)
+    motions = _rigid_motions(arm)
     first = int(np.argmax(np.linalg.norm(arm, axis=1)))
     second = int(np.argmax(np.linalg.norm(arm - arm[first], axis=1)))
     third = int(np.argmax(np.linalg.norm(np.cross(arm - arm[first], arm[second] - arm[first]),
                                          axis=1)))  # fmt: skip
-    turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
-    motions = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
     best, chosen = 0.0, None
     for a, b, c in permutations((first, second, third)):
         for left_out, last in product(range(3), range(3)):
@@ -419,7 +298,6 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
             "the vertices to pin lie on a line, so that the skin could turn about it; give a panel "
             "that spans an area, or none."
         )
-    whole = np.zeros(pattern.points.shape, dtype=bool)
     whole[among] = chosen
     return Supports(whole)
 
@@ -439,12 +317,11 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
     Raises:
         ParameterError: No free edge lies in the plane.
     """
-    require_kind("pattern", pattern, Pattern, "a Pattern")
+    fixed = _none_fixed(pattern)
     if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
         raise ParameterError(f"axis = {shown(axis)} must be 0, 1 or 2, for x, y or z.")
     require_finite(at=at)
     border = half_edges(pattern.triangles)[plane_border(pattern, axis, at)]
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[border.ravel(), axis] = True
     normals = np.tile(np.eye(3)[axis], (len(border), 1))
     return Supports(fixed, border, normals, planes=((axis, float(at)),))
@@ -459,30 +336,24 @@ def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = Fal
         hinged: Whether seams carry no moment: the sheet turns freely at a cut that is a seam of
             the whole.
     """
-    supports = Supports(np.zeros((len(pattern.points), 3), dtype=bool))
+    supports = Supports(_none_fixed(pattern))
     for axis in axes:
         supports |= symmetry_plane(pattern, axis)
     if not hinged or not len(axes):
         return supports
     seams = mirrored(pattern, axes).pattern.seam_edges[: len(pattern.panel)]
-    triangles, count = pattern.triangles, len(pattern.points)
-    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
-    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[seams], count))
+    seam_ends, count = opposite_edges(pattern.triangles)[seams], len(pattern.points)
+    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(seam_ends, count))
     return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
 
 
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:
-    """Fix a part of the free border, and the direction of the sheet there.
-
-    Args:
-        pattern: The pattern.
-        vertices: Whether each assembled vertex is chosen, (n,): free edges between two chosen ones
-            are built in.
+    """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there.
 
     Raises:
         ParameterError: `vertices` does not fit, or no free edge lies between them.
     """
-    require_kind("pattern", pattern, Pattern, "a Pattern")
+    fixed = _none_fixed(pattern)
     vertices = np.asarray(vertices)
     if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
         raise ParameterError(
@@ -494,7 +365,6 @@ def build_in(pattern: Pattern, vertices: Bools) -> Supports:
         raise ParameterError("no free edge lies between the vertices to be built in.")
     ends = pattern.free_edges[chosen]
     border = pattern.edges.twins[pattern.edges.border[chosen], 0]
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[ends.ravel()] = True
     return Supports(fixed, ends, _inward_normals(pattern, border))
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, override
+from typing import override
 
-import basix.ufl
 import numpy as np
 from dolfinx import fem, la
 from mpi4py import MPI
@@ -16,9 +15,11 @@ from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.offset import coupling_energy
 from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space
 from toros_fem.mechanics.skin.hinges import Hinges, edge_angles, find_hinges
 from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
@@ -28,15 +29,6 @@ class Bend(Term):
 
     Attributes:
         hinges: Edges of the local triangles, and the nodes across them.
-
-    Args:
-        skin: The sewn skin.
-        composite: The two materials.
-        bending: Curvature formula, seams and rest shape.
-        supports: Edges that keep their direction.
-
-    Raises:
-        ParameterError: The assembled rest shape is folded flat somewhere.
     """
 
     def __init__(
@@ -50,16 +42,10 @@ class Bend(Term):
         if rotations:
             skin.mesh.topology.create_entities(1)
             self.unknowns = _rotations(skin, self.hinges)
-        self._edges = _coefficients(skin, self.hinges, rotations=rotations)
+        self.edges = _coefficients(skin, self.hinges, rotations=rotations)
         sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
-        stiffness = []
-        for material, offset in sheets:
-            per_modulus = material.thickness**3 / 12 + offset**2 * material.thickness
-            stiffness.append((per_modulus * material.mu, per_modulus * material.lam))
-        self._mu, self._lam = (
-            [fem.Constant(skin.mesh, value) for value in pair]
-            for pair in zip(*stiffness, strict=True)
-        )
+        moments = [m.thickness**3 / 12 + offset**2 * m.thickness for m, offset in sheets]
+        self._mu, self._lam = lame_constants(skin, composite, moments)
 
     @override
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
@@ -68,11 +54,7 @@ class Bend(Term):
     def folds(self, patch: Floats, angle: float) -> int:
         """Return how many hinges of owned triangles fold by more than an angle in rad.
 
-        Each edge inside the skin has two.
-
-        Args:
-            patch: Positions of their corners and flaps, (cells, 6, 3).
-            angle: The angle.
+        Each edge inside the skin has two. The patch has positions of corners and flaps, (n, 6, 3).
         """
         cells = slice(0, len(patch))
         inside = self.hinges.has_moment[cells] & ~self.hinges.mirror[cells].any(axis=2)
@@ -81,19 +63,12 @@ class Bend(Term):
 
 
 class OffsetPrint(Term):
-    """Print on one face of the fabric, whose stretch bends the sheet.
-
-    Args:
-        skin: The sewn skin.
-        composite: The two materials, and the side of the print.
-    """
+    """Print on one face of the fabric, whose stretch bends the sheet."""
 
     def __init__(self, skin: Skin, composite: Composite) -> None:
         strip = composite.reinforcement
         factor = strip.thickness * composite.eccentricity
-        self._mu, self._lam = (
-            fem.Constant(skin.mesh, factor * value) for value in (strip.mu, strip.lam)
-        )
+        self._mu, self._lam = constants(skin, factor * strip.mu, factor * strip.lam)
 
     @override
     def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
@@ -118,25 +93,22 @@ def _rotations(skin: Skin, hinges: Hinges) -> Unknowns:
 
 def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     """Return constants of the triangles' edges as coefficients, without those that are zero."""
-    element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
-    space = fem.functionspace(skin.mesh, element)
+    space = cell_space(skin, 3)
 
-    def coefficient(values: Floats) -> Any:
-        function = fem.Function(space)
-        function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
-        return function
+    def three(rows: Floats) -> list[fem.Function]:
+        return [cell_function(space, rows[:, i]) for i in range(3)]
 
     # Only owned triangles see all of their neighbours.
-    owned = slice(0, skin.mesh.topology.index_map(2).size_local)
+    owned = slice(0, len(skin.owned_cells))
     free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
     mirrored, shaped, freed = (
         skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
         for values in (hinges.mirror, hinges.rest, free)
     )
     return Edges(
-        tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
-        rests=coefficient(hinges.rest) if shaped else None,
-        turns=coefficient(hinges.rotation) if rotations else None,
-        mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
-        folds=coefficient(hinges.has_moment.astype(np.float64)) if freed else None,
+        tensors=three(hinges.tensors),
+        rests=cell_function(space, hinges.rest) if shaped else None,
+        turns=cell_function(space, hinges.rotation) if rotations else None,
+        mirrors=three(hinges.mirror) if mirrored else None,
+        folds=cell_function(space, hinges.has_moment.astype(np.float64)) if freed else None,
     )

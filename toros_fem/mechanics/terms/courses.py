@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import override
 
-import basix.ufl
 import numpy as np
-from dolfinx import fem
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -16,7 +14,9 @@ from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
 from toros_fem.forms.membrane import Logarithm
 from toros_fem.materials.sheet import Composite, Knit
+from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space
 from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.terms.constants import constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
@@ -27,11 +27,6 @@ class Courses(Term):
 
     The energy ½ k (|F d| − 1)² acts in every layer of the sheet: k h²/12 against bending.
 
-    Args:
-        skin: The sewn skin.
-        composite: Its fabric is the knit.
-        knit: Ratio of stiffnesses, and grain.
-
     Raises:
         ParameterError: A panel has no grain.
         PanelError: There is no panel of a name.
@@ -40,18 +35,12 @@ class Courses(Term):
 
     def __init__(self, skin: Skin, composite: Composite, knit: Knit) -> None:
         skin.pattern.require_flat_panels("the grain of a knit")
-        element = basix.ufl.element("DG", "triangle", 0, shape=(2,))
-        space = fem.functionspace(skin.mesh, element)
-        direction = fem.Function(space, name="courses")
         cell = skin.cell[skin.density_space.dofmap.list[:, 0]]
         twice = 2 * _grain(knit, skin.pattern)[skin.pattern.panel[cell]]
-        values = np.column_stack([np.cos(twice), np.sin(twice)])
-        direction.x.array.reshape(-1, 2)[space.dofmap.list[:, 0]] = values
+        directions = np.column_stack([np.cos(twice), np.sin(twice)])
+        direction = cell_function(cell_space(skin, 2), directions, "courses")
         self._stiffness, h = composite.course_stiffness, composite.fabric.thickness
-        k, bending = (
-            fem.Constant(skin.mesh, value)
-            for value in (self._stiffness, self._stiffness * h**2 / 12)
-        )
+        k, bending = constants(skin, self._stiffness, self._stiffness * h**2 / 12)
         self._family = Family(direction[0], direction[1], k, bending, 0.0)
 
     @override

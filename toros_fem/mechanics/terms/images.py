@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, override
 
-import basix.ufl
 import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.forms.periodic import placed
+from toros_fem.mechanics.skin.cell_functions import cell_space, set_cells
 from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -30,11 +30,6 @@ class Images(Term):
             F̄ over the tile's length, (cells, nodes, 2).
         images: Whether each node of the owned triangles is an image, (k, nodes).
         dofs: Local unknowns of F̄n and F̄t, (2, 3), on every rank.
-
-    Args:
-        skin: The tile's sewn skin.
-        periodic: The tile.
-        bends: Whether the triangles see flaps.
     """
 
     def __init__(self, skin: Skin, periodic: Periodic, *, bends: bool) -> None:
@@ -45,25 +40,20 @@ class Images(Term):
             wraps = np.concatenate([wraps, _wraps_of_flaps(skin, wraps)], axis=1)
         self._steps = (wraps @ tile.lattice) / periodic.length
         self.images: Bools = np.any(wraps[: len(skin.owned_cells)] != 0, axis=2)
-        space = fem.functionspace(skin.mesh, basix.ufl.element("DG", "triangle", 0, shape=(2,)))
-        self._row = space.dofmap.list[:, 0]
+        space = cell_space(skin, 2)
         self._coefficients: list[Any] = [fem.Function(space) for _ in range(wraps.shape[1])]
         self.shifts: Floats = np.zeros_like(self._steps)
         self.turn(0.0)
         columns = np.tile(np.arange(2, dtype=np.int32), (len(wraps), 1))
-        self.unknowns = Unknowns(
-            blocks_of_first_rank(skin.comm, 2),
-            np.array(periodic.prescribed).T,
-            columns,
-            placed=True,
-        )
+        blocks, fixed = blocks_of_first_rank(skin.comm, 2), np.array(periodic.prescribed).T
+        self.unknowns = Unknowns(blocks, fixed, columns, placed=True)
 
     def turn(self, angle: float) -> None:
         """Set the angle in rad between n and the first axis of the flat sheet."""
         c, s = np.cos(angle), np.sin(angle)
         self.shifts = self._steps @ np.array([[c, -s], [s, c]])
         for k, coefficient in enumerate(self._coefficients):
-            coefficient.x.array.reshape(-1, 2)[self._row] = self.shifts[:, k]
+            set_cells(coefficient, self.shifts[:, k])
 
     @override
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:

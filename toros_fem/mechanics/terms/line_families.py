@@ -15,6 +15,7 @@ from toros_fem.forms.membrane import Logarithm
 from toros_fem.forms.offset import coupling_of_lines
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
+from toros_fem.mechanics.terms.constants import constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
@@ -24,20 +25,14 @@ class LineFamilies(Term):
 
     Along them they have the print's stiffness E h, and E h³/12 against bending, about the fabric's
     middle if the print lies on one face; against twist they have G h³/3.
-
-    Args:
-        skin: The sewn skin.
-        composite: Lines are made of its reinforcement.
-        design: Their shares and directions.
     """
 
     def __init__(self, skin: Skin, composite: Composite, design: LineDesign) -> None:
         strip, offset = composite.reinforcement, composite.eccentricity
         h = strip.thickness
         bending = strip.young * h**3 / 12 + offset**2 * h * strip.young
-        self._modulus = composite.reinforcement.membrane_stiffness
-        values = (strip.young * h, bending, strip.mu * h**3 / 3)
-        self._stiffness = [fem.Constant(skin.mesh, value) for value in values]
+        self._modulus = strip.membrane_stiffness
+        self._stiffness = constants(skin, strip.young * h, bending, strip.mu * h**3 / 3)
         self._offset = None if composite.print_side is None else fem.Constant(skin.mesh, offset)
 
     def _families(self, t: Triangle) -> list[Family]:

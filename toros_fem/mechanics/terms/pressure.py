@@ -12,9 +12,10 @@ from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.forms.jets import Jet
 from toros_fem.forms.kinematics import Triangle, flat_area
 from toros_fem.forms.pressure import enclosed_volume
-from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, find_lids, find_walls
+from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, positions
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.term import PotentialTerm
 from toros_fem.meshes.skin import Skin
@@ -29,29 +30,25 @@ class Pressure(PotentialTerm):
     entries of the unknowns that it owns.
 
     Attributes:
-        chambers: As given.
+        chambers: As given; None for one.
         values: Pressure of each chamber in Pa, (k,).
-
-    Args:
-        skin: The sewn skin.
-        supports: Fixed components and symmetry planes.
-        chambers: None for one.
     """
 
-    def __init__(self, skin: Skin, supports: Supports, chambers: Chambers | None) -> None:
+    def __init__(
+        self, skin: Skin, supports: Supports, planes: Planes, chambers: Chambers | None
+    ) -> None:
         pattern = skin.pattern
         self._skin, self.chambers, self._supports = skin, chambers, supports
         self.values: Floats = np.zeros(1 if chambers is None else chambers.count)
-        # The cones of eq. (7) are taken from a point in the symmetry planes.
-        self._origin = supports.closure(pattern).origin
-        lids = find_lids(pattern, chambers, supports)
-        self._walls: list[Wall | Lid] = [*lids]
+        self._walls = find_lids(pattern, chambers, planes)
         if chambers is None:
             self._pressure: Any = fem.Constant(skin.mesh, 0.0)
         else:
             self._pressure = fem.Function(skin.density_space, name="pressure")
-            self._walls = [*find_walls(pattern, chambers, supports), *lids]
+            self._walls = find_walls(pattern, chambers, planes) + self._walls
             self._of_cell = chambers.of_cell[skin.cell]
+        # The cones of eq. (7) are taken from a point in the symmetry planes.
+        self._origin = planes.origin
         self._point = fem.Constant(skin.mesh, self._origin) if self._origin.any() else None
         if self._walls:
             vertices = np.unique(np.concatenate([wall.vertices for wall in self._walls]))
@@ -69,17 +66,15 @@ class Pressure(PotentialTerm):
 
     @override
     def number(self, patch: Patch, dofs: LocalInts) -> None:
-        if self._walls:
-            self._set_entries(patch.numbers, self._supports)
-
-    def _set_entries(self, numbers: Ints, supports: Supports) -> None:
-        whole = self._summed(numbers[self._own].astype(np.float64)).astype(np.int64)
+        self._entries: list[tuple[Ints, Ints]] = []
+        if not self._walls:
+            return
+        whole = self._summed(patch.numbers[self._own].astype(np.float64)).astype(np.int64)
         owned = np.zeros(len(self._vertices), dtype=bool)
         owned[self._place] = True
-        self._entries = []
-        pairs = [self.pairs]
+        pairs = []
         for wall, at in zip(self._walls, self._at, strict=True):
-            free = ~supports.fixed[wall.vertices].ravel()
+            free = ~self._supports.fixed[wall.vertices].ravel()
             number, mine = whole[at].ravel(), np.repeat(owned[at], 3) & free
             linked = np.repeat(np.repeat(wall.linked, 3, axis=0), 3, axis=1)
             upper = linked & (number[:, None] <= number[None, :])
@@ -103,8 +98,15 @@ class Pressure(PotentialTerm):
 
     @override
     def entries(self, x: Floats, *, definite: bool) -> Floats:
-        found = self._wall_tangent(x)
-        return np.zeros_like(found) if definite else found
+        if definite or not self._walls:
+            return np.zeros(self.pairs.shape[1])
+        parts = [
+            -jump * wall.hessian(places, *entries)
+            for (wall, _, places, jump), entries in zip(
+                self._placed(x, self.values), self._entries, strict=True
+            )
+        ]
+        return np.concatenate(parts)
 
     @override
     def add_applied(self, x: Floats, out: Floats) -> None:
@@ -135,49 +137,38 @@ class Pressure(PotentialTerm):
         return out
 
     def _wall_volume(self, x: Floats, weights: Floats) -> float:
-        if not self._walls:
-            return 0.0
-        places = self._spread(x)
-        parts = zip(self._walls, self._at, self._jumps(weights), strict=True)
-        return float(sum(jump * wall.volume(places[at]) for wall, at, jump in parts))
+        placed = self._placed(x, weights)
+        return float(sum(jump * wall.volume(places) for wall, _, places, jump in placed))
 
     def _wall_gradient(self, x: Floats, weights: Floats) -> Floats:
         """Return it at the owned nodes, (n, 3)."""
         out = np.zeros_like(positions(self._skin, x))
         if self._walls:
-            places = self._spread(x)
-            whole = np.zeros_like(places)
-            for wall, at, jump in zip(self._walls, self._at, self._jumps(weights), strict=True):
-                np.add.at(whole, at, jump * wall.gradient(places[at]))
+            whole = np.zeros((len(self._vertices), 3))
+            for wall, at, places, jump in self._placed(x, weights):
+                np.add.at(whole, at, jump * wall.gradient(places))
             out[self._own] = whole[self._place]
         return out
 
-    def _wall_tangent(self, x: Floats) -> Floats:
-        """Return the walls' entries of the second variation of −Σ P V at `pairs`, in N/m."""
-        if not self._walls:
-            return np.zeros(0)
-        places = self._spread(x)
-        parts: list[Floats] = [np.zeros(0)]
-        for wall, at, jump, (rows, columns) in zip(
-            self._walls, self._at, self._jumps(self.values), self._entries, strict=True
-        ):
-            parts.append(-jump * wall.hessian(places[at])[rows, columns])
-        return np.concatenate(parts)
+    def _placed(self, x: Floats, weights: Floats) -> list[tuple[Fan, Ints, Floats, float]]:
+        """Each wall, its vertices among `_vertices`, their places, and the weights' jump across it.
 
-    def _jumps(self, weights: Floats) -> list[float]:
-        """Jump of a weight across each wall, which lies against its first side's triangles."""
-        both = np.append(weights, 0.0)  # the last is that of the outside
-        return [float(both[wall.sides[1]] - both[wall.sides[0]]) for wall in self._walls]
+        A wall lies against the triangles of its first side. Outside the skin the weight is 0.
+        """
+        if not self._walls:
+            return []
+        places = self._summed(positions(self._skin, x)[self._own]) - self._origin
+        both = np.append(weights, 0.0)
+        return [
+            (wall, at, places[at], float(both[wall.sides[1]] - both[wall.sides[0]]))
+            for wall, at in zip(self._walls, self._at, strict=True)
+        ]
 
     def _set(self, values: Floats) -> None:
         if self.chambers is None:
             self._pressure.value = values[0]
         else:
             self._pressure.x.array[:] = values[self._of_cell]
-
-    def _spread(self, x: Floats) -> Floats:
-        """Positions of the walls' vertices from the origin, (u, 3), on all ranks."""
-        return self._summed(positions(self._skin, x)[self._own]) - self._origin
 
     def _summed(self, own: Floats) -> Floats:
         """Rows of the walls' vertices, (u, 3), on all ranks, from those this rank owns."""

@@ -1,52 +1,41 @@
-"""Membrane energy of fabric and print, eqs. (1-3), or its relaxation by wrinkles."""
+"""Membrane energy of fabric and print, eqs. (1-3), relaxed by wrinkles, and of a bladder."""
 
 from __future__ import annotations
 
 from typing import Any, override
 
-import numpy as np
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats
 from toros_fem.forms.energy import LoadForms, SkinForms
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.membrane import Logarithm, barrier
+from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
 from toros_fem.forms.tension_field import relaxed
-from toros_fem.materials.sheet import Composite
+from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
+from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 
 class Sheet(Term):
-    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
-
-    Args:
-        skin: The sewn skin.
-        composite: The two materials and the stretch bounds.
-        design: Densities between them.
-    """
+    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds."""
 
     bounds: StretchBounds
 
     def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
-        fabric, strip = composite.fabric, composite.reinforcement
-        self._ends = [(m.thickness * m.mu, m.thickness * m.lam) for m in (fabric, strip)]
-        domain = skin.mesh
-        self._mu, self._lam = (
-            [fem.Constant(domain, value) for value in pair]
-            for pair in zip(*self._ends, strict=True)
-        )
+        thicknesses = composite.fabric.thickness, composite.reinforcement.thickness
+        self._mu, self._lam = lame_constants(skin, composite, thicknesses)
         # Owned triangles come first in the mesh, each with flat corners of its own.
-        owned = domain.topology.index_map(2).size_local
-        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
+        owned = len(skin.owned_cells)
+        flat = skin.mesh.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
         self._limits: tuple[Any, Any]
         if composite.shares_bounds:
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
             self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
-            c1, c2 = (fem.Constant(domain, value) for value in shared)
+            c1, c2 = constants(skin, *shared)
             self._limits = c1, c2
         else:
             self.bounds = MixedBounds(design.density, flat, composite)
@@ -72,7 +61,8 @@ class Sheet(Term):
 
     @override
     def moduli(self, design: Densities) -> Floats | float:
-        return np.asarray(design.mix(*(2 * mu + lam for mu, lam in self._ends)))
+        both = zip(self._mu, self._lam, strict=True)
+        return design.mix(*(2 * float(mu.value) + float(lam.value) for mu, lam in both))
 
 
 class TensionSheet(Sheet):
@@ -85,3 +75,19 @@ class TensionSheet(Sheet):
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
         return relaxed(e, *self._law(t), self._residual, log)
+
+
+class RubberLayer(Term):
+    """Neo-Hookean energy of a bladder that stretches with the fabric."""
+
+    def __init__(self, skin: Skin, bladder: Bladder) -> None:
+        self._stiffness = bladder.membrane_stiffness
+        self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return neo_hooke(e, self._mu)
+
+    @override
+    def moduli(self, design: Densities) -> Floats | float:
+        return 4 / 3 * self._stiffness  # μ = E/3, λ = 2 μ

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, override
 
 import numpy as np
@@ -10,11 +10,7 @@ from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.compiled_forms import assembled, compiled
-from toros_fem.forms.bending import Edges
 from toros_fem.forms.energy import EnergyTerm, LoadForms, SkinForms
-from toros_fem.forms.jets import Jet, Scalar
-from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.membrane import Logarithm
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns
@@ -24,10 +20,10 @@ from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 class Term(EnergyTerm):
     """A term of a skin's energy; each method adds nothing where a term does not define it.
 
-    Most terms are a law in UFL and nothing else: `of_strain`, `of_curvature`, `of_both` or
-    `of_place`, as `forms.energy.EnergyTerm` says, and `moduli` if it stretches. What UFL cannot say
-    a term states as `energy`, `add_gradient` and `entries`, on x, the owned unknowns of a state, to
-    which the model has been set. Methods on x are collective.
+    Most terms are a law in UFL and nothing else, one of those of `forms.energy.EnergyTerm`, and
+    `moduli` if it stretches. What UFL cannot say a term states as `energy`, `add_gradient` and
+    `entries`, on x, the owned unknowns of a state, to which the model has been set. Methods on x
+    are collective.
 
     Attributes:
         bounds: Stretch bounds, of the term that has them.
@@ -40,34 +36,6 @@ class Term(EnergyTerm):
     unknowns: Unknowns | None = None
     pairs: Ints = np.zeros((2, 0), dtype=np.int64)
     generation: int = 0
-    _edges: Edges | None = None
-
-    # A law.
-
-    @property
-    @override
-    def edges(self) -> Edges | None:
-        return self._edges
-
-    @override
-    def place(self, patch: Sequence[Any]) -> Sequence[Any]:
-        return patch
-
-    @override
-    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        return 0
-
-    @override
-    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
-        return 0
-
-    @override
-    def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
-        return 0
-
-    @override
-    def of_place(self, t: Triangle) -> Jet | None:
-        return None
 
     # What it follows.
 
@@ -101,7 +69,7 @@ class Term(EnergyTerm):
 
     def entries(self, x: Floats, *, definite: bool) -> Floats:
         """Return its second variation at `pairs` in N/m, or a positive semidefinite part."""
-        return np.zeros(0)
+        return np.zeros(self.pairs.shape[1])
 
     def grow(self, x: Floats) -> None:
         """Let `pairs` cover what acts at a state."""
@@ -134,12 +102,13 @@ class PotentialTerm(Term):
         assert load is not None
         self._load, self._work = load, work
         self._variation = compiled(load.variation)
-        self._potential: Any = None  # compiled when it is asked for
+
+    @cached_property
+    def _potential(self) -> Any:
+        return compiled(self._load.potential)
 
     def potential(self) -> float:
         """Return its potential on this rank's triangles in J."""
-        if self._potential is None:
-            self._potential = compiled(self._load.potential)
         return float(fem.assemble_scalar(self._potential))
 
     def variation(self) -> Floats:

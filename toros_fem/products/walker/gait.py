@@ -21,6 +21,7 @@ from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.mirror import Mirrored
@@ -214,7 +215,8 @@ def flat_on_ground(
         Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
         ground that the lowest of them nearly touch.
     """
-    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
+    planes = Planes(pattern, supports).through_origin()
+    start = on_first_rank(comm, lambda: opened(pattern, sizes, planes))
     return start, float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
 
 
