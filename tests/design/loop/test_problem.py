@@ -19,7 +19,7 @@ def test_a_completed_trial_has_the_exact_gradient(
     short_tube: Skin, alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Trials with inexact Newton steps, completed, then differentiated."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.newton.KRYLOV_COST", 0.3)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
     solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     problem = dataclasses.replace(full(short_tube, solver), perimeter=None, perimeter_weight=None)
     density = random_density(short_tube, 2, spread=0.3)

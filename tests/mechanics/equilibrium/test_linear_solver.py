@@ -15,7 +15,6 @@ from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, sew
 
@@ -116,7 +115,7 @@ def test_product_and_old_factors(comm: MPI.Comm, tube: Skin) -> None:
     assert factor.count == count
 
 
-def test_without_the_direct_calls_petsc_factorises(
+def test_without_cholmod_mumps_factorises(
     comm: MPI.Comm, tube: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where CHOLMOD's header is missing, or too many unknowns lie between the parts."""
@@ -130,8 +129,7 @@ def test_without_the_direct_calls_petsc_factorises(
     third = TangentFactor(model)
     where = "one rank" if comm.size == 1 else f"{comm.size} ranks"
     assert own.describe().startswith(f"CHOLMOD on {where}")
-    package = "CHOLMOD" if comm.size == 1 else "MUMPS"
-    assert other.describe().startswith(f"{package} through PETSc on {where}")
+    assert other.describe().startswith(f"MUMPS through PETSc on {where}")
     assert third.describe() == other.describe()
     solutions = []
     for factor in (own, other):
@@ -139,17 +137,6 @@ def test_without_the_direct_calls_petsc_factorises(
         assert factor.factorise(1.0)
         solutions.append(factor.solve(drawn(model, 2)))
     assert norm(comm, solutions[1] - solutions[0]) < 1e-9 * norm(comm, solutions[0])
-
-
-def test_a_matrix_that_is_not_positive_is_no_error(
-    alone: MPI.Comm, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Through PETSc too: such tangents are expected, and nothing is printed."""
-    upper = np.array([0, 2, 4, 5], np.int32), np.array([0, 1, 1, 2, 2], np.int32)
-    factor = PetscFactor(alone, "cholmod", *upper)
-    assert not factor.factorise(np.array([1.0, 2.0, 1.0, 0.0, 1.0]))
-    assert factor.factorise(np.array([1.0, 0.5, 1.0, 0.0, 1.0]))
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(("text", "threads"), [("", 1), ("2", 2), ("4,2", 4), ("0", 1), ("x", 1)])

@@ -38,7 +38,7 @@ def test_older_factors_take_the_place_of_factorisations(
     short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On large skins; here as many iterations are allowed as there."""
-    monkeypatch.setattr("toros_fem.mechanics.equilibrium.newton.KRYLOV_COST", 0.3)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
     solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     rng = np.random.default_rng(1)
     base = (0.5 + 0.3 * rng.random(len(short_tube.pattern.panel)))[short_tube.owned_cells]

@@ -59,8 +59,6 @@ class Doctor(Command):
 def _environment(comm: MPI.Comm) -> dict[str, Any]:
     from petsc4py import PETSc
 
-    from toros_fem.mechanics.equilibrium.petsc_factor import has_cholmod
-
     known = versions()
     system = known.pop("platform")
     library = MPI.Get_library_version().strip("\x00").splitlines()[0].strip()
@@ -76,10 +74,7 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         "cores": _cores(),
         "memory_gib": memory_gib(),
         "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
-        "solvers": {
-            "mumps": PETSc.Sys.hasExternalPackage("mumps"),
-            "cholmod, through PETSc": has_cholmod(),
-        },
+        "solvers": {"mumps": PETSc.Sys.hasExternalPackage("mumps")},
         "orderings": mumps_orderings(),
         "compiler": shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc"),
         # Compiled forms, and the compiled calls of CHOLMOD.
@@ -101,7 +96,7 @@ def mumps_orderings() -> dict[str, bool]:
     from petsc4py import PETSc
     from scipy.sparse import diags
 
-    from toros_fem.mechanics.equilibrium.petsc_factor import ORDERINGS
+    from toros_fem.mechanics.equilibrium.mumps import ORDERINGS
 
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return {}

@@ -14,7 +14,7 @@ from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.skin_contact import FALLEN
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
-from toros_fem.mechanics.equilibrium.newton import STAGNATED
+from toros_fem.mechanics.equilibrium.iteration import STAGNATED
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
 

@@ -14,7 +14,7 @@ from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium import cholmod
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
 from toros_fem.mechanics.equilibrium.full_tangent import FullTangent
-from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor, has_cholmod
+from toros_fem.mechanics.equilibrium.mumps import MumpsFactor
 from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
 # Fraction of the diagonal that is added to M.
@@ -63,7 +63,7 @@ class TangentFactor:
         self.scale: Floats = np.zeros(model.size_local)
         self._make_entries()
         self._state, self._has_material = model.assembled, False
-        self._factors: CondensedFactor | PetscFactor = self._choose()
+        self._factors: CondensedFactor | MumpsFactor = self._choose()
         self._outgrown = False
         self.ordering = getattr(self._factors, "ordering", None)
 
@@ -78,7 +78,7 @@ class TangentFactor:
         self._touches = False
         self.values: Floats = self._exact
 
-    def _choose(self) -> CondensedFactor | PetscFactor:
+    def _choose(self) -> CondensedFactor | MumpsFactor:
         comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
         wanted = PETSc.Options(PREFIX).getString("pc_factor_mat_solver_type", "")
         self.package = wanted or "cholmod"
@@ -91,17 +91,15 @@ class TangentFactor:
                 partition = find_partition(comm, module, *pattern, threads=threads)
             if len(partition.interface) <= LARGEST_INTERFACE:
                 return CondensedFactor(comm, module, *pattern, partition)
-        if not wanted and (comm.size > 1 or not has_cholmod()):
-            self.package = "mumps"
-        return PetscFactor(comm, self.package, *pattern)
+        self.package = "mumps"
+        return MumpsFactor(comm, *pattern)
 
     def describe(self) -> str:
         """Return what factorises, on which ranks or threads, for reports and logs."""
         ranks = self._model.skin.comm.size
         where = f"{ranks} ranks" if ranks > 1 else "one rank"
-        if isinstance(self._factors, PetscFactor):
-            ordering = f", ordering {self.ordering}" if self.ordering else ""
-            return f"{self.package.upper()} through PETSc on {where}{ordering}"
+        if isinstance(self._factors, MumpsFactor):
+            return f"MUMPS through PETSc on {where}, ordering {self.ordering}"
         parts, met = self._factors.parts, len(self._factors.interface)
         threads = f" with {parts} threads" if ranks == 1 and parts > 1 else ""
         joined = f", {parts} parts that meet at {met} unknowns" if parts > 1 else ""
@@ -157,7 +155,7 @@ class TangentFactor:
         return self._full.matrix
 
     def couple(self, state: Floats | None) -> None:
-        """Add the derivative of friction by normal forces at a state to `matrix`; None takes it off.
+        """Add the derivative of friction by normal forces to `matrix`; None takes it off.
 
         It is not symmetric.
         """

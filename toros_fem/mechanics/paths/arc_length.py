@@ -16,8 +16,8 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
-from toros_fem.mechanics.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
-from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
+from toros_fem.mechanics.equilibrium.iteration import RESOLVED, STAGNATED, STUCK, UNRESOLVED
+from toros_fem.mechanics.equilibrium.mumps import MumpsFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load
@@ -333,7 +333,7 @@ class _ArcLength:
         self._tangent = UpperTangent(self._model)
         self._entries: Floats = np.zeros(len(self._tangent.columns))
         pattern = self._tangent.indptr, self._tangent.columns
-        self._factors = PetscFactor(self._comm, "mumps", *pattern)
+        self._factors = MumpsFactor(self._comm, *pattern)
 
     def _factorise(self, state: Floats) -> int:
         """Factorise the tangent at a state; return the number of its negative eigenvalues."""

@@ -1,0 +1,165 @@
+"""One solve for an equilibrium: where it is, its limits, its history."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import dot, norm
+from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.equilibrium.points import Point, Points
+from toros_fem.mechanics.equilibrium.shift import ShiftLadder
+
+# If rounding keeps every step from lowering the energy, this residual over the load is enough.
+STAGNATED = 1e-8
+# Or this one, where Newton's full step leaves the fraction STUCK of it and moves nothing further
+# than the fraction RESOLVED of the skin's size.
+UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
+
+
+class Iteration:
+    """What the hooks of a SNES share.
+
+    Attributes:
+        model: The skin's model, at the load and density that are set.
+        factor, ladder: Its tangent and the shift of that.
+        points: Energies and residuals of the last states.
+        history: Rows of the solve.
+        base: Begin of the step.
+        reference: Applied load there in N, by which residuals are measured.
+        rounding: Change of the energy in J that rounding may hide.
+        tolerance: Residual over the load at which a state is an equilibrium.
+        finish: Whether the tangent there must be positive definite; `proven` tells if it is.
+        kind: Of the step, as in `NewtonStep`.
+        step: Newton's step as far as the bounds allow it, `cap` this part of it, and `longest` its
+            largest component in m.
+        iterations: Krylov iterations of the step.
+        rate: Fraction of the residual that a modified step would leave.
+        predict: Whether the next step may be a modified one from the start; `first` whether this
+            one is.
+        escapes: Number of saddles that were left.
+
+    Args:
+        model: The skin's model.
+        fraction_to_barrier: Part of the distance to the stretch bounds that a step may use up.
+        log: Called with every row of the history as it comes.
+    """
+
+    def __init__(
+        self,
+        model: SkinModel,
+        fraction_to_barrier: float,
+        log: Callable[[NewtonStep], None] | None,
+    ) -> None:
+        self.model, self.comm = model, model.skin.comm
+        self._fraction, self._log = fraction_to_barrier, log
+        self.factor = TangentFactor(model)
+        self.ladder = ShiftLadder(self.factor)
+        self.points = Points(model)
+        self.history: list[NewtonStep] = []
+        self._stiffness, self._clock = 0.0, 0.0
+        self.base: Point
+
+    def forget(self, *, near: bool) -> None:
+        """Begin a solve, near the last one or not; its runs share a history (collective)."""
+        self.history = []
+        self._stiffness, self._clock = 0.0, time.perf_counter()
+        self.ladder.reset(near=near)
+
+    def begin(self, start: Floats, tolerance: float, *, finish: bool, predict: bool) -> bool:
+        """Begin a run of the SNES; return whether the start is admissible (collective)."""
+        model = self.model
+        self.lag(start)
+        self.base = self.points.at(start)
+        crossed = model.contact is not None and model.contact.crossed(start)
+        self.tolerance, self.finish, self.predict = tolerance, finish, predict
+        self.kind, self.first, self.proven = "newton", False, False
+        self.step: Floats | None = None
+        self.rate, self.cap, self.longest = np.inf, 1.0, np.inf
+        self.iterations = self.escapes = 0
+        if not np.isfinite(self.base.energy) or crossed:
+            return False
+        self.rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
+        self.reference = self.load_at(start)
+        return True
+
+    @property
+    def residual(self) -> float:
+        """Residual over the load at the begin of the step."""
+        return self.base.size / self.reference
+
+    @property
+    def exact(self) -> bool:
+        """Whether the step is Newton's own: with factors of this state, without a shift."""
+        return self.kind == "newton" and self.ladder.shift == 0
+
+    def load_at(self, state: Floats) -> float:
+        """Return the norm of the applied load in N, by which residuals are measured (collective).
+
+        Where supports move, or without any load, it is that of their reaction. Without any
+        reaction it is the force of a strain of 1e-4.
+        """
+        model = self.model
+        load = norm(self.comm, model.applied_load(state))
+        if load > 0 and model.load.displacement is None:
+            return load
+        reaction = norm(self.comm, model.reaction(state))
+        if load > 0:
+            return max(load, reaction)
+        area = float(model.skin.pattern.areas.sum())
+        return max(1e-4 * model.mean_modulus() * area**0.5, reaction)
+
+    def assemble(self, state: Floats) -> None:
+        """Assemble the tangent at a state."""
+        self.factor.assemble(state)
+        self._stiffness = norm(self.comm, self.factor.scale)
+
+    def stable(self, state: Floats) -> bool:
+        """Return whether the tangent at a state is positive definite; leaves it factorised."""
+        self.assemble(state)
+        return self.factor.factorise()
+
+    def change(self, state: Floats) -> float:
+        """Return the change of the energy in J since the begin of the step."""
+        change = self.points.energy(state) - self.base.energy
+        if not np.isfinite(change) or (abs(change) > self.rounding and self.residual > UNRESOLVED):
+            return change
+        mean_force = (self.points.residual(state) + self.base.residual) / 2
+        return dot(self.comm, mean_force, state - self.base.state)
+
+    def cap_of(self, state: Floats, step: Floats) -> float:
+        """Return the part of a step that stretch bounds and contact allow."""
+        return self.model.largest_step(state, step, self._fraction)
+
+    def lag(self, state: Floats) -> None:
+        """Let friction have the normal forces of a state; energy and residual are by these."""
+        self.points.forget()
+        if self.model.contact is not None:
+            self.model.contact.lag_friction(state)
+
+    def record(self, kind: str, step: float) -> None:
+        """Add a row to the history: the step from the base, and the part of it that was taken."""
+        now = time.perf_counter()
+        row = NewtonStep(
+            self.model.load.largest,
+            self.residual,
+            self.base.energy,
+            self.ladder.shift if kind == "newton" else 0.0,
+            step,
+            kind,
+            self.iterations,
+            now - self._clock,
+        )
+        self._clock = now
+        self.history.append(row)
+        if self._log is not None:
+            self._log(row)
+
+    def force_rounding(self) -> float:
+        """Return the norm in N by which rounded positions may change the residual."""
+        return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness

@@ -1,0 +1,207 @@
+"""The end of a step: correction, proof of stability, and the way off a saddle."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from toros_fem.base.mpi import dot
+from toros_fem.mechanics.equilibrium.direction import Direction
+from toros_fem.mechanics.equilibrium.iteration import (
+    RESOLVED,
+    STAGNATED,
+    STUCK,
+    UNRESOLVED,
+    Iteration,
+)
+from toros_fem.mechanics.equilibrium.points import Point
+from toros_fem.mechanics.equilibrium.saddle import softest_mode
+
+# A step that leaves more of the residual than this fraction is corrected, so that the stiff parts
+# relax.
+RELAXED = 0.1
+CORRECTIONS = 2
+# With friction, a step that leaves more of the residual than the fraction OVERSHOT may be halved.
+OVERSHOT = 0.7
+# Number of saddles that a solve leaves before it gives up, and the least part of a mode.
+ESCAPES, SMALLEST_ESCAPE = 10, 1e-10
+
+Reason = PETSc.SNES.ConvergedReason
+
+
+class Landing:
+    """The convergence test of the SNES, and what it does to the state before.
+
+    Args:
+        at: The solve.
+        direction: How its steps were found.
+        snes: With its options.
+    """
+
+    def __init__(self, at: Iteration, direction: Direction, snes: PETSc.SNES) -> None:
+        self.at, self._direction, self._snes = at, direction, snes
+        self._own = snes.getType() == PETSc.SNES.Type.NEWTONLS
+        self._absolute = snes.getTolerances()[1]
+
+    def end_step(self, snes: PETSc.SNES, count: int, norms: tuple[float, float, float]) -> int:
+        """Correct the state that the line search found, and test it.
+
+        petsc4py 3.22 has no post-check of the line search, where PETSc would change a state.
+        """
+        at, x = self.at, snes.getSolution()
+        found = point = at.points.at(x.array_r)
+        if not np.isfinite(point.size):
+            return int(Reason.DIVERGED_FNORM_NAN)
+        outcome = None
+        if count > 0 and self._own:
+            outcome, point = self._advance(point)
+        elif count > 0:
+            at.record("newton", 1.0)
+        at.base = point
+        if outcome is None:
+            outcome = self._judge(count)
+        if at.base is not found:
+            x.array[:] = at.base.state
+            snes.getFunction()[0].array[:] = at.base.residual
+            snes.setFunctionNorm(at.base.size)
+        return outcome
+
+    def _advance(self, found: Point) -> tuple[int | None, Point]:
+        """Return why the solve ends, or None, and the point from which it goes on."""
+        at, base = self.at, self.at.base
+        moved = not at.points.same(found.state, base.state)
+        fraction = 0.0
+        if moved and at.step is not None:
+            along = dot(at.comm, base.state - found.state, at.step)
+            fraction = at.cap * round(along / dot(at.comm, at.step, at.step), 9)
+        whole = fraction == 1.0 and at.exact
+        if self._stuck(found.size if fraction == 1.0 else np.inf):
+            at.proven = True  # K is factorised there, unshifted
+            at.record("end", 0.0)
+            return int(Reason.CONVERGED_SNORM_RELATIVE), base
+        at.record(at.kind, fraction)
+        if not moved:
+            return self._refused(), base
+        new = found
+        if at.kind == "cg" and at.residual <= UNRESOLVED and new.size > STUCK * base.size:
+            at.factor.usable = False  # only the exact direction tells rounding
+        if at.kind in ("newton", "cg"):
+            new = self._correct(base, new, fraction)
+        if at.kind != "coupled":
+            new = self._lagged(new, base if fraction == 1.0 else None)
+        # Newton's residual falls quadratically; that of a modified step by twice this factor.
+        if whole or at.kind == "modified":
+            at.rate = (2 if whole else 1) * new.size / base.size
+        return None, new
+
+    def _refused(self) -> int | None:
+        """Return why the solve ends where a step was refused; None if it goes on."""
+        at = self.at
+        if at.kind != "newton":  # rounding, or a barrier that needs the exact direction
+            at.factor.usable = False
+            if at.kind == "coupled":
+                at.lag(at.base.state)
+            return None
+        if at.residual <= STAGNATED and at.stable(at.base.state):
+            at.proven = True
+            return int(Reason.CONVERGED_SNORM_RELATIVE)
+        if at.ladder.exhausted:
+            return int(Reason.DIVERGED_LINE_SEARCH)
+        at.ladder.enlarge()
+        return None
+
+    def _judge(self, count: int) -> int:
+        """Return PETSc's reason at the point from which a step would begin."""
+        at = self.at
+        if at.base.size <= 10 * max(at.tolerance, STAGNATED) * at.reference:
+            at.reference = at.load_at(at.base.state)
+        size = at.base.size
+        if size <= max(at.tolerance * at.reference, self._floor(), self._absolute):
+            at.proven = at.finish and at.stable(at.base.state)
+            if at.proven or not at.finish or not self._own:
+                at.record("end", 0.0)
+                return int(Reason.CONVERGED_FNORM_RELATIVE)
+            if at.escapes == ESCAPES:
+                return int(Reason.DIVERGED_INNER)
+            at.base = self._escape(at.base)
+        contact = at.model.contact
+        if contact is not None and contact.falls(at.base.state):
+            return int(Reason.DIVERGED_DTOL)
+        if count >= self._snes.getTolerances()[3]:
+            return int(Reason.DIVERGED_MAX_IT)
+        return int(Reason.ITERATING)
+
+    def _floor(self) -> float:
+        """Return the residual's norm by rounding of the positions alone, once K is known.
+
+        Close to the stretch bounds it would exceed any load, so that it is limited.
+        """
+        at = self.at
+        return min(at.force_rounding(), STAGNATED * at.reference)
+
+    def _stuck(self, size: float) -> bool:
+        """Return whether rounding limits the residual: Newton's whole step is negligible.
+
+        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
+
+        Args:
+            size: Norm of the residual after the whole step; infinite if it was shortened.
+        """
+        at = self.at
+        if not at.exact or at.residual > UNRESOLVED or size <= STUCK * at.base.size:
+            return False
+        small = at.longest <= RESOLVED * at.model.skin.pattern.size
+        return small and at.base.size <= at.force_rounding()
+
+    def _correct(self, old: Point, new: Point, fraction: float) -> Point:
+        """Solve for the residual beyond its linear prediction: the second-order correction."""
+        at = self.at
+        for _ in range(CORRECTIONS):
+            if new.size <= RELAXED * old.size:
+                break
+            change = -self._direction.back(new.residual - (1 - fraction) * old.residual)
+            # Contact may lie between two states whose energies tell nothing of it.
+            if at.model.contact is not None and at.cap_of(new.state, change) < 1:
+                break
+            state = new.state + change
+            if not at.points.energy(state) < new.energy:
+                break
+            new = at.points.at(state)
+        return new
+
+    def _escape(self, saddle: Point) -> Point:
+        """Return a lower point along the softest mode of a saddle."""
+        at = self.at
+        at.escapes += 1
+        at.ladder.shift, at.ladder.definite = 0.0, False
+        mode = softest_mode(at.model, at.factor, saddle.residual, at.escapes)
+        at.factor.usable = False
+        fraction = at.cap_of(saddle.state, mode)
+        while fraction > SMALLEST_ESCAPE:
+            state = saddle.state + fraction * mode
+            if at.points.energy(state) - saddle.energy < -at.rounding:
+                at.record("escape", fraction)
+                return at.points.at(state)
+            fraction /= 2
+        return saddle
+
+    def _lagged(self, point: Point, before: Point | None) -> Point:
+        """Return the point with friction by the normal forces of its own state.
+
+        Where these overshoot, the point half way from the one before may be nearer to equilibrium:
+        without it strong friction goes to and fro between two states.
+        """
+        at = self.at
+        if not at.model.slides:
+            return point
+        at.lag(point.state)
+        found = at.points.at(point.state)
+        if before is None or found.size <= OVERSHOT * before.size:
+            return found
+        middle = (before.state + point.state) / 2
+        at.lag(middle)
+        half = at.points.at(middle)
+        if half.size < OVERSHOT * found.size and np.isfinite(half.energy):
+            return half
+        at.lag(point.state)
+        return at.points.at(point.state)
