@@ -38,7 +38,6 @@ class RigidBody:
         mass: In kg, of a body that moves freely; None for one that is held or moved with the load.
 
     Raises:
-        ParameterError: The mass or the name is not admissible.
         SurfaceError: The surface is open, not connected, or its arrays do not fit together.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
