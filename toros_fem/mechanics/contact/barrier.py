@@ -15,6 +15,7 @@ from toros_fem.mechanics.contact.half_space import HalfSpacePairs
 from toros_fem.mechanics.contact.library import patches_apart
 from toros_fem.mechanics.contact.neighbours import (
     collision_filter,
+    leaving_out,
     neighbours,
     sizes_between_neighbours,
 )
@@ -60,7 +61,14 @@ class Barrier:
         near: Ints = np.zeros((0, 2), dtype=np.int64)
         if contact.self_contact:
             near = neighbours(pattern, sizes)
-        self._may_touch = self._filter(prescribed, near)
+        every = collision_filter(
+            self._count,
+            prescribed=prescribed,
+            bodies=bodies.counts,
+            free_bodies=contact.free_bodies,
+            self_contact=contact.self_contact,
+        )
+        self._may_touch = every & leaving_out(near)
         self._apart = list(self.sides if by_side else self._grounds)
         others, more = self._may_touch, bool(contact.bodies)
         if by_side:
@@ -71,20 +79,7 @@ class Barrier:
         self._sets = self._apart
         if len(near):  # which cannot keep a thickness apart
             closer = sizes_between_neighbours(pattern, sizes)
-            every = self._filter(prescribed, near[:0])
             self._sets = [*self._apart, self._surfaces(closer, every)]
-
-    def _filter(self, prescribed: Bools, apart: Ints) -> Any:
-        contact = self._contact
-        return collision_filter(
-            self._pattern,
-            self._sizes,
-            prescribed=prescribed,
-            bodies=self._bodies.counts,
-            free_bodies=contact.free_bodies,
-            self_contact=contact.self_contact,
-            apart=apart,
-        )
 
     def _surfaces(self, sizes: ContactSizes, may_touch: Any) -> SurfacePairs:
         return SurfacePairs(self._rest, self._triangles, self._areas, sizes, may_touch)

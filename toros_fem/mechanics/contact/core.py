@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, identity
+from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, hstack, identity
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.mechanics.contact.barrier import Barrier
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.motion import pose_curvature
+from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.meshes.pattern import Pattern
@@ -85,8 +84,8 @@ class ContactCore:
         skin, bodies = self._to_unknowns(self.barrier.gradient(x), poses)
         if self._friction is not None:
             force = self._friction.force(x[: self._count], poses)
-            skin = skin + force.sum(axis=0)
-            bodies += self._pose_forces(force, poses)
+            rubbed, turned = self._of_friction(force, poses)
+            skin, bodies = skin + rubbed, bodies + turned
         return skin, bodies
 
     def _to_unknowns(self, whole: Floats, poses: Floats) -> tuple[Floats, Floats]:
@@ -177,17 +176,29 @@ class ContactCore:
         of_skin = bsr_array((stiffness.sum(axis=0), places[:-1], places))
         if not self._bodies.count:
             return csc_matrix(of_skin)
-        force, mixed, twice = friction.force(skin, poses), [], []
-        for k, scale in zip(self._bodies.free, self._bodies.scale, strict=True):
-            side, centre, anchors = friction.on_body(k)
-            by_pose = friction.by_pose(k, poses) * scale
-            mixed.append(-stiffness[side] @ by_pose)
-            twice.append(-np.einsum("nia,nib->ab", by_pose, mixed[-1]))
-            if not definite:
-                curvature = pose_curvature(anchors, centre, poses[k], force[side])
-                twice[-1] -= curvature * np.outer(scale, scale)
-        across = csr_array(np.concatenate(mixed, axis=2).reshape(x[: self._count].size, -1))
-        return csc_matrix(block_array([[of_skin, across], [across.T, block_diag(twice)]]))
+        by_bodies, count = self._by_bodies(poses), len(skin) * friction.sides
+        places = np.arange(count + 1)
+        stiff = bsr_array((stiffness.reshape(-1, 3, 3), places[:-1], places)) @ by_bodies
+        across = hstack([identity(skin.size)] * friction.sides) @ stiff
+        twice = by_bodies.T @ stiff
+        if not definite:
+            force, bodies = friction.force(skin, poses), self._bodies
+            curvatures = [
+                friction.pose_curvature(k, poses, force) * np.outer(scale, scale)
+                for k, scale in zip(bodies.free, bodies.scale, strict=True)
+            ]
+            twice = twice - block_diag(curvatures)
+        return csc_matrix(block_array([[of_skin, across], [across.T, twice]]))
+
+    def _by_bodies(self, poses: Floats) -> csr_array:
+        """Return the derivative of ways from anchors, (3 · sides · n, 6 f), by free bodies."""
+        friction, bodies, size = self._friction, self._bodies, 3 * self._count
+        assert friction is not None
+        blocks = [
+            ((friction.grounds + k) * size, -friction.by_pose(k, poses) * scale)
+            for k, scale in zip(bodies.free, bodies.scale, strict=True)
+        ]
+        return in_columns(friction.sides * size, blocks)
 
     # Friction.
 
@@ -207,15 +218,9 @@ class ContactCore:
         self.lag(x, poses)
         return self._friction.end(x[: self._count], poses)
 
-    def _pose_forces(self, force: Floats, poses: Floats) -> Floats:
-        """Return the forces of friction on the unknowns of free bodies, (f, 6)."""
-        friction = self._friction
-        assert friction is not None
-        rows = [
-            -np.einsum("ni,nia->a", force[friction.on_body(k)[0]], friction.by_pose(k, poses))
-            for k in self._bodies.free
-        ]
-        return np.reshape(rows, (-1, 6)) * self._bodies.scale
+    def _of_friction(self, force: Floats, poses: Floats) -> tuple[Floats, Floats]:
+        """Return forces of friction on each side, (sides, n, 3), as such on the unknowns."""
+        return force.sum(axis=0), (self._by_bodies(poses).T @ force.ravel()).reshape(-1, 6)
 
     def coupling(
         self, x: Floats, poses: Floats, skin: Floats, turn: Floats, *, transposed: bool
@@ -230,14 +235,13 @@ class ContactCore:
         friction, points = self._friction, x[: self._count]
         assert friction is not None
         if transposed:
-            given = np.repeat(skin[None], friction.sides, axis=0)
-            for k, change in zip(self._bodies.free, turn * self._bodies.scale, strict=True):
-                given[friction.on_body(k)[0]] -= friction.by_pose(k, poses) @ change
+            ways = self._by_bodies(poses) @ turn.ravel()
+            given = skin + ways.reshape(friction.sides, -1, 3)
             by_normal, _ = friction.force_backward(points, poses, given)
             return self._to_unknowns(self.barrier.normals_backward(x, by_normal), poses)
         moved = np.append(skin, self._bodies.jacobian(poses) @ turn.ravel())
         force = friction.force_change(points, poses, self.barrier.normals_change(x, moved))
-        return force.sum(axis=0), self._pose_forces(force, poses)
+        return self._of_friction(force, poses)
 
     def begin_backward(self, x: Floats, poses: Floats, adjoint: Floats) -> Floats:
         """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3)."""

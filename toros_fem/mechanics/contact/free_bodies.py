@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array, hstack, vstack
+from scipy.sparse import coo_array, csr_array, hstack
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, shortest
@@ -76,14 +77,12 @@ class FreeBodies:
 
     def jacobian(self, poses: Floats) -> csr_array:
         """Return the derivative of `vertices` by the unknowns, (3 v, 6 k)."""
-        blocks = [csr_array((3 * sum(self.counts), 0))]
+        blocks = []
         for number, scale in zip(self.free, self.scale, strict=True):
-            own, points = self._ranges[number], self._points[number]
-            dense = pose_jacobian(points, self._centres[number], poses[number]) * scale
-            before = csr_array((3 * own.start, 6))
-            after = csr_array((3 * (sum(self.counts) - own.stop), 6))
-            blocks.append(vstack([before, csr_array(dense), after]))
-        return csr_array(hstack(blocks))
+            points, centre = self._points[number], self._centres[number]
+            dense = pose_jacobian(points, centre, poses[number]) * scale
+            blocks.append((3 * self._ranges[number].start, dense))
+        return in_columns(3 * sum(self.counts), blocks)
 
     def reduced(self, poses: Floats, forces: Floats) -> Floats:
         """Return what forces on all vertices, (v, 3), are on the unknowns, (k, 6), in N."""
@@ -109,3 +108,13 @@ class FreeBodies:
             block[:] = pose_curvature(points, self._centres[number], poses[number], own)
             block *= scale * scale[:, None]
         return blocks
+
+
+def in_columns(size: int, blocks: Sequence[tuple[int, Floats]]) -> csr_array:
+    """Return a matrix of so many rows: dense blocks side by side, each from some row on."""
+    columns = []
+    for begin, dense in blocks:
+        part = coo_array(dense)
+        places = part.row + begin, part.col
+        columns.append(csr_array((part.data, places), shape=(size, dense.shape[1])))
+    return csr_array(hstack(columns) if columns else (size, 0))

@@ -28,47 +28,40 @@ VIEW = 1e-6
 
 
 def collision_filter(
-    pattern: Pattern,
-    sizes: ContactSizes,
+    count: int,
     *,
     prescribed: Bools | None = None,
     bodies: Sequence[int] = (),
     free_bodies: Sequence[int] = (),
     self_contact: bool = True,
-    apart: Ints | None = None,
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
-    Left out are neighbours in the sheet, pairs of prescribed vertices, vertices of one body, and
-    bodies that are held with each other.
+    Left out are pairs of prescribed vertices, vertices of one body, and bodies that are held with
+    each other.
 
     Args:
-        pattern, sizes: Of the skin.
+        count: Number of vertices of the skin.
         prescribed: Whether all components of a vertex are prescribed, (n,); None for nowhere.
         bodies: Number of vertices of each body.
         free_bodies: Numbers of the bodies that move freely.
         self_contact: Whether the skin touches itself.
-        apart: Pairs of vertices of the skin that are left out, (k, 2), sorted; None finds the
-            neighbours in the sheet.
     """
-    count = len(pattern.points)
-    held = count + len(bodies)
-    body = np.full(len(bodies), held)
-    for k in free_bodies:
-        body[k] = count + k
-    of_bodies = np.repeat(body, list(bodies)).astype(np.int64)
-    own = np.arange(count)
+    own, held = np.arange(count), count + len(bodies)
     if prescribed is not None:
         own[prescribed] = held + 1
+    numbers = [count + k if k in free_bodies else held for k in range(len(bodies))]
+    of_bodies = np.repeat(np.array(numbers, dtype=np.int64), list(bodies))
     found = patches_apart(np.append(own, of_bodies))
-    if not self_contact:
-        return found & patches_apart(np.append(np.zeros(count, dtype=np.int64), of_bodies))
-    pairs = neighbours(pattern, sizes) if apart is None else apart
-    if len(pairs):
-        one, two = (list(map(int, ends)) for ends in pairs.T)
-        listed = dict.fromkeys(zip(one, two, strict=True), False)
-        found = found & ipctk().make_sparse_filter(listed, True)
-    return found
+    return found if self_contact else found & patches_apart(np.append(0 * own, of_bodies))
+
+
+def leaving_out(pairs: Ints) -> Any:
+    """Return the `ipctk.CollisionFilter` that leaves out pairs of vertices, (k, 2), sorted."""
+    if not len(pairs):
+        return ipctk().CollisionFilter()
+    one, two = (list(map(int, ends)) for ends in pairs.T)
+    return ipctk().make_sparse_filter(dict.fromkeys(zip(one, two, strict=True), False), True)
 
 
 def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:

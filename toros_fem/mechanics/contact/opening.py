@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.contact.library import collision_mesh, ipctk
-from toros_fem.mechanics.contact.neighbours import collision_filter
+from toros_fem.mechanics.contact.neighbours import leaving_out, neighbours
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import dihedral_angles, normals
@@ -81,7 +81,8 @@ def opened(pattern: Pattern, sizes: ContactSizes, in_planes: Bools | None = None
 
 def skin_mesh(pattern: Pattern, sizes: ContactSizes) -> Any:
     """Return the `ipctk.CollisionMesh` of a skin alone, without its neighbours in the sheet."""
-    return collision_mesh(pattern.points, pattern.triangles, collision_filter(pattern, sizes))
+    may_touch = leaving_out(neighbours(pattern, sizes))
+    return collision_mesh(pattern.points, pattern.triangles, may_touch)
 
 
 def _layered(pattern: Pattern, directions: Floats, thickness: float) -> bool:

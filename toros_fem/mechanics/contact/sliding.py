@@ -8,7 +8,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.motion import pose_jacobian, rotation
+from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, rotation
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
 
@@ -37,6 +37,7 @@ class SlidingFriction:
     Forces, anchors and their derivatives are (sides, n, 3).
 
     Attributes:
+        grounds: Number of half-spaces, which are the first sides.
         friction, slip: μ of all but pads on the ground, and the slip in m.
         sliding: Anchors at the begin of the step.
         normals: Normal force in N on each vertex from each side, as of `lag`.
@@ -45,8 +46,8 @@ class SlidingFriction:
     def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
         assert contact.friction is not None
         self.friction, self.slip = contact.friction, sizes.slip
-        self._grounds, self._pads = len(contact.grounds), contact.pads
-        centres = [np.zeros(3)] * self._grounds + [body.centre for body in contact.bodies]
+        self.grounds, self._pads = len(contact.grounds), contact.pads
+        centres = [np.zeros(3)] * self.grounds + [body.centre for body in contact.bodies]
         self._centres: Floats = np.reshape(centres, (-1, 1, 3))
         self.sliding = self._settled = Sliding(np.zeros((self.sides, 0, 3)))
         self.normals: Floats = np.zeros((self.sides, 0, 3))
@@ -88,15 +89,16 @@ class SlidingFriction:
         """Return the second derivative in N/m of `energy` on each side, (sides, n, 3, 3)."""
         return self._of_law("stiffness", points, poses)
 
-    def on_body(self, body: int) -> tuple[int, Floats, Floats]:
-        """Return the side of a body, its centre, and the anchors on it, which move with it."""
-        side = self._grounds + body
-        return side, self._centres[side, 0], self._settled.anchors[side]
-
     def by_pose(self, body: int, poses: Floats) -> Floats:
-        """Return the derivative by a body's pose of the anchors on it, (n, 3, 6)."""
-        _, centre, anchors = self.on_body(body)
-        return pose_jacobian(anchors, centre, poses[body]).reshape(-1, 3, 6)
+        """Return the derivative by a body's pose of the anchors on it, (3 n, 6)."""
+        side = self.grounds + body
+        return pose_jacobian(self._settled.anchors[side], self._centres[side, 0], poses[body])
+
+    def pose_curvature(self, body: int, poses: Floats, force: Floats) -> Floats:
+        """Return the second derivative by a body's pose of Σ force · anchors, forces held."""
+        side = self.grounds + body
+        anchors, centre = self._settled.anchors[side], self._centres[side, 0]
+        return pose_curvature(anchors, centre, poses[body], force[side])
 
     def end(self, points: Floats, poses: Floats) -> Sliding:
         """Return the anchors at the end of the step: each at the elastic slip from its vertex.
@@ -158,7 +160,7 @@ class SlidingFriction:
         if pads is None:
             return Coulomb(self.friction, self.slip)
         side, vertex = np.nonzero(active)
-        padded = (side < self._grounds) & pads.vertices[vertex]
+        padded = (side < self.grounds) & pads.vertices[vertex]
         friction = np.where(padded, pads.backward, self.friction)
         ratio = np.where(padded, pads.forward / pads.backward, 1.0)
         return Coulomb(friction, self.slip, ratio, pads.direction)
@@ -167,13 +169,13 @@ class SlidingFriction:
 
     def _turns(self, poses: Floats) -> Floats:
         """Return the rotation of each side, (sides, 3, 3)."""
-        grounds = [np.eye(3)] * self._grounds
+        grounds = [np.eye(3)] * self.grounds
         return np.reshape(grounds + [rotation(pose[3:]) for pose in poses], (-1, 3, 3))
 
     def _moved_centres(self, poses: Floats) -> Floats:
         """Return the centre of each side where it is now, (sides, 1, 3)."""
         moved = self._centres.copy()
-        moved[self._grounds :, 0] += poses[:, :3]
+        moved[self.grounds :, 0] += poses[:, :3]
         return moved
 
     def carried(self, sliding: Sliding, poses: Floats) -> Floats:
