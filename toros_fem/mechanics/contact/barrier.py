@@ -72,7 +72,7 @@ class Barrier:
         self._apart = list(self.sides if by_side else self._grounds)
         others, more = self._may_touch, bool(contact.bodies)
         if by_side:
-            others = others & ~patches_apart(self._owners == 0)
+            others = ~patches_apart(self._owners == 0) & others
             more = bool(contact.free_bodies) and len(contact.bodies) > 1
         if contact.self_contact or more:
             self._apart.append(self._surfaces(sizes, others))
@@ -95,9 +95,10 @@ class Barrier:
     @cached_property
     def sides(self) -> list[PairSet]:
         """Pairs of the skin and each half-space, then each body."""
-        skin = self._may_touch & patches_apart(self._owners == 0)
+        # What leaves out most pairs comes first: those within the skin.
+        skin = patches_apart(self._owners == 0) & self._may_touch
         bodies = [
-            self._surfaces(self._sizes, skin & patches_apart(self._owners == body))
+            self._surfaces(self._sizes, patches_apart(self._owners == body) & skin)
             for body in range(1, 1 + len(self._contact.bodies))
         ]
         return [*self._grounds, *bodies]
