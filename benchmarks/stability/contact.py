@@ -173,7 +173,7 @@ def scene_rows(name: str, edge_length: float) -> Iterator[Row]:
     touching = solver.model.contact
     assert touching is not None
     assert result.smallest_distance is not None
-    yield Row(*place, "pairs", float(touching.count_pairs()))
+    yield Row(*place, "pairs", float(touching.count_pairs(result.state)))
     yield Row(*place, "smallest distance", result.smallest_distance, "m")
 
 
@@ -247,7 +247,8 @@ def _solve(found: Outcome, seed: int) -> None:
     points = skin.gather_vertices(result.positions)
     # An error's state may be the start, which may cross itself as it was drawn.
     solved = result.converged or result.load_factor > 0
-    found.steps, found.pairs = result.steps, touching.count_pairs() if result.converged else 0
+    found.steps = result.steps
+    found.pairs = touching.count_pairs(result.state) if result.converged else 0
     found.outcome = "equilibrium" if result.converged else "no equilibrium"
     found.why = "" if result.converged else result.reason
     if solved and penetrated(points, skin.pattern.triangles, contact, result.poses):

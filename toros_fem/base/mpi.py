@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ _PACKAGE = Path(__file__).parents[1]
 OWN = (f"{_PACKAGE}{os.sep}", f"{_PACKAGE.parent / 'meshes'}{os.sep}")
 
 T = TypeVar("T")
+R = TypeVar("R")
 P = ParamSpec("P")
 
 
@@ -98,6 +99,27 @@ def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
             result = action()
     found: T = comm.bcast(result, root=0)
     return found
+
+
+class OnFirst(Generic[T]):
+    """A serial object on the first rank, which all ranks ask together (collective).
+
+    Errors of the object reach all ranks.
+    """
+
+    def __init__(self, comm: MPI.Comm, make: Callable[[], T]) -> None:
+        self._comm, self._made = comm, list[T]()
+        on_first_rank(comm, lambda: self._made.append(make()))
+
+    def __call__(self, ask: Callable[[T], R]) -> R:
+        """Return on all ranks what the object answers."""
+        return on_first_rank(self._comm, lambda: ask(self._made[0]))
+
+    def alone(self, ask: Callable[[T], R], other: R) -> R:
+        """Return what the object answers on the first rank, and `other` on the others."""
+        answers = [other]
+        self(lambda made: answers.append(ask(made)))
+        return answers[-1]
 
 
 def require_comm(comm: Any) -> None:

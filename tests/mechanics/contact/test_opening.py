@@ -7,6 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.mechanics.contact.half_space import HalfSpacePairs
 from toros_fem.mechanics.contact.opening import check_start, opened, skin_mesh
 from toros_fem.mechanics.contact.settings import ContactSizes, Ground
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, walker
@@ -177,14 +178,16 @@ def test_surfaces_that_cross_are_found() -> None:
 @pytest.mark.parametrize("height", [0.0, -2e-4, -1.0])
 def test_vertices_near_or_in_the_ground_are_found(height: float) -> None:
     pattern = two_sheets()
-    mesh, ground = skin_mesh(pattern, SIZES), Ground((0.0, 0.0, -5e-4))
-    positions = pattern.points.copy()
-    assert check_start(mesh, positions, SIZES.thickness, grounds=[ground]).admissible
+    positions, count = pattern.points.copy(), len(pattern.points)
+    ground = Ground((0.0, 0.0, -5e-4 - SIZES.thickness / 2))
+    every, others = (
+        HalfSpacePairs(ground, kept_out, np.ones(len(kept_out)), SIZES)
+        for kept_out in (np.arange(count), np.delete(np.arange(count), 3))
+    )
+    assert every.check(positions).admissible
     positions[3, 2] = height - 5e-4
-    found = check_start(mesh, positions, SIZES.thickness, grounds=[ground])
+    found = every.check(positions)
     assert found.vertices == (3,)
     assert found.distance == pytest.approx(height)
     assert "'low' and the ground" in found.sentence(pattern, positions)
-    others = np.delete(np.arange(len(positions)), 3)
-    found = check_start(mesh, positions, 1e-6, grounds=[ground], grounded=others)
-    assert not found.ground
+    assert others.check(positions).admissible

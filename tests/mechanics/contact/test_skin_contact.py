@@ -151,7 +151,7 @@ def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
     state = model.state_of(shape[skin.owned_vertices])
     energy = contact.energy(state)
     assert 0 < energy < np.inf
-    assert contact.count_pairs() > 0
+    assert contact.count_pairs(state) > 0
     along = direction(solver, 1e-6)
     model.set_density(np.zeros(len(skin.owned_cells)))
     rise = slope(lambda h: model.energy(state + 0.02 * h * along)) / 0.02

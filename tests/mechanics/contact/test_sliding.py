@@ -100,7 +100,7 @@ def test_friction_turns_nothing_together(friction: SlidingFriction) -> None:
     friction.begin(Sliding(anchors))
     friction.lag(NORMALS, POINTS, poses)
     force = friction.force(POINTS, poses)
-    wrench = friction.pose_force(0, force, poses)
+    wrench = -force[1].ravel() @ friction.by_pose(0, poses)
     centre = BOX.centre + poses[0, :3]
     assert np.abs(force[1]).max() > 0.1
     assert wrench[:3] == pytest.approx(-force[1].sum(axis=0))

@@ -18,7 +18,7 @@ from toros_fem.base.validation import (
     require_positive,
     whole_numbers,
 )
-from toros_fem.mechanics.contact.library import ipctk
+from toros_fem.mechanics.contact.library import collision_mesh, ipctk
 from toros_fem.mechanics.contact.motion import placed
 from toros_fem.meshes.surface import Surface, volume
 from toros_fem.meshes.topology import corner_angles, normals
@@ -38,7 +38,6 @@ class RigidBody:
         mass: In kg, of a body that moves freely; None for one that is held or moved with the load.
 
     Raises:
-        ParameterError: The mass or the name is not admissible.
         SurfaceError: The surface is open, not connected, or its arrays do not fit together.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
@@ -84,9 +83,6 @@ class RigidBody:
 
         Args:
             pose: Translation in m and rotation vector in rad about its centre, (6,).
-
-        Raises:
-            ParameterError: The pose is not six finite numbers.
         """
         pose = checked_floats("pose", pose, "six finite numbers, in m and rad", (6,))
         points = placed(self.points, self.centre, pose)
@@ -100,13 +96,9 @@ class RigidBody:
         where there are more than three, by least squares, weighted by the angles of the faces. On
         a face or an edge it moves straight inwards.
 
-        Args:
-            depth: In m.
-
         Raises:
             ParameterError: A triangle would turn over, or two walls would cross: the body is too
                 thin or too sharp there.
-            MissingPackageError: ipctk is not installed.
         """
         require_between(0, math.inf, depth=depth)
         points, triangles = self.points, self.triangles
@@ -132,10 +124,8 @@ class RigidBody:
 
     def _crosses(self, points: Floats) -> bool:
         """Return whether the surface crosses itself where its vertices are at given points."""
-        library = ipctk()
-        points, faces = np.asfortranarray(points), np.asfortranarray(self.triangles, dtype=np.int32)
-        mesh = library.CollisionMesh(points, library.edges(faces), faces)
-        return bool(library.has_intersections(mesh, points))
+        mesh = collision_mesh(points, self.triangles)
+        return bool(ipctk().has_intersections(mesh, np.asfortranarray(points)))
 
     def _refuse(self, depth: float, what: str) -> NoReturn:
         raise ParameterError(
@@ -146,11 +136,7 @@ class RigidBody:
 
 
 def _closed(points: Floats, triangles: Ints) -> Surface:
-    """Return a closed surface that faces outwards.
-
-    Raises:
-        SurfaceError, PatternError: As of `RigidBody`.
-    """
+    """Return a closed surface that faces outwards."""
     points = checked_floats(
         "points", points, "(n, 3), in m", lambda s: len(s) == 2 and s[1] == 3, failure=SurfaceError
     )

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
-from scipy.sparse import block_diag, coo_array, csc_matrix, identity
+from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, hstack, identity
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.mechanics.contact.barrier import Barrier, Side
-from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.neighbours import (
-    collision_filter,
-    neighbours,
-    sizes_between_neighbours,
-)
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
-from toros_fem.mechanics.contact.sliding import SlidingFriction
+from toros_fem.mechanics.contact.barrier import Barrier
+from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
+from toros_fem.mechanics.contact.settings import Contact, ContactSizes
+from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.meshes.pattern import Pattern
 
 # Entries of the tangent are kept until they are this many times those that are needed.
@@ -39,6 +31,7 @@ class ContactCore:
     force acts, and an equilibrium that is neutral there counts as stable.
 
     Attributes:
+        barrier: The barrier.
         keys: Entries row · size + column of the tangent that are kept, in global unknowns.
 
     Args:
@@ -56,61 +49,22 @@ class ContactCore:
         sizes: ContactSizes,
         prescribed: Bools,
         bodies: FreeBodies,
-        friction: SlidingFriction | None,
+        friction: SlidingFriction | None = None,
     ) -> None:
-        self._pattern, self._contact, self._sizes = pattern, contact, sizes
-        self._bodies, self._friction = bodies, friction
-        self._count = len(pattern.points)
-        self._barrier = self._make_barrier(prescribed)
-        self._owners: Ints = np.repeat(
-            np.arange(1 + len(contact.bodies)), [self._count, *bodies.counts]
-        )
-        self._sides: list[Side] = []
+        self._sizes, self._bodies, self._friction = sizes, bodies, friction
+        self._count, by_side = len(pattern.points), friction is not None
+        self.barrier = Barrier(pattern, contact, sizes, prescribed, bodies, by_side=by_side)
         # Second variation at a state, exact and semidefinite; friction by other normal forces has
         # another one.
         self._known_at: Floats | None = None
         self._known: dict[bool, tuple[Ints, Floats]] = {}
-
-    def _make_barrier(self, prescribed: Bools) -> Barrier:
-        pattern, contact, bodies = self._pattern, self._contact, self._bodies
-        count, sizes = self._count, self._sizes
-        half = sizes.thickness / 2
-        grounds = [
-            Ground(tuple(np.add(g.point, half * np.array(g.normal))), g.normal)
-            for g in contact.grounds
-        ]
-        made = bodies.vertices(np.zeros((len(contact.bodies), 6)))
-        rest = np.concatenate([pattern.points, made])
-        triangles = np.concatenate([pattern.triangles, bodies.triangles + count])
-        areas = np.concatenate([pattern.areas, bodies.areas])
-
-        def may_touch(apart: Ints) -> Any:
-            return collision_filter(
-                pattern,
-                sizes,
-                prescribed=prescribed,
-                bodies=bodies.counts,
-                free_bodies=contact.free_bodies,
-                self_contact=contact.self_contact,
-                apart=apart,
-            )
-
-        pairs: Ints = np.zeros((0, 2), dtype=np.int64)
-        further = None
-        if contact.self_contact:
-            pairs = neighbours(pattern, sizes)
-        if len(pairs):
-            close = sizes_between_neighbours(pattern, sizes)
-            further = Barrier(rest, triangles, areas, (), pairs[:0, 0], close, may_touch(pairs[:0]))
-        standing = np.append(np.arange(count), count + bodies.moving)
-        return Barrier(rest, triangles, areas, grounds, standing, sizes, may_touch(pairs), further)
 
     def number(self, numbers: Ints, size: int) -> None:
         """Take the global numbers of all unknowns, −1 for fixed ones, and how many there are."""
         self._number, self._size = numbers, size
         # Free bodies have their entries in the tangent, whatever they touch.
         blocks = np.ones((self._bodies.count, 6, 6))
-        self._body_keys, _ = self._upper(_diagonal_blocks(3 * self._count, blocks))
+        self._body_keys, _ = self._upper(self._on_bodies(blocks))
         self.keys: Ints = np.unique(self._body_keys)
 
     @property
@@ -118,63 +72,24 @@ class ContactCore:
         """Rows and columns of the entries that are kept, (2, p)."""
         return np.stack(np.divmod(self.keys, self._size))
 
-    def _of_skin(self, whole: Floats) -> Floats:
-        return whole[: self._count]
-
     def energy(self, x: Floats, poses: Floats) -> float:
         """Return the energy of barrier and friction in J; infinite where surfaces are too near."""
-        found = self._barrier.energy(x)
+        found = self.barrier.energy(x)
         if self._friction is not None and np.isfinite(found):
-            found += self._friction.energy(self._of_skin(x), poses)
+            found += self._friction.energy(x[: self._count], poses)
         return found
 
     def gradient(self, x: Floats, poses: Floats) -> tuple[Floats, Floats]:
         """Return its first variation in N by the unknowns."""
-        skin, bodies = self._to_unknowns(self._barrier.gradient(x), poses)
+        skin, bodies = self._to_unknowns(self.barrier.gradient(x), poses)
         if self._friction is not None:
-            force = self._friction.force(self._of_skin(x), poses)
-            skin = skin + force.sum(axis=0)
-            bodies += self._pose_forces(force, poses)
+            force = self._friction.force(x[: self._count], poses)
+            rubbed, turned = self._of_friction(force, poses)
+            skin, bodies = skin + rubbed, bodies + turned
         return skin, bodies
 
-    def forces(self, x: Floats) -> Floats:
-        """Return the gradient of the barrier in N at all vertices, (v, 3)."""
-        return self._barrier.gradient(x)
-
-    def gap(self, x: Floats) -> float:
-        """Return the smallest distance of faces in m, as of `Barrier.gap`."""
-        return self._barrier.gap(x)
-
-    def count_pairs(self) -> int:
-        """Return the number of pairs in contact at the last state."""
-        return self._barrier.count
-
-    def free_part(self, x: Floats, y: Floats) -> float:
-        """Return the part of the straight way between vertices x and y on which nothing meets."""
-        return self._barrier.largest_step(x, y - x)
-
-    def refusal(self, x: Floats, names: Sequence[str]) -> str | None:
-        """Return why a state can be no start; `names` are of the bodies of all their vertices."""
-        found = self._barrier.check(x)
-        return None if found.admissible else found.sentence(self._pattern, x, names)
-
-    def crossed(self, x: Floats) -> bool:
-        """Return whether surfaces intersect, by a test of its own."""
-        return self._barrier.crossed(x)
-
     def _to_unknowns(self, whole: Floats, poses: Floats) -> tuple[Floats, Floats]:
-        return self._of_skin(whole), self._bodies.reduced(poses, whole[self._count :])
-
-    def _to_vertices(self, skin: Floats, bodies: Floats, poses: Floats) -> Floats:
-        """Return motions of the unknowns as of all vertices."""
-        moved = self._bodies.jacobian(poses) @ bodies.ravel()
-        return np.concatenate([skin, moved.reshape(-1, 3)])
-
-    def _pose_forces(self, force: Floats, poses: Floats) -> Floats:
-        """Return the forces of friction on the unknowns of free bodies, (f, 6)."""
-        assert self._friction is not None
-        rows = [self._friction.pose_force(k, force, poses) for k in self._bodies.free]
-        return np.reshape(rows, (-1, 6)) * self._bodies.scale
+        return whole[: self._count], self._bodies.reduced(poses, whole[self._count :])
 
     # Second variation.
 
@@ -202,7 +117,7 @@ class ContactCore:
         place = np.searchsorted(self.keys, keys)
         if (np.append(self.keys, -1)[place] == keys).all():
             return False
-        near, _ = self._upper(self._reduce(self._barrier.near(x), poses))
+        near, _ = self._upper(self._reduce(self.barrier.near(x), poses))
         needed = np.unique(np.concatenate([keys, near, self._body_keys]))
         diagonal = np.unique(np.divmod(needed, self._size)) * (self._size + 1)
         needed = np.union1d(needed, diagonal)
@@ -233,68 +148,79 @@ class ContactCore:
         by = block_diag([identity(count), self._bodies.jacobian(poses)], format="csc")
         return (by.T @ matrix @ by).tocsc()
 
+    def _on_bodies(self, blocks: Floats) -> csc_matrix:
+        """Return a matrix of the unknowns with blocks of the free bodies, (f, 6, 6)."""
+        skin = csr_array((3 * self._count, 3 * self._count))
+        return csc_matrix(block_diag([skin, *map(csr_array, blocks)]))
+
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
         """Return the second variation, with a little stiffness of the free bodies."""
-        matrix = self._reduce(self._barrier.hessian(x, definite=definite), poses)
+        matrix = self._reduce(self.barrier.hessian(x, definite=definite), poses)
         bodies, sizes = self._bodies, self._sizes
         if bodies.count:
             neutral = NEUTRAL * sizes.stiffness * sizes.thickness * np.eye(6)
             blocks = np.broadcast_to(neutral, (bodies.count, 6, 6))
             if not definite:
-                forces = self._barrier.gradient(x)[self._count :]
-                blocks = blocks + bodies.curvature(poses, forces)
-            matrix = (matrix + _diagonal_blocks(3 * self._count, blocks)).tocsc()
+                blocks = blocks + bodies.curvature(poses, self.barrier.gradient(x)[self._count :])
+            matrix = matrix + self._on_bodies(blocks)
         if self._friction is not None:
             matrix = matrix + self._friction_tangent(x, poses, definite=definite)
         return matrix
 
     def _friction_tangent(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
-        assert self._friction is not None
-        skin = self._of_skin(x)
-        stiffness = self._friction.stiffness(skin, poses)
-        first = 3 * np.arange(len(skin))[:, None, None]
-        row, column = (first + axis for axis in np.indices((3, 3)))
-        values = [stiffness.sum(axis=0).ravel()]
-        rows, columns = [row.ravel()], [column.ravel()]
-        force = self._friction.force(skin, poses)
-        for place, k in enumerate(self._bodies.free):
-            mixed, twice = self._friction.pose_stiffness(
-                k, force, stiffness, poses, definite=definite
-            )
-            scale, begin = self._bodies.scale[place], 3 * len(skin) + 6 * place
-            touching = np.flatnonzero(mixed.any(axis=(1, 2)))
-            row = 3 * touching[:, None, None] + np.arange(3)[:, None]
-            row, column = np.broadcast_arrays(row, begin + np.arange(6))
-            values += 2 * [(mixed[touching] * scale).ravel()]
-            rows += [row.ravel(), column.ravel()]
-            columns += [column.ravel(), row.ravel()]
-            row, column = begin + np.indices((6, 6))
-            values.append((twice * np.outer(scale, scale)).ravel())
-            rows.append(row.ravel())
-            columns.append(column.ravel())
-        size = 3 * len(skin) + 6 * self._bodies.count
-        places = np.concatenate(rows), np.concatenate(columns)
-        return csc_matrix((np.concatenate(values), places), shape=(size, size))
+        friction, skin = self._friction, x[: self._count]
+        assert friction is not None
+        stiffness = friction.stiffness(skin, poses)
+        # All vertices have their blocks, so that the tangent's pattern does not depend on these.
+        places = np.arange(len(skin) + 1)
+        of_skin = bsr_array((stiffness.sum(axis=0), places[:-1], places))
+        if not self._bodies.count:
+            return csc_matrix(of_skin)
+        by_bodies, count = self._by_bodies(poses), len(skin) * friction.sides
+        places = np.arange(count + 1)
+        stiff = bsr_array((stiffness.reshape(-1, 3, 3), places[:-1], places)) @ by_bodies
+        across = hstack([identity(skin.size)] * friction.sides) @ stiff
+        twice = by_bodies.T @ stiff
+        if not definite:
+            force, bodies = friction.force(skin, poses), self._bodies
+            curvatures = [
+                friction.pose_curvature(k, poses, force) * np.outer(scale, scale)
+                for k, scale in zip(bodies.free, bodies.scale, strict=True)
+            ]
+            twice = twice - block_diag(curvatures)
+        return csc_matrix(block_array([[of_skin, across], [across.T, twice]]))
+
+    def _by_bodies(self, poses: Floats) -> csr_array:
+        """Return the derivative of ways from anchors, (3 · sides · n, 6 f), by free bodies."""
+        friction, bodies, size = self._friction, self._bodies, 3 * self._count
+        assert friction is not None
+        blocks = [
+            ((friction.grounds + k) * size, -friction.by_pose(k, poses) * scale)
+            for k, scale in zip(bodies.free, bodies.scale, strict=True)
+        ]
+        return in_columns(friction.sides * size, blocks)
 
     # Friction.
 
     def begin(self) -> None:
         """Begin a step of a path: there are no normal forces yet."""
-        self._sides, self._known_at = [], None
+        self._known_at = None
 
     def lag(self, x: Floats, poses: Floats) -> None:
         """Let friction have the normal forces and tangent planes of a state."""
         assert self._friction is not None
         self._known_at = None
-        self._sides = self._barrier.sides(x, self._owners)
-        self._friction.lag(self._pushes(self._sides), self._of_skin(x), poses)
+        self._friction.lag(self.barrier.normals(x), x[: self._count], poses)
 
-    def normals(self, x: Floats) -> Floats:
-        """Return the normal forces on the skin in N, (sides, n, 3), of half-spaces and bodies."""
-        return self._pushes(self._barrier.sides(x, self._owners))
+    def end(self, x: Floats, poses: Floats) -> Sliding:
+        """Return where the vertices stick at the end of a step, by the normal forces there."""
+        assert self._friction is not None
+        self.lag(x, poses)
+        return self._friction.end(x[: self._count], poses)
 
-    def _pushes(self, sides: Sequence[Side]) -> Floats:
-        return np.array([self._of_skin(side.push()) for side in sides])
+    def _of_friction(self, force: Floats, poses: Floats) -> tuple[Floats, Floats]:
+        """Return forces of friction on each side, (sides, n, 3), as such on the unknowns."""
+        return force.sum(axis=0), (self._by_bodies(poses).T @ force.ravel()).reshape(-1, 6)
 
     def coupling(
         self, x: Floats, poses: Floats, skin: Floats, turn: Floats, *, transposed: bool
@@ -306,45 +232,26 @@ class ContactCore:
             skin, turn: Change of the unknowns.
             transposed: Whether to multiply by the transpose.
         """
-        assert self._friction is not None
+        friction, points = self._friction, x[: self._count]
+        assert friction is not None
         if transposed:
-            changed = np.zeros_like(poses)
-            changed[self._bodies.free] = turn * self._bodies.scale
-            given = skin - self._friction.carried_change(poses, changed)
-            by_normal, _ = self._friction.force_backward(self._of_skin(x), poses, given)
-            return self._to_unknowns(self._pushed_back(by_normal), poses)
-        moved = self._to_vertices(skin, turn, poses)
-        normals = np.array([self._of_skin(s.push_change(moved)) for s in self._sides])
-        force = self._friction.force_change(self._of_skin(x), poses, normals)
-        return force.sum(axis=0), self._pose_forces(force, poses)
+            ways = self._by_bodies(poses) @ turn.ravel()
+            given = skin + ways.reshape(friction.sides, -1, 3)
+            by_normal, _ = friction.force_backward(points, poses, given)
+            return self._to_unknowns(self.barrier.normals_backward(x, by_normal), poses)
+        moved = np.append(skin, self._bodies.jacobian(poses) @ turn.ravel())
+        force = friction.force_change(points, poses, self.barrier.normals_change(x, moved))
+        return self._of_friction(force, poses)
 
     def begin_backward(self, x: Floats, poses: Floats, adjoint: Floats) -> Floats:
         """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3)."""
         assert self._friction is not None
         given = np.broadcast_to(adjoint, self._friction.normals.shape)
-        return self._friction.force_backward(self._of_skin(x), poses, given)[1]
+        return self._friction.force_backward(x[: self._count], poses, given)[1]
 
     def end_backward(self, x: Floats, poses: Floats, slope: Floats) -> tuple[Floats, Floats]:
         """Return the derivatives of Σ slope · anchors at the end, by positions and by the begin."""
         assert self._friction is not None
-        by_point, by_normal, by_anchor = self._friction.end_backward(self._of_skin(x), poses, slope)
-        return by_point + self._of_skin(self._pushed_back(by_normal)), by_anchor
-
-    def _pushed_back(self, by_normal: Floats) -> Floats:
-        """Return derivatives by normal forces, (sides, n, 3), as such by all vertices."""
-        whole = np.zeros((len(self._owners), 3))
-        for side, part in zip(self._sides, by_normal, strict=True):
-            given = np.zeros_like(whole)
-            given[: len(part)] = part
-            whole += side.push_change(given)
-        return whole
-
-
-def _diagonal_blocks(ahead: int, blocks: Floats) -> coo_array:
-    """Return a matrix of blocks, (k, 6, 6), on the diagonal behind so many empty rows."""
-    begin = ahead + 6 * np.arange(len(blocks))
-    row, column = np.indices((6, 6))
-    rows = (begin[:, None, None] + row).ravel()
-    columns = (begin[:, None, None] + column).ravel()
-    size = ahead + 6 * len(blocks)
-    return coo_array((blocks.ravel(), (rows, columns)), shape=(size, size))
+        points = x[: self._count]
+        by_point, by_normal, by_anchor = self._friction.end_backward(points, poses, slope)
+        return by_point + self.barrier.normals_backward(x, by_normal)[: self._count], by_anchor

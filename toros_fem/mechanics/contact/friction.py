@@ -39,9 +39,6 @@ class Coulomb:
         slip: s in m, of the gauge.
         ratio: a, coefficient in the easy direction over μ, at most 1, one or one for each vertex.
         easy: d before its projection to the ground.
-
-    Raises:
-        ParameterError: The slip is not positive.
     """
 
     friction: float | Floats

@@ -22,13 +22,7 @@ SERIES, TERMS = 1.0, 10
 
 
 def placed(points: Floats, centre: Floats, pose: Floats) -> Floats:
-    """Return where a pose takes points, (n, 3) in m.
-
-    Args:
-        points: Points of the body in m, (n, 3), where it is made.
-        centre: Its centre in m, (3,).
-        pose: Translation in m and rotation vector in rad, (6,).
-    """
+    """Return where a pose, (6,), takes points of a body, (n, 3) in m where it is made."""
     return np.asarray((points - centre) @ rotation(pose[3:]).T + (centre + pose[:3]))
 
 
@@ -42,9 +36,6 @@ def pose_jacobian(points: Floats, centre: Floats, pose: Floats) -> Floats:
     """Return the derivative of `placed` by the pose, (3 n, 6), in m/m and m/rad.
 
     Rows are x, y, z of each point in turn.
-
-    Args:
-        points, centre, pose: As of `placed`.
     """
     arms, turn = points - centre, pose[3:]
     (_, a, b), (dcosine, da, db), _ = _coefficients(float(turn @ turn))
@@ -59,12 +50,7 @@ def pose_jacobian(points: Floats, centre: Floats, pose: Floats) -> Floats:
 
 
 def pose_curvature(points: Floats, centre: Floats, pose: Floats, force: Floats) -> Floats:
-    """Return the second derivative by the pose of Σ force · `placed`, (6, 6).
-
-    Args:
-        points, centre, pose: As of `placed`.
-        force: Constant force on each point in N, (n, 3).
-    """
+    """Return the second derivative by the pose of Σ force · `placed`, (6, 6), forces held."""
     turn = pose[3:]
     (_, _, b), (dcosine, da, db), (ddcosine, dda, ddb) = _coefficients(float(turn @ turn))
     # All that the points enter by: the sum is cos φ tr G + A θ · moment + B θ · G θ.
@@ -86,12 +72,11 @@ def pose_curvature(points: Floats, centre: Floats, pose: Floats, force: Floats) 
     return curvature
 
 
-def shortest(vector: Floats) -> Floats:
-    """Return the rotation vector of at most π that gives the same rotation, in rad, (3,)."""
-    angle = float(np.linalg.norm(vector))
-    if angle <= np.pi:
-        return vector.copy()
-    return np.asarray(vector * (1 - 2 * np.pi * np.round(angle / (2 * np.pi)) / angle))
+def shortest(vectors: Floats) -> Floats:
+    """Return rotation vectors in rad, (…, 3), of at most π that give the same rotations."""
+    angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    turns = np.round(angle / (2 * np.pi))
+    return np.asarray(vectors * (1 - 2 * np.pi * turns / np.maximum(angle, np.pi)))
 
 
 def _cross(vectors: Floats) -> Floats:

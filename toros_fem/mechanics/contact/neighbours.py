@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.mechanics.contact.library import ipctk
+from toros_fem.mechanics.contact.library import ipctk, patches_apart
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import following
@@ -28,52 +28,40 @@ VIEW = 1e-6
 
 
 def collision_filter(
-    pattern: Pattern,
-    sizes: ContactSizes,
+    count: int,
     *,
     prescribed: Bools | None = None,
     bodies: Sequence[int] = (),
     free_bodies: Sequence[int] = (),
     self_contact: bool = True,
-    apart: Ints | None = None,
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
-    Left out are neighbours in the sheet, pairs of prescribed vertices, vertices of one body, and
-    bodies that are held with each other.
+    Left out are pairs of prescribed vertices, vertices of one body, and bodies that are held with
+    each other.
 
     Args:
-        pattern: The pattern.
-        sizes: Thickness and distance of contact.
+        count: Number of vertices of the skin.
         prescribed: Whether all components of a vertex are prescribed, (n,); None for nowhere.
         bodies: Number of vertices of each body.
         free_bodies: Numbers of the bodies that move freely.
         self_contact: Whether the skin touches itself.
-        apart: Pairs of vertices of the skin that are left out, (k, 2), sorted; None finds the
-            neighbours in the sheet.
-
-    Raises:
-        MissingPackageError: ipctk is not installed.
     """
-    library = ipctk()
-    count = len(pattern.points)
-    held = count + len(bodies)
-    body = np.full(len(bodies), held)
-    for k in free_bodies:
-        body[k] = count + k
-    of_bodies = np.repeat(body, list(bodies)).astype(np.int64)
-    own = np.arange(count)
+    own, held = np.arange(count), count + len(bodies)
     if prescribed is not None:
         own[prescribed] = held + 1
-    found = _patches(library, own, of_bodies)
-    if not self_contact:
-        return found & _patches(library, np.zeros(count, dtype=np.int64), of_bodies)
-    pairs = neighbours(pattern, sizes) if apart is None else apart
-    if len(pairs):
-        one, two = (list(map(int, ends)) for ends in pairs.T)
-        listed = dict.fromkeys(zip(one, two, strict=True), False)
-        found = found & library.make_sparse_filter(listed, True)
-    return found
+    numbers = [count + k if k in free_bodies else held for k in range(len(bodies))]
+    of_bodies = np.repeat(np.array(numbers, dtype=np.int64), list(bodies))
+    found = patches_apart(np.append(own, of_bodies))
+    return found if self_contact else found & patches_apart(np.append(0 * own, of_bodies))
+
+
+def leaving_out(pairs: Ints) -> Any:
+    """Return the `ipctk.CollisionFilter` that leaves out pairs of vertices, (k, 2), sorted."""
+    if not len(pairs):
+        return ipctk().CollisionFilter()
+    one, two = (list(map(int, ends)) for ends in pairs.T)
+    return ipctk().make_sparse_filter(dict.fromkeys(zip(one, two, strict=True), False), True)
 
 
 def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
@@ -83,10 +71,6 @@ def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
     Where edges are longer than twice the thickness there is none, unless triangles are slivers:
     contact then prevents a sharp fold between two triangles. Where they are shorter it does not
     act in a sheet that lies flat.
-
-    Args:
-        pattern: The pattern.
-        sizes: Thickness and distance of contact.
     """
     count, sheet = len(pattern.points), _Sheet.of(pattern)
     near = paths(count, *sheet.links(), FOLDED * sizes.thickness)
@@ -108,10 +92,6 @@ def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSi
 
     They cannot be a thickness apart. They keep away from each other by a small part of the
     smallest height of a triangle, so that folds finer than the thickness do not cross either.
-
-    Args:
-        pattern: The pattern.
-        sizes: Sizes of the contact of all others.
     """
     corners = pattern.flat_points[pattern.flat_triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
@@ -163,11 +143,6 @@ def _shortest(keys: Ints, lengths: Floats) -> tuple[Ints, Floats]:
 
 def _matrix(count: int, rows: Ints, columns: Ints) -> csr_array:
     return csr_array(coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count)))
-
-
-def _patches(library: Any, skin: Ints, bodies: Ints) -> Any:
-    """Return a filter that keeps vertices with the same number apart."""
-    return library.make_vertex_patches_filter(np.append(skin, bodies).astype(np.int32))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.mechanics.contact.library import ipctk
-from toros_fem.mechanics.contact.neighbours import collision_filter
-from toros_fem.mechanics.contact.settings import ContactSizes, Ground
+from toros_fem.mechanics.contact.library import collision_mesh, ipctk
+from toros_fem.mechanics.contact.neighbours import leaving_out, neighbours
+from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import dihedral_angles, normals
 
@@ -36,26 +36,17 @@ SPACING = 0.1
 ROUNDING = 1e-6
 
 
-def opened(
-    pattern: Pattern,
-    sizes: ContactSizes,
-    in_planes: Bools | None = None,
-) -> Floats:
+def opened(pattern: Pattern, sizes: ContactSizes, in_planes: Bools | None = None) -> Floats:
     """Return positions of all vertices, (n, 3), in m, from which contact can act.
 
     Layers that lie on each other are moved apart along their normals, by a parabola of the distance
     from the folds between them, until the reach of contact is between their middle surfaces. A
     skin whose layers are apart as assembled keeps its positions.
 
-    Args:
-        pattern: The pattern.
-        sizes: Thickness and distance of contact.
-        in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3), in which it
-            stays; None without planes.
+    Vertices stay `in_planes`, (n, 3), the symmetry planes across x, y or z in which they lie.
 
     Raises:
         ParameterError: The layers could not be moved apart.
-        MissingPackageError: ipctk is not installed.
     """
     mesh = skin_mesh(pattern, sizes)
     directions = _vertex_normals(pattern)
@@ -90,12 +81,8 @@ def opened(
 
 def skin_mesh(pattern: Pattern, sizes: ContactSizes) -> Any:
     """Return the `ipctk.CollisionMesh` of a skin alone, without its neighbours in the sheet."""
-    library = ipctk()
-    triangles = np.asfortranarray(pattern.triangles, dtype=np.int32)
-    ends = np.asfortranarray(pattern.edges.ends, dtype=np.int32)
-    mesh = library.CollisionMesh(np.asfortranarray(pattern.points), ends, triangles)
-    mesh.can_collide = collision_filter(pattern, sizes)
-    return mesh
+    may_touch = leaving_out(neighbours(pattern, sizes))
+    return collision_mesh(pattern.points, pattern.triangles, may_touch)
 
 
 def _layered(pattern: Pattern, directions: Floats, thickness: float) -> bool:
@@ -156,10 +143,7 @@ class StartCheck:
     def sentence(self, pattern: Pattern, positions: Floats, bodies: Sequence[str] = ()) -> str:
         """Return the worst place in words.
 
-        Args:
-            pattern: The skin's pattern.
-            positions: As of `check_start`.
-            bodies: Name of the body of each vertex that follows those of the skin.
+        `bodies` names the body of each vertex that follows those of the skin.
         """
         listed = list(self.vertices)
         place = ", ".join(f"{1e3 * v:.4g}" for v in positions[listed].mean(axis=0))
@@ -177,13 +161,7 @@ class StartCheck:
 
 
 def check_start(
-    mesh: Any,
-    positions: Floats,
-    thickness: float,
-    *,
-    distance: float = 0.0,
-    grounds: Sequence[Ground] = (),
-    grounded: Ints | None = None,
+    mesh: Any, positions: Floats, thickness: float, *, distance: float = 0.0
 ) -> StartCheck:
     """Return whether contact can act on given positions, and the worst place where it cannot.
 
@@ -192,21 +170,9 @@ def check_start(
         positions: Of all its vertices in m, (n, 3).
         thickness: Distance of middle surfaces in m that they must exceed.
         distance: Distance of faces in m up to which the smallest is found.
-        grounds: Half-spaces, already moved to where middle surfaces must stay out.
-        grounded: Vertices that half-spaces keep out, (g,); None for all.
-
-    Raises:
-        MissingPackageError: ipctk is not installed.
     """
     library = ipctk()
     positions = np.asfortranarray(positions, dtype=np.float64)
-    kept_out = np.arange(len(positions)) if grounded is None else grounded
-    for ground in grounds:
-        height = (positions[kept_out] - np.array(ground.point)) @ np.array(ground.normal)
-        lowest = int(np.argmin(height))
-        if height[lowest] <= 0:
-            at = (int(kept_out[lowest]),)
-            return StartCheck(False, float(height[lowest]), at, ground=True)
     # Without a least distance nothing is left out, however near it is.
     near = library.NormalCollisions()
     near.build(mesh, positions, thickness * (1 + ROUNDING) + distance)

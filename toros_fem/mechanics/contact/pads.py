@@ -21,9 +21,6 @@ class Pads:
             normal to the ground is left out.
         forward: Coefficient of friction in this direction.
         backward: Coefficient against this direction and across it, at least `forward`.
-
-    Raises:
-        ParameterError: A value is not admissible, or no vertex carries a pad.
     """
 
     vertices: Bools

@@ -24,9 +24,6 @@ class Ground:
     Attributes:
         point: A point of its surface, in m.
         normal: Direction out of it; its length does not matter.
-
-    Raises:
-        ParameterError: A vector is not finite, or the normal is zero.
     """
 
     point: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -66,9 +63,6 @@ class Contact:
         slip: In m, the tangential motion at which friction is fully mobilised; None takes
             `distance`.
         gravity: Acceleration in m/s² that acts on free bodies.
-
-    Raises:
-        ParameterError: A value is not admissible, or two bodies have one name.
     """
 
     ground: Ground | Sequence[Ground] | None = None
@@ -83,10 +77,8 @@ class Contact:
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
 
     def __post_init__(self) -> None:
-        grounds = self.ground
-        if grounds is None:
-            grounds = ()
-        elif isinstance(grounds, Ground):
+        grounds = () if self.ground is None else self.ground
+        if isinstance(grounds, Ground):
             grounds = (grounds,)
         if not isinstance(grounds, list | tuple):
             raise ParameterError(f"ground = {grounds!r} must be a Ground, several, or None.")
@@ -102,11 +94,9 @@ class Contact:
         if len(set(names)) < len(names):
             raise ParameterError(f"bodies are named {names}; each needs a name of its own.")
         require_flag(self_contact=self.self_contact)
-        numbers = {
-            name: getattr(self, name)
-            for name in ("friction", "thickness", "distance", "stiffness", "slip")
-        }
-        require_positive(**{k: v for k, v in numbers.items() if v is not None})
+        names = ["friction", "thickness", "distance", "stiffness", "slip"]
+        given = {name: getattr(self, name) for name in names}
+        require_positive(**{name: size for name, size in given.items() if size is not None})
         require_kind("pads", self.pads, (Pads, type(None)), "Pads, or None")
         if self.pads is not None and (not self.ground or self.friction is None):
             raise ParameterError(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, override
+from collections.abc import Callable
+from typing import TypeVar, override
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.base.mpi import largest, on_first_rank, total
+from toros_fem.base.mpi import OnFirst, largest, on_first_rank, total
+from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.core import ContactCore
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
 from toros_fem.mechanics.contact.opening import opened
@@ -18,12 +20,16 @@ from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_firs
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
+T = TypeVar("T")
+
 # Way of a free body over the size of the skin at which it is taken to fall without end.
 FALLEN = 3.0
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
 # Factor on a step that must be searched again.
 FARTHEST, LARGEST_TURN, AGAIN = 0.1, 0.2, 0.9
+# Entries of the tangent on all ranks but the first.
+NOTHING: Floats = np.zeros(0)
 
 
 class SkinContact(Term):
@@ -42,9 +48,6 @@ class SkinContact(Term):
             are moved apart.
 
     Args:
-        skin: The skin.
-        contact: What touches.
-        sizes: Its numbers.
         fixed: Fixed components of all vertices, (n, 3).
         in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
     """
@@ -59,39 +62,21 @@ class SkinContact(Term):
     ) -> None:
         self._skin, self._comm, self._fixed = skin, skin.comm, fixed
         self.contact, self.sizes = contact, sizes
-        self._bodies = FreeBodies(contact, sizes.thickness)
+        self._bodies = bodies = FreeBodies(contact, sizes.thickness)
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
         self._weight_fraction = 0.0
-        if self._bodies.count:
-            blocks = blocks_of_first_rank(self._comm, self._bodies.count)
-            self.unknowns = Unknowns(blocks, np.zeros((self._bodies.count, 6), dtype=bool))
-        self.friction: SlidingFriction | None = None
-        if contact.holds:
-            self.friction = SlidingFriction(contact, sizes)
-        self._core: ContactCore | None = None
-
-        def make() -> None:
-            prescribed = np.asarray(fixed.all(axis=1))
-            self._core = ContactCore(
-                skin.pattern, contact, sizes, prescribed, self._bodies, self.friction
-            )
-
-        on_first_rank(self._comm, make)
-        self.assembled: Floats = skin.pattern.points
+        if bodies.count:
+            blocks = blocks_of_first_rank(self._comm, bodies.count)
+            self.unknowns = Unknowns(blocks, np.zeros((bodies.count, 6), dtype=bool))
+        self.friction = friction = SlidingFriction(contact, sizes) if contact.holds else None
+        pattern, prescribed = skin.pattern, np.asarray(fixed.all(axis=1))
+        self._core = OnFirst(
+            self._comm,
+            lambda: ContactCore(pattern, contact, sizes, prescribed, bodies, friction),
+        )
+        self.assembled: Floats = pattern.points
         if contact.self_contact:
-            self.assembled = on_first_rank(
-                self._comm, lambda: opened(skin.pattern, sizes, in_planes)
-            )
-
-    def _first(self, method: str, *args: Any, **named: Any) -> Any:
-        """Return on all ranks what a method of the core returns; its errors reach all."""
-        return on_first_rank(self._comm, lambda: getattr(self._core, method)(*args, **named))
-
-    def _first_alone(self, method: str, *args: Any, **named: Any) -> Floats:
-        """Return numbers of the core on the first rank, and none on the others."""
-        kept = [np.zeros(0)]
-        on_first_rank(self._comm, lambda: kept.append(getattr(self._core, method)(*args, **named)))
-        return kept[-1]
+            self.assembled = on_first_rank(self._comm, lambda: opened(pattern, sizes, in_planes))
 
     @override
     def number(self, patch: Patch, dofs: LocalInts) -> None:
@@ -100,12 +85,11 @@ class SkinContact(Term):
         whole = self._skin.gather_vertices(patch.numbers.astype(np.float64)).astype(np.int64)
         whole[self._fixed] = -1
         numbers: Ints = np.append(whole.ravel(), index_map.local_to_global(dofs.ravel()))
-        self._first("number", numbers, index_map.size_global)
+        self._core(lambda core: core.number(numbers, index_map.size_global))
         self._take_pairs()
 
     def _take_pairs(self) -> None:
-        if self._core is not None:
-            self.pairs = self._core.pairs
+        self.pairs = self._core.alone(lambda core: core.pairs, Term.pairs)
 
     @override
     def set_load(self, load: Load) -> None:
@@ -143,22 +127,35 @@ class SkinContact(Term):
 
     def poses_of(self, x: Floats) -> Floats:
         """Return the poses of all bodies in a state, (k, 6), in m and rad."""
-        return self._bodies.poses(self._comm.bcast(self.motions(x), root=0), self.poses)
+        return self._poses(x, self.poses)
+
+    def _poses(self, x: Floats, held: Floats) -> Floats:
+        return self._bodies.poses(self._comm.bcast(self.motions(x), root=0), held)
 
     def _at(self, x: Floats) -> tuple[Floats, Floats]:
         """Return all vertices of skin and bodies on every rank, and the poses."""
-        skin, poses = self._skin.gather_vertices(positions(self._skin, x)), self.poses_of(x)
-        everything = np.concatenate([skin, self._bodies.vertices(poses)])
-        return np.asfortranarray(everything), poses
+        poses = self.poses_of(x)
+        return self._vertices(x, poses), poses
 
-    def _vertices(self, x: Floats) -> Floats:
-        return self._at(x)[0]
+    def _vertices(self, x: Floats, poses: Floats) -> Floats:
+        skin = self._skin.gather_vertices(positions(self._skin, x))
+        return np.asfortranarray(np.concatenate([skin, self._bodies.vertices(poses)]))
+
+    def _of_barrier(self, x: Floats, ask: Callable[[Barrier, Floats], T]) -> T:
+        """Return what the barrier answers about all vertices."""
+        vertices, _ = self._at(x)
+        return self._core(lambda core: ask(core.barrier, vertices))
 
     def _add(self, out: Floats, skin: Floats, bodies: Floats) -> None:
         """Add forces on all vertices of the skin, (n, 3), and on the free bodies, (f, 6)."""
         positions(self._skin, out)[:] += skin[self._skin.owned_vertices]
         if self._comm.rank == 0:
             out[self._dofs] += bodies
+
+    @property
+    def _weight(self) -> Floats:
+        """Force of gravity on the unknowns of the free bodies that acts, in N, (f, 6)."""
+        return self._weight_fraction * self._bodies.weight
 
     @override
     def energy(self, x: Floats) -> float:
@@ -167,32 +164,32 @@ class SkinContact(Term):
         Friction has the normal forces of the last `lag_friction`. The energy is infinite where
         surfaces are too near to each other.
         """
-        every, poses = self._at(x)
-        found: float = self._first("energy", every, poses)
+        vertices, poses = self._at(x)
+        found = self._core(lambda core: core.energy(vertices, poses))
         return found - self._weight_fraction * self._bodies.work(poses)
-
-    @property
-    def _weight(self) -> Floats:
-        """Force of gravity on the unknowns of the free bodies that acts, in N, (f, 6)."""
-        return self._weight_fraction * self._bodies.weight
 
     @override
     def add_gradient(self, x: Floats, out: Floats) -> None:
-        skin, bodies = self._first("gradient", *self._at(x))
+        at = self._at(x)
+        skin, bodies = self._core(lambda core: core.gradient(*at))
         self._add(out, skin, bodies - self._weight)
 
     @override
     def entries(self, x: Floats, *, definite: bool) -> Floats:
-        return self._first_alone("entries", *self._at(x), definite=definite)
+        at = self._at(x)
+        return self._core.alone(lambda core: core.entries(*at, definite=definite), NOTHING)
 
     def convexity_gap(self, x: Floats) -> Floats | None:
         """Return the semidefinite `entries` less the exact ones; None if nothing touches."""
         at = self._at(x)
-        return self._first_alone("convexity_gap", *at) if self.count_pairs() else None
+        if not self._core(lambda core: core.barrier.count(at[0])):
+            return None
+        return self._core.alone(lambda core: core.convexity_gap(*at), NOTHING)
 
     @override
     def grow(self, x: Floats) -> None:
-        if self._first("grow", *self._at(x)):
+        at = self._at(x)
+        if self._core(lambda core: core.grow(*at)):
             self.generation += 1
             self._take_pairs()
 
@@ -207,18 +204,13 @@ class SkinContact(Term):
 
     @override
     def largest_step(self, x: Floats, step: Floats, factor: float, carried: Floats | None) -> float:
-        """Return a factor on a step, at most the given one, so that nothing meets on the way."""
-        every = self._vertices(x)
-        turn = self.motions(step)
-        poses = self.poses.copy()
-        moved = np.zeros_like(poses) if carried is None else carried
-        farthest = max(
-            np.abs(part).max(initial=0.0)
-            for part in (positions(self._skin, step), turn[:, :3], moved[:, :3])
-        )
-        farthest = largest(self._comm, float(farthest))
-        turned = largest(self._comm, self._bodies.largest_angle(turn))
-        turned = max(turned, float(np.linalg.norm(moved[:, 3:], axis=1).max(initial=0.0)))
+        begin, turn = self._vertices(x, self.poses_of(x)), self.motions(step)
+        moved = np.zeros_like(self.poses) if carried is None else carried
+        parts = positions(self._skin, step), turn[:, :3], moved[:, :3]
+        farthest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+        turned = float(np.linalg.norm(moved[:, 3:], axis=1).max(initial=0.0))
+        turned = max(turned, self._bodies.largest_angle(turn))
+        farthest, turned = (largest(self._comm, size) for size in (farthest, turned))
         factor = min(
             factor,
             FARTHEST * self._skin.pattern.size / max(farthest, 1e-300),
@@ -226,42 +218,42 @@ class SkinContact(Term):
         )
         free = 0.0
         while free < 1 and factor > 0:
-            self.poses[:] = poses + factor * moved
-            free = self._first("free_part", every, self._vertices(x + factor * step))
+            goal = x + factor * step
+            end = self._vertices(goal, self._poses(goal, self.poses + factor * moved))
+            free = self._free_part(begin, end)
             factor *= free
             if turned == 0:
                 break
             # Where a body turns, a part of the step ends beside the straight way: look again.
             factor *= 1.0 if free == 1 else AGAIN
-        self.poses[:] = poses
         return factor
+
+    def _free_part(self, begin: Floats, end: Floats) -> float:
+        return self._core(lambda core: core.barrier.largest_step(begin, end - begin))
 
     @override
     def refusal(self, x: Floats) -> str | None:
-        bodies = zip(self.contact.bodies, self._bodies.counts, strict=True)
-        names = [body.name for body, count in bodies for _ in range(count)]
-        found: str | None = self._first("refusal", self._vertices(x), names)
-        return found
+        return self._of_barrier(x, Barrier.refusal)
 
     def crossed(self, x: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""
-        return bool(self._first("crossed", self._vertices(x)))
+        return self._of_barrier(x, Barrier.crossed)
 
     def gap(self, x: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts."""
-        return float(self._first("gap", self._vertices(x)))
+        return self._of_barrier(x, Barrier.gap)
 
-    def count_pairs(self) -> int:
-        """Return the number of pairs in contact at the last state."""
-        return int(self._first("count_pairs"))
+    def count_pairs(self, x: Floats) -> int:
+        """Return the number of pairs in contact."""
+        return self._of_barrier(x, Barrier.count)
 
     def forces(self, x: Floats) -> Floats:
         """Return the gradient of the barrier in N at all vertices of skin and bodies, (v, 3)."""
-        return np.asarray(self._first("forces", self._vertices(x)))
+        return self._of_barrier(x, Barrier.gradient)
 
     def normals(self, x: Floats) -> Floats:
         """Return the normal forces on the skin in N, (sides, n, 3), of half-spaces and bodies."""
-        return np.asarray(self._first("normals", self._vertices(x)))
+        return self._of_barrier(x, Barrier.normals)
 
     @property
     def slides(self) -> bool:
@@ -271,9 +263,8 @@ class SkinContact(Term):
     def begin_step(self, sliding: Sliding | None, load: Load) -> None:
         """Begin a step of a path with friction; without friction nothing is done.
 
-        Args:
-            sliding: End of the step before; None for a skin at rest at its assembled positions.
-            load: Load of the step.
+        It goes on from the end of the step before; None stands for a skin at rest at its assembled
+        positions. The load is that of the step.
         """
         if self.friction is None:
             return
@@ -282,55 +273,49 @@ class SkinContact(Term):
             begin[self._bodies.free] = 0.0
             sliding = self.friction.at_rest(self.assembled, begin)
         self.friction.begin(sliding)
-        self._first("begin")
+        self._core(lambda core: core.begin())
 
     def lag_friction(self, x: Floats) -> None:
         """Let friction have the normal forces and tangent planes of a state."""
         if self.friction is not None:
-            self._first("lag", *self._at(x))
+            at = self._at(x)
+            self._core(lambda core: core.lag(*at))
 
     def end_step(self, x: Floats) -> Sliding | None:
         """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:
             return None
-        self.lag_friction(x)
-        every, poses = self._at(x)
-        friction, skin = self.friction, every[: len(self._skin.pattern.points)]
-        return on_first_rank(self._comm, lambda: friction.end(skin, poses))
+        at = self._at(x)
+        return self._core(lambda core: core.end(*at))
 
     def coupling(self, x: Floats, change: Floats, *, transposed: bool = False) -> Floats:
         """Return the change of friction by that of the normal forces: the part without symmetry.
 
-        Args:
-            x: State of the last `lag_friction`.
-            change: Change of the state.
-            transposed: Whether to multiply by the transpose.
+        x is the state of the last `lag_friction`, and `change` that of the state; `transposed`
+        multiplies by the transpose.
         """
-        skin = self._skin.gather_vertices(positions(self._skin, change))
+        at, skin = self._at(x), self._skin.gather_vertices(positions(self._skin, change))
         turn = self._comm.bcast(self.motions(change), root=0)
         out = np.zeros_like(x)
-        found = self._first("coupling", *self._at(x), skin, turn, transposed=transposed)
+        found = self._core(lambda core: core.coupling(*at, skin, turn, transposed=transposed))
         self._add(out, *found)
         return out
 
     def begin_step_backward(self, x: Floats, adjoint: Floats) -> Floats:
         """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
 
-        Args:
-            x: State of the last `lag_friction`.
-            adjoint: Owned unknowns.
+        x is the state of the last `lag_friction`.
         """
-        whole = self._skin.gather_vertices(positions(self._skin, adjoint))
-        return np.asarray(self._first("begin_backward", *self._at(x), whole))
+        at, whole = self._at(x), self._skin.gather_vertices(positions(self._skin, adjoint))
+        return self._core(lambda core: core.begin_backward(*at, whole))
 
     def end_step_backward(self, x: Floats, slope: Floats) -> tuple[Floats, Floats]:
         """Return the derivatives of Σ slope · anchors at the end, by state and by the begin.
 
-        Args:
-            x: State of the last `lag_friction`.
-            slope: Numbers for each anchor, (sides, n, 3), equal on all ranks.
+        x is the state of the last `lag_friction`. The slope is (sides, n, 3), equal on all ranks.
         """
-        skin, by_anchor = self._first("end_backward", *self._at(x), slope)
+        at = self._at(x)
+        skin, by_anchor = self._core(lambda core: core.end_backward(*at, slope))
         out = np.zeros_like(x)
         positions(self._skin, out)[:] = skin[self._skin.owned_vertices]
         return out, by_anchor

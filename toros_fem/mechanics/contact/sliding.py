@@ -8,7 +8,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, rotation
+from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, rotation
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
 
@@ -26,62 +26,50 @@ class Sliding:
 
 
 class SlidingFriction:
-    """Friction of all vertices on all half-spaces and bodies, the sides of their contact.
+    """Friction of all n vertices on all half-spaces and bodies, the sides of their contact.
 
     Friction has a potential where normal forces and tangent planes are held (Li et al. 2020,
     section 5). They are those of `lag`, repeated until they are those of the state itself. On a
     body u is measured from the anchor as the body carries it, so that nothing slides where skin
     and body turn together.
 
-    All arrays are those of all n vertices. Poses are those of all bodies, (bodies, 6).
+    A state is the points of all vertices in m, (n, 3), and the poses of all bodies, (bodies, 6).
+    Forces, anchors and their derivatives are (sides, n, 3).
 
     Attributes:
+        grounds: Number of half-spaces, which are the first sides.
         friction, slip: μ of all but pads on the ground, and the slip in m.
         sliding: Anchors at the begin of the step.
-        normals: Normal force in N on each vertex from each side, (sides, n, 3), as of `lag`.
-
-    Args:
-        contact: The contact; it has friction.
-        sizes: Its sizes.
+        normals: Normal force in N on each vertex from each side, as of `lag`.
     """
 
     def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
         assert contact.friction is not None
         self.friction, self.slip = contact.friction, sizes.slip
-        self._grounds, self._pads = len(contact.grounds), contact.pads
-        self._centres = [body.centre for body in contact.bodies]
+        self.grounds, self._pads = len(contact.grounds), contact.pads
+        centres = [np.zeros(3)] * self.grounds + [body.centre for body in contact.bodies]
+        self._centres: Floats = np.reshape(centres, (-1, 1, 3))
         self.sliding = self._settled = Sliding(np.zeros((self.sides, 0, 3)))
         self.normals: Floats = np.zeros((self.sides, 0, 3))
 
     @property
     def sides(self) -> int:
         """Number of half-spaces and bodies."""
-        return self._grounds + len(self._centres)
+        return len(self._centres)
 
-    def at_rest(self, points: Floats, poses: Floats | None) -> Sliding:
-        """Return the anchors of vertices that stick where they are.
-
-        Args:
-            points: Positions in m, (n, 3).
-            poses: Poses of the bodies.
-        """
-        return Sliding(
-            self._brought_back(np.broadcast_to(points, (self.sides, *points.shape)), poses)
-        )
+    def at_rest(self, points: Floats, poses: Floats) -> Sliding:
+        """Return the anchors of vertices that stick where they are."""
+        return Sliding(self._brought_back(np.repeat(points[None], self.sides, axis=0), poses))
 
     def begin(self, sliding: Sliding) -> None:
         """Begin a step from the anchors of the last one, without any normal force."""
         self.sliding, self._settled = sliding, sliding
         self.normals = np.zeros_like(sliding.anchors)
 
-    def lag(self, normals: Floats, points: Floats, poses: Floats | None) -> None:
+    def lag(self, normals: Floats, points: Floats, poses: Floats) -> None:
         """Take over the normal forces of a state, and move the anchors along them to its vertices.
 
         So friction and its counterpart on a body act along one line: they turn nothing together.
-
-        Args:
-            normals: On each vertex from each side in N, (sides, n, 3).
-            points, poses: The state.
         """
         self.normals = normals
         carried = self.carried(self.sliding, poses)
@@ -89,59 +77,30 @@ class SlidingFriction:
         carried += np.einsum("sni,sni->sn", unit, points - carried)[:, :, None] * unit
         self._settled = Sliding(self._brought_back(carried, poses))
 
-    def energy(self, points: Floats, poses: Floats | None) -> float:
+    def energy(self, points: Floats, poses: Floats) -> float:
         """Return the potential in J of the lagged normal forces."""
         return float(self._of_law("energy", points, poses).sum())
 
-    def force(self, points: Floats, poses: Floats | None) -> Floats:
-        """Return the gradient in N of `energy` by the position on each side, (sides, n, 3)."""
+    def force(self, points: Floats, poses: Floats) -> Floats:
+        """Return the gradient in N of `energy` by the position on each side."""
         return self._of_law("force", points, poses)
 
-    def stiffness(self, points: Floats, poses: Floats | None) -> Floats:
+    def stiffness(self, points: Floats, poses: Floats) -> Floats:
         """Return the second derivative in N/m of `energy` on each side, (sides, n, 3, 3)."""
         return self._of_law("stiffness", points, poses)
 
-    def pose_force(self, body: int, force: Floats, poses: Floats) -> Floats:
-        """Return the gradient of `energy` by a body's pose, (6,), in N and N m.
+    def by_pose(self, body: int, poses: Floats) -> Floats:
+        """Return the derivative by a body's pose of the anchors on it, (3 n, 6)."""
+        side = self.grounds + body
+        return pose_jacobian(self._settled.anchors[side], self._centres[side, 0], poses[body])
 
-        Args:
-            body: Number of the body.
-            force: As of `force`.
-            poses: Poses of the bodies.
-        """
-        side, anchors = self._grounds + body, self._anchors(body)
-        jacobian = pose_jacobian(anchors, self._centres[body], poses[body])
-        return np.asarray(-(force[side].ravel() @ jacobian))
+    def pose_curvature(self, body: int, poses: Floats, force: Floats) -> Floats:
+        """Return the second derivative by a body's pose of Σ force · anchors, forces held."""
+        side = self.grounds + body
+        anchors, centre = self._settled.anchors[side], self._centres[side, 0]
+        return pose_curvature(anchors, centre, poses[body], force[side])
 
-    def pose_stiffness(
-        self,
-        body: int,
-        force: Floats,
-        stiffness: Floats,
-        poses: Floats,
-        *,
-        definite: bool = False,
-    ) -> tuple[Floats, Floats]:
-        """Return the second derivatives by positions and a body's pose, and by the pose twice.
-
-        Args:
-            body: Number of the body.
-            force, stiffness: As of `force` and `stiffness`.
-            poses: Poses of the bodies.
-            definite: Whether to leave out what may not be positive semidefinite.
-
-        Returns:
-            Arrays (n, 3, 6) and (6, 6).
-        """
-        side, anchors, centre = self._grounds + body, self._anchors(body), self._centres[body]
-        jacobian = pose_jacobian(anchors, centre, poses[body]).reshape(-1, 3, 6)
-        mixed = np.asarray(-stiffness[side] @ jacobian)
-        twice = -np.einsum("nia,nib->ab", jacobian, mixed)
-        if not definite:
-            twice -= pose_curvature(anchors, centre, poses[body], force[side])
-        return mixed, twice
-
-    def end(self, points: Floats, poses: Floats | None) -> Sliding:
+    def end(self, points: Floats, poses: Floats) -> Sliding:
         """Return the anchors at the end of the step: each at the elastic slip from its vertex.
 
         The normal forces must be those of the state itself.
@@ -149,58 +108,39 @@ class SlidingFriction:
         slip = self._of_law("elastic", points, poses)
         return Sliding(self._brought_back(points - slip, poses))
 
-    def force_change(self, points: Floats, poses: Floats | None, change: Floats) -> Floats:
-        """Return the change of `force` in N by one of the normal forces, both (sides, n, 3)."""
+    def force_change(self, points: Floats, poses: Floats, change: Floats) -> Floats:
+        """Return the change of `force` in N by one of the normal forces."""
         by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
         return np.einsum("snij,snj->sni", by_normal, change)
 
     def force_backward(
-        self, points: Floats, poses: Floats | None, adjoint: Floats
+        self, points: Floats, poses: Floats, adjoint: Floats
     ) -> tuple[Floats, Floats]:
-        """Return the derivatives of Σ adjoint · `force` by normal forces and by anchors.
-
-        Args:
-            points, poses: The state.
-            adjoint: Numbers for each vertex on each side, (sides, n, 3).
-
-        Returns:
-            Both (sides, n, 3).
-        """
+        """Return the derivatives of Σ adjoint · `force` by normal forces and by anchors."""
         by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
         by_motion = self._of_law("stiffness", points, poses)
         return (
             np.einsum("snij,sni->snj", by_normal, adjoint),
-            -self._turned_back(np.einsum("snij,sni->snj", by_motion, adjoint), poses),
+            -(np.einsum("snij,sni->snj", by_motion, adjoint) @ self._turns(poses)),
         )
 
     def end_backward(
-        self, points: Floats, poses: Floats | None, slope: Floats
+        self, points: Floats, poses: Floats, slope: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return the derivatives of Σ slope · `end` by positions, normal forces and anchors.
-
-        Args:
-            points, poses: The state.
-            slope: Numbers for each anchor, (sides, n, 3).
-
-        Returns:
-            Arrays (n, 3), (sides, n, 3) and (sides, n, 3).
-        """
-        slope = self._turned(slope, poses)
+        """Return the derivatives of Σ slope · `end` by positions, (n, 3), normals and anchors."""
+        turns = self._turns(poses)
+        slope = slope @ turns.transpose(0, 2, 1)
         by_motion = self._of_law("elastic_by_motion", points, poses)
         by_normal = self._of_law("elastic_by_normal", points, poses, self.sliding)
         followed = np.einsum("snij,sni->snj", by_motion, slope)
         return (
             (slope - followed).sum(axis=0),
             -np.einsum("snij,sni->snj", by_normal, slope),
-            self._turned_back(followed, poses),
+            followed @ turns,
         )
 
     def _of_law(
-        self,
-        quantity: str,
-        points: Floats,
-        poses: Floats | None,
-        anchors: Sliding | None = None,
+        self, quantity: str, points: Floats, poses: Floats, anchors: Sliding | None = None
     ) -> Floats:
         """Return a quantity of the law at all vertices on all sides, zero without normal force.
 
@@ -220,56 +160,30 @@ class SlidingFriction:
         if pads is None:
             return Coulomb(self.friction, self.slip)
         side, vertex = np.nonzero(active)
-        padded = (side < self._grounds) & pads.vertices[vertex]
+        padded = (side < self.grounds) & pads.vertices[vertex]
         friction = np.where(padded, pads.backward, self.friction)
         ratio = np.where(padded, pads.forward / pads.backward, 1.0)
         return Coulomb(friction, self.slip, ratio, pads.direction)
 
-    def _anchors(self, body: int) -> Floats:
-        return np.asarray(self._settled.anchors[self._grounds + body])
+    # Half-spaces stay where they are: their poses are zero.
 
-    def carried(self, sliding: Sliding, poses: Floats | None) -> Floats:
-        """Return anchors where the bodies are now, (sides, n, 3) in m.
+    def _turns(self, poses: Floats) -> Floats:
+        """Return the rotation of each side, (sides, 3, 3)."""
+        grounds = [np.eye(3)] * self.grounds
+        return np.reshape(grounds + [rotation(pose[3:]) for pose in poses], (-1, 3, 3))
 
-        Args:
-            sliding: The anchors.
-            poses: Poses of the bodies.
-        """
-        out = sliding.anchors.copy()
-        for k, centre in enumerate(self._centres):
-            assert poses is not None
-            out[self._grounds + k] = placed(out[self._grounds + k], centre, poses[k])
-        return out
+    def _moved_centres(self, poses: Floats) -> Floats:
+        """Return the centre of each side where it is now, (sides, 1, 3)."""
+        moved = self._centres.copy()
+        moved[self.grounds :, 0] += poses[:, :3]
+        return moved
 
-    def carried_change(self, poses: Floats, change: Floats) -> Floats:
-        """Return how far anchors move by a small change of the poses, (sides, n, 3) in m.
+    def carried(self, sliding: Sliding, poses: Floats) -> Floats:
+        """Return anchors where the bodies are now."""
+        arms = (sliding.anchors - self._centres) @ self._turns(poses).transpose(0, 2, 1)
+        return np.asarray(arms + self._moved_centres(poses))
 
-        Args:
-            poses, change: Poses of the bodies and their change.
-        """
-        out = np.zeros_like(self._settled.anchors)
-        for k, centre in enumerate(self._centres):
-            jacobian = pose_jacobian(self._anchors(k), centre, poses[k])
-            out[self._grounds + k] = (jacobian @ change[k]).reshape(-1, 3)
-        return out
-
-    def _brought_back(self, points: Floats, poses: Floats | None) -> Floats:
-        """Return where points on bodies, (sides, n, 3), were when these were made."""
-        out = np.array(points)
-        for k, centre in enumerate(self._centres):
-            assert poses is not None
-            arms = out[self._grounds + k] - (centre + poses[k, :3])
-            out[self._grounds + k] = arms @ rotation(poses[k, 3:]) + centre
-        return out
-
-    def _turned(self, vectors: Floats, poses: Floats | None, *, back: bool = False) -> Floats:
-        """Return vectors on bodies, (sides, n, 3), turned with them, or back."""
-        out = vectors.copy()
-        for k in range(len(self._centres)):
-            assert poses is not None
-            turn = rotation(poses[k, 3:])
-            out[self._grounds + k] = out[self._grounds + k] @ (turn if back else turn.T)
-        return out
-
-    def _turned_back(self, vectors: Floats, poses: Floats | None) -> Floats:
-        return self._turned(vectors, poses, back=True)
+    def _brought_back(self, points: Floats, poses: Floats) -> Floats:
+        """Return where points on all sides were when the bodies were made."""
+        arms = (points - self._moved_centres(poses)) @ self._turns(poses)
+        return np.asarray(arms + self._centres)

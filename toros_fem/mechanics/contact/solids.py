@@ -42,10 +42,6 @@ def rigid_sphere(
         mass: In kg, if it is free; None for a held or moved one.
         edge_length: Length of the triangles' edges in m; None takes one with facets within 1 % of
             the radius and 0.05 mm, but at most some 4000 triangles.
-
-    Raises:
-        ParameterError: A length is not positive, or `centre` is not a point.
-        MeshSizeError: There would be too many triangles.
     """
     require_positive(radius=radius)
     area = 4 * np.pi * radius**2
@@ -93,10 +89,6 @@ def rigid_box(
         mass: In kg, if it is free; None for a held or moved one.
         edge_length: Length of the triangles' edges along the sides in m; None takes one for some
             1000 triangles of even size, or one a side where that is shorter.
-
-    Raises:
-        ParameterError: A length is not positive, or `centre` is not a point.
-        MeshSizeError: There would be too many triangles.
     """
     sides = checked_floats("size", size, "three finite lengths, in m", (3,))
     require_positive(**{f"size[{k}]": float(side) for k, side in enumerate(sides)})
@@ -142,11 +134,6 @@ def rigid_cylinder(
         mass: In kg, if it is free; None for a held or moved one.
         edge_length: Length of the triangles' edges in m; None takes one with facets within 1 % of
             the radius and 0.05 mm, but at most some 4000 triangles.
-
-    Raises:
-        ParameterError: A length is not positive, `axis` has no direction, or `centre` is not a
-            point.
-        MeshSizeError: There would be too many triangles.
     """
     require_positive(radius=radius, length=length)
     given = checked_floats("axis", axis, "a finite vector, (3,)", (3,))
@@ -210,7 +197,6 @@ def rigid_mesh(
     Raises:
         SurfaceError, UnitError, ManifoldError, OrientationError, DegenerateTriangleError: As of
             `read_surface` and `RigidBody`.
-        ParameterError: `scale` is not positive, or `centre` is not a point.
     """
     surface = read_surface(comm, path, scale, component)
     body = RigidBody(name, surface.points, surface.triangles, mass)
@@ -234,13 +220,7 @@ def _sagitta(radius: float) -> float:
 def _edge_length(given: float | None, area: float, fine: float) -> float:
     """Return the length of the edges of a body's triangles in m.
 
-    Args:
-        given: As the user gives it.
-        area: Area of the body in m².
-        fine: Length in m that is fine enough; it grows where there would be too many triangles.
-
-    Raises:
-        ParameterError, MeshSizeError: The given one is not positive, or too small.
+    It is the given one, or one that is fine enough and grows where triangles would be too many.
     """
     if given is None:
         return float(max(fine, np.sqrt(area / (EQUILATERAL * MOST))))
@@ -250,13 +230,10 @@ def _edge_length(given: float | None, area: float, fine: float) -> float:
 
 
 def _divided_triangle(count: int) -> tuple[Ints, Ints, Ints]:
-    """Return a triangle divided into rows from one corner to the opposite side.
+    """Return a triangle divided into so many rows from one corner to the opposite side.
 
-    Args:
-        count: Number of rows.
-
-    Returns:
-        Row of each vertex, from 0; its place in the row, 0 to the row's number; the triangles.
+    That is the row of each vertex, from 0; its place in the row, 0 to the row's number; the
+    triangles.
     """
     rows = np.repeat(np.arange(count + 1), np.arange(1, count + 2))
     begin = np.arange(count + 1) * np.arange(1, count + 2) // 2

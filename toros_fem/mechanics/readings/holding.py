@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import gather_by_index, on_first_rank
+from toros_fem.base.mpi import OnFirst, gather_by_index
 from toros_fem.base.validation import checked_floats, require_between, require_positive
 from toros_fem.measures.shape import Nodes, require_nodes
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.neighbours import collision_filter
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
 
@@ -22,12 +22,11 @@ class HoldingObjective:
 
     The direction a need not be of length 1: with friction μ a body that moves down is held by
     F_up + μ F_across. Where nothing touches, T does not depend on the skin: another term must bring
-    it to the bodies.
+    it to the bodies. These are where they were made.
 
     Args:
         skin: The sewn skin.
-        contact: The contact; its bodies are where they were made.
-        sizes: Its sizes.
+        contact, sizes: What touches, and its numbers.
         fixed: Fixed components of all vertices, (n, 3), as of `Supports`.
         direction: a, (3,).
         force: F₀ in N.
@@ -35,7 +34,6 @@ class HoldingObjective:
 
     Raises:
         ParameterError: There is no body, or a value is out of bounds.
-        MissingPackageError: ipctk is not installed.
     """
 
     def __init__(
@@ -54,40 +52,21 @@ class HoldingObjective:
         along = checked_floats("direction", direction, "a finite vector of three", (3,))
         if not contact.bodies:
             raise ParameterError("this contact has no bodies that a skin could hold.")
-        self._skin, self._count = skin, len(skin.pattern.points)
+        self._skin, self._along, self._bodies = skin, along, contact.bodies
         self._force, self._factor = force, factor
-        self._bodies = np.concatenate([b.inset(sizes.thickness / 2) for b in contact.bodies])
-        self._motion = np.zeros((self._count + len(self._bodies), 3))
-        self._motion[self._count :] = along
-        self._barrier: Barrier | None = None
-
-        def make() -> None:
-            self._barrier = self._made(contact, sizes, np.asarray(fixed))
-
-        on_first_rank(skin.comm, make)
-
-    def _made(self, contact: Contact, sizes: ContactSizes, fixed: Bools) -> Barrier:
-        """Return the barrier between skin and bodies (one rank)."""
-        pattern, bodies = self._skin.pattern, FreeBodies(contact, sizes.thickness)
-        return Barrier(
-            self._all(pattern.points),
-            np.concatenate([pattern.triangles, bodies.triangles + self._count]),
-            np.concatenate([pattern.areas, bodies.areas]),
-            (),
-            np.zeros(0, dtype=np.int64),
-            sizes,
-            collision_filter(
-                pattern,
-                sizes,
-                prescribed=np.asarray(fixed.all(axis=1)),
-                bodies=bodies.counts,
-                self_contact=False,
-            ),
+        pattern, prescribed = skin.pattern, np.asarray(fixed.all(axis=1))
+        touched = replace(contact, ground=None, pads=None, self_contact=False)
+        bodies = FreeBodies(touched, sizes.thickness)
+        self._places = bodies.vertices(np.zeros((len(touched.bodies), 6)))
+        self._barrier = OnFirst(
+            skin.comm, lambda: Barrier(pattern, touched, sizes, prescribed, bodies, by_side=True)
         )
 
     def force(self, positions: Floats) -> float:
         """Return a · F in N at positions of the owned nodes, (n, 3) (collective)."""
-        return self._at(positions)[0]
+        x = self._vertices(positions)
+        pushes = self._barrier(lambda barrier: barrier.normals(x))
+        return -float((pushes @ self._along).sum())
 
     def forward(self, positions: Floats) -> float:
         """Return T at positions of the owned nodes, (n, 3) (collective)."""
@@ -95,27 +74,19 @@ class HoldingObjective:
 
     def backward(self, positions: Floats) -> Floats:
         """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
-        force, slope = self._at(positions)
+        x, force = self._vertices(positions), self.force(positions)
         price = -self._factor * self._missing(force) / self._force
-        return np.asarray(price * slope[self._skin.owned_vertices])
+        sides, count = len(self._bodies), len(self._skin.pattern.points)
+        weights = np.broadcast_to(-price * self._along, (sides, count, 3))
+        slope = self._barrier(lambda barrier: barrier.normals_backward(x, weights))
+        return np.asarray(slope[self._skin.owned_vertices])
 
     def _missing(self, force: float) -> float:
         return max(0.0, 1 - force / self._force)
 
-    def _at(self, positions: Floats) -> tuple[float, Floats]:
-        """Return a · F in N, and its derivative by all vertices of the skin in N/m, (n, 3)."""
+    def _vertices(self, positions: Floats) -> Floats:
+        """Return all vertices of skin and bodies."""
         skin = self._skin
-        whole = gather_by_index(skin.comm, skin.owned_vertices, positions, self._count)
-
-        def evaluated() -> tuple[float, Floats]:
-            assert self._barrier is not None
-            x = self._all(whole)
-            # The bodies' part of the energy's gradient is minus the force on them.
-            force = -float((self._motion * self._barrier.gradient(x)).sum())
-            slope = -(self._barrier.hessian(x) @ self._motion.ravel()).reshape(-1, 3)
-            return force, slope[: self._count]
-
-        return on_first_rank(skin.comm, evaluated)
-
-    def _all(self, skin: Floats) -> Floats:
-        return np.asfortranarray(np.concatenate([skin, self._bodies]))
+        count = len(skin.pattern.points)
+        whole = gather_by_index(skin.comm, skin.owned_vertices, positions, count)
+        return np.asfortranarray(np.concatenate([whole, self._places]))
