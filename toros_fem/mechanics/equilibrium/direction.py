@@ -85,7 +85,7 @@ class Direction:
     def limit(self, x: PETSc.Vec, y: PETSc.Vec) -> bool:
         """Renew a step of older factors that does not serve; shorten it by bounds and contact."""
         at = self.at
-        at.iterations = 0
+        at.iterations = self._ksp.getIterationNumber()
         while at.kind != "newton" and not self._serves(y):
             self._renew(y)
         if at.kind == "newton":
@@ -97,7 +97,6 @@ class Direction:
     def _serves(self, y: PETSc.Vec) -> bool:
         """Return whether a step by older factors is good enough; it is shortened then."""
         at, base = self.at, self.at.base
-        at.iterations += self._ksp.getIterationNumber()
         size = norm(at.comm, y.array_r)
         if self._ksp.getConvergedReason() < 0 or not np.isfinite(size):
             return False
@@ -131,6 +130,7 @@ class Direction:
         at.factor.fill(shift)
         at.ladder.renew = at.kind == "newton"
         self._ksp.solve(self._snes.getFunction()[0], y)
+        at.iterations += self._ksp.getIterationNumber()
 
     def back(self, rhs: Floats) -> Floats:
         """Solve with the factors of the last step, or as an option wants it."""

@@ -46,8 +46,9 @@ def given_options(text: str) -> Iterator[None]:
     """
     options = PETSc.Options()
     before = options.getAll()
+    known = before.items()
     options.insertString(text)
-    added = {name: value for name, value in options.getAll().items() if before.get(name) != value}
+    added = [name for name, value in options.getAll().items() if (name, value) not in known]
     try:
         others = [name for name in added if not name.startswith(PREFIX)]
         words = [word for word in text.split() if word.startswith("-")]
