@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -436,13 +436,17 @@ def _lines(s: Scene, at: tuple[int, int] | None = None, value: float = 0.0) -> N
     model.check(design[:, :-1] if at is None else changed(design, at, value))
 
 
+def _with_lines(s: Scene, **given: Any) -> tf.EquilibriumSolver:
+    return _solver(s, design=partial(LineDesign, families=2), **given)
+
+
 SOLVES: Table = {
     **each(tf.NewtonOptions, {"tolerance": 0.0}, {"tolerance": 0.1}, {"max_steps": 0},
            {"fraction_to_barrier": 1.0}, {"min_increment": -1.0}, {"min_increment": NAN}),
-    "line families of a tension field": lambda s: _solver(
-        s, composite=tf.Composite(bending=None, membrane=tf.Membrane("tension-field")), families=1
+    "line families of a tension field": lambda s: _with_lines(
+        s, composite=tf.Composite(bending=None, membrane=tf.Membrane("tension-field"))
     ),
-    "a density of line families": lambda s: _solver(s, families=2).solve(s.plain, 1e3),
+    "a density of line families": lambda s: _with_lines(s).solve(s.plain, 1e3),
     "lines of no family": lambda s: LineDesign(s.skin, tf.Composite(), 0),
     "lines without a sine": _lines,
     "lines at a density of 1.2": lambda s: _lines(s, (7, 0), 1.2),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import dolfinx.fem
@@ -15,6 +16,7 @@ from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew, tile
@@ -38,7 +40,7 @@ def scene(name: str, families: int | None = None, **changes: Any) -> Maker:
             case.supports,
             chambers=case.chambers,
             contact=case.contact,
-            families=families,
+            design=None if families is None else partial(LineDesign, families=families),
         )
 
     return make

@@ -1,5 +1,7 @@
 """Small models, and tangents that UFL derives."""
 
+from functools import partial
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -95,7 +97,7 @@ def relaxed_model(
     crossing: float = CROSSING,
 ) -> SkinModel:
     """The model of a relaxed design."""
-    design = LineDesign(skin, composite, families, crossing)
+    design = partial(LineDesign, families=families, crossing=crossing)
     return make_model(skin, composite, supports, weight=weight, design=design)
 
 

@@ -49,6 +49,7 @@ from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
@@ -469,7 +470,7 @@ def positions(
 
 def two_families(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     skin = sew(comm, tube())
-    return solver_on(skin, families=2), line_design(skin, 2, 5), 5e3
+    return solver_on(skin, design=partial(LineDesign, families=2)), line_design(skin, 2, 5), 5e3
 
 
 def wrinkled(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -228,7 +229,7 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
     """Return a disturbed state and the model of a row under its load."""
     pattern, adds = term.skin.pattern, term.adds or {}
     supports = term.supports or clamp(pattern, ["base"])
-    design = LineDesign(term.skin, term.composite, term.lines) if term.lines else None
+    design = partial(LineDesign, families=term.lines) if term.lines else None
     model = make_model(term.skin, term.composite, supports, design=design, **adds)
     model.set_density(design_of(term))
     model.set_load(term.load)

@@ -1,5 +1,7 @@
 """Equilibria of relaxed designs: forces by hand, and continuation."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from helpers.models import line_design
@@ -12,17 +14,24 @@ from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
 PRESSURE = 5e3
+
+TWO = partial(LineDesign, families=2)
 
 
 @pytest.fixture(scope="module")
 def solver(short_tube: Skin) -> EquilibriumSolver:
     options = NewtonOptions(tolerance=1e-12)
     return EquilibriumSolver(
-        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), options, families=2
+        short_tube,
+        Composite(),
+        clamp(short_tube.pattern, ["base"]),
+        options,
+        design=partial(LineDesign, families=2),
     )
 
 
@@ -37,7 +46,7 @@ def test_lines_along_hold_a_strip(alone: MPI.Comm) -> None:
     fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
     supports = Supports(fixed, displacement=np.where(pulled[:, None], [(pull - 1) * size, 0, 0], 0))
     skin, composite = sew(alone, pattern), Composite(bending=None)
-    solver = EquilibriumSolver(skin, composite, supports, families=1)
+    solver = EquilibriumSolver(skin, composite, supports, design=partial(LineDesign, families=1))
     result = solver.solve(np.tile([0.0, share, 2.0, 0.0], (len(skin.owned_cells), 1)), 0.0)
     a, b = (composite.c1 - 1) ** 2, (composite.c2 - 1) ** 2
     fabric = composite.fabric
@@ -63,7 +72,11 @@ def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
     at_one, at_two = (solver.solve(design, PRESSURE).state for design in (one, two))
     supports = clamp(short_tube.pattern, ["base"])
     few = EquilibriumSolver(
-        short_tube, Composite(), supports, NewtonOptions(max_steps=2), families=2
+        short_tube,
+        Composite(),
+        supports,
+        NewtonOptions(max_steps=2),
+        design=partial(LineDesign, families=2),
     )
     seen: list[Floats] = []
     set_density = few.model.set_density

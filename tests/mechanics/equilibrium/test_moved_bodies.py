@@ -1,6 +1,7 @@
 """Bodies and supports that are moved: cold, from a result, along paths, on finer meshes."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Pattern, cylinder, sew
 
@@ -111,7 +113,7 @@ def lowest(pattern: Pattern, x: Floats) -> float:
 def test_the_error_of_a_relaxed_design(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, 0.05, 0.02, 6e-3, mesh="structured")
     skin, clamped = sew(alone, pattern), tf.clamp(pattern, ["base"])
-    solver = EquilibriumSolver(skin, Composite(), clamped, families=2)
+    solver = EquilibriumSolver(skin, Composite(), clamped, design=partial(LineDesign, families=2))
     rows = np.zeros((len(skin.owned_cells), 7))
     rows[:, 1] = 0.2
     (found,) = tf.estimate_error(solver, solver.solve(rows, 1e3), [tf.swelling])

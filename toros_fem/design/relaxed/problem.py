@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -18,7 +19,7 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import Families, FixedDirections
 from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.skin.designs import CROSSING
+from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 
 # Mean of the random start's variables, and the standard deviation of their logarithm.
 START, SPREAD = 0.04, 0.7
@@ -159,7 +160,8 @@ def relaxed_problem(
     skin = design.skin
     designed = skin.gather_cells(design.designed.astype(np.float64)) > 0.5
     given = design.solver
-    solver = given.like(families=families.count, crossing=crossing, log=given.log)
+    lines = partial(LineDesign, families=families.count, crossing=crossing)
+    solver = given.like(design=lines, log=given.log)
     return RelaxedProblem(
         solver=solver,
         objective=design.objective,

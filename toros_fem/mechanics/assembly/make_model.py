@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypedDict, Unpack
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import require_alike
+from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.settings import Contact
@@ -23,37 +29,66 @@ from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
 
+class Further(TypedDict, total=False):
+    """What a skin may have besides materials and supports; None, or no entry, leaves it out.
+
+    Attributes:
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight.
+        contact: What it touches: itself, the ground, bodies.
+        design: Makes of skin and composite what is designed; None for `Densities`. A
+            `functools.partial` of `LineDesign` makes line families.
+        periodic: The tile that the skin is.
+    """
+
+    chambers: Chambers | None
+    weight: Weight | None
+    contact: Contact | None
+    design: Callable[[Skin, Composite], Densities] | None
+    periodic: Periodic | None
+
+
+# Types of these, and what to say of another one.
+_KINDS = {
+    "chambers": (Chambers, "Chambers, or None for one"),
+    "weight": (Weight, "a Weight, or None for none"),
+    "contact": (Contact, "a Contact, or None for none"),
+    "periodic": (Periodic, "a Periodic, or None for a skin that does not repeat"),
+}
+
+
 def make_model(
-    skin: Skin,
-    composite: Composite,
-    supports: Supports,
-    *,
-    chambers: Chambers | None = None,
-    weight: Weight | None = None,
-    contact: Contact | None = None,
-    design: Densities | None = None,
-    periodic: Periodic | None = None,
+    skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
 ) -> SkinModel:
     """Return the model of a skin with the terms that it has (collective).
 
-    Args:
-        skin: The sewn skin.
-        composite: The two materials and the stretch bounds.
-        supports: Fixed components and directions; with the prescribed ones of a tile's mean
-            deformation they must leave no rigid motion.
-        chambers: Pressure chambers; None for one.
-        weight: The skin's own weight; None for none.
-        contact: What the skin touches; None for nothing.
-        design: What is designed; None for densities.
-        periodic: The tile that the skin is; None for a skin that does not repeat.
+    The supports, with the prescribed ones of a tile's mean deformation, must leave no rigid motion.
 
     Raises:
-        ParameterError: The supports leave a rigid motion, or are made for another pattern; or the
-            walls between the chambers cannot be found.
+        ParameterError: They leave one, or are made for another pattern; an argument is of another
+            type or differs between the ranks; the walls between the chambers cannot be found; or
+            a relaxed design is to touch something.
         OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
     """
+    unknown = further.keys() - Further.__annotations__
+    if unknown:
+        raise TypeError(
+            f"there is no argument {', '.join(sorted(unknown))}; known are "
+            f"{', '.join(Further.__annotations__)}."
+        )
+    require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+    require_alike(skin.comm, composite=composite, supports=supports, **further)
+    require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
+    require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
+    for name, (kind, wanted) in _KINDS.items():
+        require_kind(name, further.get(name), (kind, type(None)), wanted)
+    chambers, weight = further.get("chambers"), further.get("weight")
+    contact, periodic = further.get("contact"), further.get("periodic")
+    make_design = further.get("design")
+    design = Densities(skin) if make_design is None else make_design(skin, composite)
+    if isinstance(design, LineDesign) and contact is not None:
+        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
     pattern, bending = skin.pattern, composite.bending
-    design = design or Densities(skin)
     if periodic is None and (contact is None or not contact.holds):
         supports.require_no_rigid_motion(pattern, bends=bending is not None)
     planes = Planes(pattern, supports)

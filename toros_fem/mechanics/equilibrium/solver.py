@@ -4,50 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
+from typing import Any, Unpack
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
     collective,
-    largest,
-    norm,
     require_alike,
     together,
     warn_together,
 )
 from toros_fem.base.validation import (
-    require_between,
     require_callable,
     require_flag,
     require_kind,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.mechanics.assembly.make_model import Further, make_model
 from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.attempts import Attempts
-from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
-from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
     EquilibriumError,
     numbers_read,
-    readings,
 )
 from toros_fem.mechanics.equilibrium.friction_solve import solve_with_friction
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
+from toros_fem.mechanics.equilibrium.settle import residual_at, settle, sliding_at
 from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
-from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
-from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
-from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
+from toros_fem.mechanics.equilibrium.ways import Search
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.refine import Refinement
@@ -69,12 +57,12 @@ class EquilibriumSolver:
         options: Tolerance and limits.
         log: Called with every row of a solve's history as it comes, and with a sentence where the
             equilibrium snapped, is near a limit point, blown up or folded; on every rank.
-        chambers: Pressure chambers; None for one.
-        weight: The skin's own weight; None for none.
-        families: Number of line families of relaxed designs, which then take the place of
-            densities (`LineDesign`); None for none.
-        crossing: Factor of their bonded crossings, as for `LineDesign`.
-        contact: What the skin touches: itself, the ground, bodies; None for nothing.
+        further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
+            touches. `design`: what is designed, if not densities. None, or none given, leaves each
+            out (`make_model.Further`).
+
+    Raises:
+        ParameterError: An argument is of another type, or does not fit the skin.
     """
 
     def __init__(
@@ -84,47 +72,16 @@ class EquilibriumSolver:
         supports: Supports,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
-        *,
-        chambers: Chambers | None = None,
-        weight: Weight | None = None,
-        families: int | None = None,
-        crossing: float = CROSSING,
-        contact: Contact | None = None,
+        **further: Unpack[Further],
     ) -> None:
-        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-        require_kind("contact", contact, (Contact, type(None)), "a Contact, or None for none")
-        given = {
-            "composite": composite,
-            "supports": supports,
-            "options": options,
-            "chambers": chambers,
-            "weight": weight,
-            "families": families,
-            "crossing": crossing,
-            "contact": contact,
-        }
-        require_alike(skin.comm, **given)
-        self._given: dict[str, Any] = {**given, "skin": skin, "log": log}
-        require_between(0.0, np.inf, crossing=crossing)
-        _require_kinds(composite, supports, options, log, chambers, weight)
+        self.model = make_model(skin, composite, supports, **further)
+        require_alike(skin.comm, options=options)
+        require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
+        if log is not None:
+            require_callable("log", log, "a function of a Newton step, or None")
         _warn_of_odd_sheets(skin, composite)
-        self.skin, self.log, self.contact = skin, log, contact
-        design = None
-        if families is not None:
-            if contact is not None:
-                raise ParameterError(
-                    "relaxed designs know no contact; leave contact out, or families."
-                )
-            design = LineDesign(skin, composite, families, crossing)
-        self.model = make_model(
-            skin,
-            composite,
-            supports,
-            chambers=chambers,
-            weight=weight,
-            contact=contact,
-            design=design,
-        )
+        self.skin, self.log, self.contact = skin, log, further.get("contact")
+        self._further = further
         self.options = options or NewtonOptions()
         self._newton = Newton(self.model, self.options, log)
         self._factor = self._newton.factor
@@ -288,7 +245,7 @@ class EquilibriumSolver:
         )
         read = numbers_read(numbers)
         self._set(density, acting, read["begin"], state)
-        residual = self._residual_at(state)
+        residual = residual_at(model, newton, state)
         # Another machine may round otherwise, and another load leaves a residual.
         known = residual <= max(self._newton.tolerance, SAME_RESIDUAL * read["residual"])
         if not (known and newton.stable(state)):
@@ -301,37 +258,43 @@ class EquilibriumSolver:
             load=acting,
             state=state,
             positions=model.positions(state),
-            sliding=self._sliding_at(state),
+            sliding=sliding_at(model, state),
         )
         self._at = found
         return found
 
     def like(self, **changes: Any) -> EquilibriumSolver:
         """Return another solver, which differs in some arguments of the class (collective)."""
-        return EquilibriumSolver(**{**self._given, **changes})
+        model = self.model
+        own = {
+            "skin": self.skin,
+            "composite": model.composite,
+            "supports": model.supports,
+            "options": self.options,
+            "log": self.log,
+            **self._further,
+        }
+        return EquilibriumSolver(**{**own, **changes})
 
-    def refined(
-        self,
-        finer: Refinement,
-        *,
-        supports: Supports | None = None,
-        options: NewtonOptions | None = None,
-    ) -> EquilibriumSolver:
+    def refined(self, finer: Refinement, **changes: Any) -> EquilibriumSolver:
         """Return the solver of the skin with each triangle divided into four (collective).
+
+        Supports and chambers are those of the divided triangles: the middle of an edge is fixed
+        where both its ends are.
 
         Args:
             finer: The refined pattern.
-            supports: Its supports; None fixes the middle of an edge where both its ends are.
-            options: Its tolerance and limits; None takes those of this solver.
+            changes: Other arguments of the class, in place of these.
         """
-        chambers = self._given["chambers"]
-        return self.like(
-            skin=sew(self.skin.comm, finer.pattern),
-            supports=self.model.supports.refined(finer) if supports is None else supports,
-            chambers=chambers and chambers.refined(finer),
-            options=options or self.options,
-            log=None,
-        )
+        chambers = self._further.get("chambers")
+        own = {
+            "skin": sew(self.skin.comm, finer.pattern),
+            "chambers": chambers and chambers.refined(finer),
+            "log": None,
+        }
+        if changes.get("supports") is None:
+            changes["supports"] = self.model.supports.refined(finer)
+        return self.like(**{**own, **changes})
 
     def tangent_at(self, at: Equilibrium) -> None:
         """Factorise the tangent at an equilibrium, if it is not that already (collective).
@@ -415,11 +378,6 @@ class EquilibriumSolver:
             contact.begin_step(begin, load)
             contact.lag_friction(state)
 
-    def _sliding_at(self, state: Floats) -> Sliding | None:
-        """Return where the skin sticks at the end of a step; None without friction."""
-        contact = self.model.contact
-        return None if contact is None else contact.end_step(state)
-
     def _search(
         self,
         density: Floats,
@@ -447,111 +405,10 @@ class EquilibriumSolver:
     def _solve(self, search: Search, begin: Sliding | None) -> Equilibrium:
         """Solve for an equilibrium (collective)."""
         self.forget()
-        density, load, near, attempts = search.density, search.load, search.near, search.attempts
-        if self.model.contact is not None:
-            self.model.contact.begin_step(begin, load)
-        end = search_equilibrium(search)
-        origin = None if near is None else near.origin
-        # Between two designs there is no path that a skin takes. Where bodies or supports push it
-        # along, the path has been taken step by step. A path with friction is made of its steps.
-        if origin is not None and (
-            not self._same_design(origin.density, density)
-            or (self.contact is not None and load.moves_from(origin.load))
-            or self.model.slides
-        ):
-            origin = None
-        definite = attempts.definite and (near is None or near.definite)
-        snapped = critical = None
-        if end.load_factor == 1.0 and not search.trial:
-            point = PathPoint(density, load, end.state)
-            if origin is not None:
-                snapped, point = connect(
-                    self.model,
-                    self._newton,
-                    lambda start, at: attempts(self._prescribed(start, at.displacement)),
-                    origin,
-                    point,
-                    definite=definite,
-                )
-                end = ContinuationResult(point.state, 1.0, end.outcome)
-            if origin is not None or not search.direct:
-                critical = critical_load(self.model, self._factor, point)
-        found = replace(
-            self._result(search, end, snapped, critical),
-            begin=begin,
-            before=origin if search.trial else None,
-            definite=attempts.definite,
-        )
-        if found.converged and not search.trial:
+        found = settle(search, begin, self.log)
+        if found.complete:
             self._at = found
         return found
-
-    def _residual_at(self, state: Floats) -> float:
-        """Return the norm of the first variation over the applied load (collective)."""
-        size = norm(self.skin.comm, self.model.residual(state))
-        return size / self._newton.reference(state)
-
-    def _same_design(self, one: Floats, two: Floats) -> bool:
-        return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
-
-    def _result(
-        self,
-        search: Search,
-        end: ContinuationResult,
-        snapped: bool | None,
-        critical: float | None,
-    ) -> Equilibrium:
-        """Return the result at the last state, under its fraction of the load (collective)."""
-        model, state, load, attempts = self.model, end.state, search.load, search.attempts
-        load_factor = end.load_factor or 0.0
-        model.set_load(load.scaled(load_factor))
-        state.setflags(write=False)
-        seen, residual = readings(model, state), self._residual_at(state)
-        condition = condition_of(model, state, snapped, critical)
-        if load_factor == 1.0 and condition.sentences and self.log is not None:
-            self.log(condition.sentences)
-        if load_factor == 1.0 and search.trial:
-            reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
-        elif load_factor == 1.0:
-            reason = success(model, load, residual, seen["volumes"], condition)
-        else:
-            assert attempts.last is not None
-            steps, once = search.max_steps, search.direct
-            reason = failure(model, end, load, attempts.last, max_steps=steps, once=once)
-        return Equilibrium(
-            **seen,
-            density=search.density,
-            load=load,
-            converged=load_factor == 1.0,
-            complete=load_factor == 1.0 and not search.trial,
-            load_factor=load_factor,
-            reason=reason,
-            residual=residual,
-            condition=condition,
-            steps=attempts.steps,
-            modified_steps=attempts.modified_steps,
-            factorisations=attempts.factorisations,
-            history=tuple(attempts.history),
-            sliding=self._sliding_at(state),
-        )
-
-
-def _require_kinds(
-    composite: Any, supports: Any, options: Any, log: Any, chambers: Any, weight: Any
-) -> None:
-    """Check the types of what a solver is made of.
-
-    Raises:
-        ParameterError: Naming the one that is of another type.
-    """
-    nothing = type(None)
-    require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
-    require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
-    require_kind("options", options, (NewtonOptions, nothing), "NewtonOptions, or None")
-    require_kind("chambers", chambers, (Chambers, nothing), "Chambers, or None for one")
-    require_kind("weight", weight, (Weight, nothing), "a Weight, or None for none")
-    if log is not None:
-        require_callable("log", log, "a function of a Newton step, or None")
 
 
 def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
