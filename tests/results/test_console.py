@@ -87,6 +87,6 @@ def test_steps_of_the_first_rank_are_printed(
     comm: MPI.Comm, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fields: dict[str, Any] = {name: 1 for name in NewtonStep.__dataclass_fields__}
-    step = NewtonStep(**fields)
+    step = NewtonStep(**{**fields, "kind": "newton"})
     print_step(comm)(step)
     assert capsys.readouterr().out == (f"    {step}\n" if comm.rank == 0 else "")

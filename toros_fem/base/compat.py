@@ -1,9 +1,8 @@
-"""Differences between dolfinx 0.9 and 0.11, found by features, and what petsc4py and FFCx lack."""
+"""Differences between dolfinx 0.9 and 0.11, found by features, and what petsc4py lacks."""
 
 from __future__ import annotations
 
 import ctypes
-import logging
 from typing import Any
 
 import numpy as np
@@ -64,11 +63,3 @@ def option_used(name: str) -> bool:
     library, used = ctypes.CDLL(PETSc.__file__), ctypes.c_int()
     library.PetscOptionsUsed(None, name.encode(), ctypes.byref(used))
     return bool(used.value)
-
-
-def give_warnings_back() -> None:
-    """Let Python show warnings again: FFCx sends them to a logger, where nobody may listen."""
-    listening = [logging.root, logging.getLogger("py.warnings")]
-    heard = [h for of in listening for h in of.handlers if not isinstance(h, logging.NullHandler)]
-    if not heard:
-        logging.captureWarnings(False)

@@ -7,6 +7,7 @@ import functools
 import gc
 import hashlib
 import inspect
+import logging
 import os
 import time
 import warnings
@@ -20,7 +21,6 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.compat import give_warnings_back
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, require_kind, shown
 
@@ -235,8 +235,16 @@ def _digest(value: Any) -> bytes:
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
     """Warn on the first rank, at the line of the user's code; all ranks know the same."""
     if comm.rank == 0:
-        give_warnings_back()
+        _give_warnings_back()
         warnings.warn(message, kind, skip_file_prefixes=OWN)
+
+
+def _give_warnings_back() -> None:
+    """Let Python show warnings again: FFCx sends them to a logger, where nobody may listen."""
+    listening = [logging.root, logging.getLogger("py.warnings")]
+    heard = [h for of in listening for h in of.handlers if not isinstance(h, logging.NullHandler)]
+    if not heard:
+        logging.captureWarnings(False)
 
 
 @contextmanager

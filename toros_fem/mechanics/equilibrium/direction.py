@@ -55,6 +55,7 @@ class Direction:
         usable = at.factor.usable and self.reuses
         promised = at.predict or at.residual * at.rate**MODIFIED_STEPS <= at.tolerance
         at.first, at.predict, at.rate = at.predict, False, np.inf
+        at.ladder.renew = False
         if usable and promised:
             at.kind = "modified"
             return
@@ -70,6 +71,8 @@ class Direction:
     def end_iteration(self, ksp: PETSc.KSP, count: int, size: float) -> int:
         """Test the linear solve; give up where its rate so far is far too slow."""
         reasons = PETSc.KSP.ConvergedReason
+        if self.at.kind == "modified":  # factors alone make the step, in `limit`
+            return int(reasons.CONVERGED_ITS)
         relative, _, _, limit = ksp.getTolerances()
         if count == 0:
             self._rhs_size = size
@@ -86,6 +89,8 @@ class Direction:
         """Renew a step of older factors that does not serve; shorten it by bounds and contact."""
         at = self.at
         at.iterations = self._ksp.getIterationNumber()
+        if at.kind == "modified":
+            y.array_w[:] = at.factor.solve(at.base.residual)
         while at.kind != "newton" and not self._serves(y):
             self._renew(y)
         if at.kind == "newton":

@@ -67,7 +67,7 @@ class Newton:
         model: As given.
         factor: The factorised tangent; after success it is that at the equilibrium.
         ladder: Its shift.
-        tolerance, max_steps: Those of the options, or of PETSc's with the prefix "toros_".
+        tolerance, max_steps: Those of the options, or of PETSc's options.
 
     Args:
         model: The skin's model.
@@ -125,7 +125,8 @@ class Newton:
         read = matrix if own_factors else self.factor.assembled_matrix()
         snes.setFunction(_weakly(self._residual), self._f)
         snes.setJacobian(_weakly(self._direction.tangent), matrix, read)
-        ksp.setConvergenceTest(_weakly(self._direction.end_iteration))
+        if self._direction.reuses:  # a trust region has a test of its own, which cannot hold ours
+            ksp.setConvergenceTest(_weakly(self._direction.end_iteration))
         snes.setLineSearchPreCheck(_weakly(self._direction.limit))
         snes.setObjective(_weakly(self._merit))
         snes.setConvergenceTest(_weakly(self._landing.end_step))
