@@ -20,6 +20,8 @@ STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of it and moves nothing further
 # than the fraction RESOLVED of the skin's size.
 UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
+# Where forces alone tell a step's gain, the slope may keep this fraction.
+FLATTER = 0.9
 
 
 class Iteration:
@@ -125,12 +127,38 @@ class Iteration:
         return self.factor.factorise()
 
     def change(self, state: Floats) -> float:
-        """Return the change of the energy in J since the begin of the step."""
+        """Return the change of the energy in J since the begin of the step.
+
+        Near the end, and where rounding hides it, it is the work of the mean force.
+        """
         change = self.points.energy(state) - self.base.energy
-        if not np.isfinite(change) or (abs(change) > self.rounding and self.residual > UNRESOLVED):
+        if not self._hidden(change):
             return change
-        mean_force = (self.points.residual(state) + self.base.residual) / 2
-        return dot(self.comm, mean_force, state - self.base.state)
+        before, after = self._work(state)
+        return (before + after) / 2
+
+    def merit(self, state: Floats) -> float:
+        """Return what the line search lowers: the change of the energy in J.
+
+        Where only forces tell it, a step must flatten the slope too: else one that moves nothing
+        would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
+        """
+        change = self.points.energy(state) - self.base.energy
+        if not self._hidden(change):
+            return change
+        before, after = self._work(state)
+        flatter = abs(after) <= FLATTER * abs(before)
+        return (before + after) / 2 if flatter else self.rounding
+
+    def _hidden(self, change: float) -> bool:
+        small = abs(change) <= self.rounding or self.residual <= UNRESOLVED
+        return small and bool(np.isfinite(change))
+
+    def _work(self, state: Floats) -> tuple[float, float]:
+        """Return the work in J of the forces at the begin and at a state, on the way to it."""
+        moved = state - self.base.state
+        residual = self.points.residual(state)
+        return dot(self.comm, self.base.residual, moved), dot(self.comm, residual, moved)
 
     def cap_of(self, state: Floats, step: Floats) -> float:
         """Return the part of a step that stretch bounds and contact allow."""

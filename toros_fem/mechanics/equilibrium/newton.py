@@ -207,7 +207,7 @@ class Newton:
             return 0.0
         if at.kind == "coupled":  # friction has no potential
             return at.points.at(state).size - at.base.size
-        return at.change(state)
+        return at.merit(state)
 
 
 def _weakly(method: Callable[..., Any]) -> Callable[..., Any]:
