@@ -81,7 +81,7 @@ class Iteration:
         crossed = model.contact is not None and model.contact.crossed(start)
         self.tolerance, self.finish, self.predict = tolerance, finish, predict
         self.kind, self.first, self.proven = "newton", False, False
-        self.step: Floats | None = None
+        self.step: Floats = np.zeros_like(start)
         self.rate, self.cap, self.longest = np.inf, 1.0, np.inf
         self.iterations = self.escapes = 0
         if not np.isfinite(self.base.energy) or crossed:

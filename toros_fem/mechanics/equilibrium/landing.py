@@ -70,10 +70,7 @@ class Landing:
         """Return why the solve ends, or None, and the point from which it goes on."""
         at, base = self.at, self.at.base
         moved = not at.points.same(found.state, base.state)
-        fraction = 0.0
-        if moved and at.step is not None:
-            along = dot(at.comm, base.state - found.state, at.step)
-            fraction = at.cap * round(along / dot(at.comm, at.step, at.step), 9)
+        fraction = at.cap * self._part(found) if moved else 0.0
         whole = fraction == 1.0 and at.exact
         if self._stuck(found.size if fraction == 1.0 else np.inf):
             at.proven = True  # K is factorised there, unshifted
@@ -93,6 +90,14 @@ class Landing:
         if whole or at.kind == "modified":
             at.rate = (2 if whole else 1) * new.size / base.size
         return None, new
+
+    def _part(self, found: Point) -> float:
+        """Return the part of the allowed step that the line search took."""
+        at = self.at
+        if at.points.same(found.state, at.base.state - at.step):
+            return 1.0  # the difference of two states may have no digits left
+        along = dot(at.comm, at.base.state - found.state, at.step)
+        return along / dot(at.comm, at.step, at.step)
 
     def _refused(self) -> int | None:
         """Return why the solve ends where a step was refused; None if it goes on."""
