@@ -48,6 +48,9 @@ def test_success_and_its_warnings(short_tube: Skin, model: SkinModel) -> None:
         (OUTCOMES.DIVERGED_MAX_IT, "took 7 steps without converging"),
         (OUTCOMES.DIVERGED_INNER, "is not stable"),
         (OUTCOMES.DIVERGED_LINE_SEARCH, "no step lowered the energy"),
+        (-4, "forces are no numbers"),
+        (OUTCOMES.DIVERGED_TR_DELTA, "the trust region shrank"),
+        (OUTCOMES.DIVERGED_JACOBIAN_DOMAIN, "ended by reason -10"),
     ],
 )
 def test_failure_says_why(model: SkinModel, outcome: int, sentence: str) -> None:

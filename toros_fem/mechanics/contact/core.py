@@ -187,7 +187,7 @@ class ContactCore:
                 friction.pose_curvature(k, poses, force) * np.outer(scale, scale)
                 for k, scale in zip(bodies.free, bodies.scale, strict=True)
             ]
-            twice = twice - block_diag(curvatures)
+            twice = twice - block_diag([*map(csr_array, curvatures)])
         return csc_matrix(block_array([[of_skin, across], [across.T, twice]]))
 
     def _by_bodies(self, poses: Floats) -> csr_array:

@@ -14,7 +14,7 @@ from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.skin_contact import FALLEN
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
-from toros_fem.mechanics.equilibrium.iteration import STAGNATED
+from toros_fem.mechanics.equilibrium.iteration import NO_NUMBER, STAGNATED
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
 
@@ -23,6 +23,24 @@ FOLDED = math.radians(170)
 # Under pressure a skin is blown up where it is stretched by more than this factor and uses more
 # than this fraction of the bounds.
 BLOWN_UP, USED = 3.0, 0.5
+
+_REASON = PETSc.SNES.ConvergedReason
+# Why a solve found nothing, by PETSc's reason; the last six where an option chose its method.
+WHY = {
+    int(_REASON.DIVERGED_MAX_IT): "Newton's method took {max_steps} steps without converging",
+    int(_REASON.DIVERGED_LINE_SEARCH): "no step lowered the energy any more",
+    int(_REASON.DIVERGED_INNER): "the stationary state is not stable",
+    int(_REASON.DIVERGED_FUNCTION_DOMAIN): (
+        "surfaces overlap at the start, or triangles leave the stretch bounds there"
+    ),
+    NO_NUMBER: "forces are no numbers any more",
+    int(_REASON.DIVERGED_LINEAR_SOLVE): "the linear solver that an option chose failed",
+    int(_REASON.DIVERGED_FUNCTION_COUNT): "the limit of an option on evaluations was reached",
+    int(_REASON.DIVERGED_LOCAL_MIN): "the norm of the forces has a minimum that is not 0",
+    int(_REASON.DIVERGED_TR_DELTA): "the trust region shrank to nothing",
+    -13: "the step of an option's method leaves the stretch bounds",  # of the objective, PETSc 3.25
+    -14: "the step of an option's method leaves the stretch bounds",
+}
 
 
 @dataclass(frozen=True)
@@ -146,15 +164,8 @@ def failure(
             "the skin, and nothing holds it. Put ground or the skin below it, or give it no mass: "
             "then it is held."
         )
-    why = {
-        int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
-            f"Newton's method took {max_steps} steps without converging"
-        ),
-        int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
-        int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN): (
-            "surfaces overlap at the start, or triangles leave the stretch bounds there"
-        ),
-    }.get(end.outcome, "no step lowered the energy any more")
+    why = WHY.get(end.outcome, f"PETSc's SNES ended by reason {end.outcome}")
+    why = why.format(max_steps=max_steps)
     bounds = model.composite.stated_bounds
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
     ways = ", by raising or lowering the load, or by stiffening the plain fabric"

@@ -15,6 +15,8 @@ from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.points import Point, Points
 from toros_fem.mechanics.equilibrium.shift import ShiftLadder
 
+# PETSc's reason where a residual is not finite; its name is another one from 3.25.
+NO_NUMBER = -4
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
 STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of it and moves nothing further

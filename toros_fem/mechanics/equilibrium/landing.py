@@ -8,6 +8,7 @@ from petsc4py import PETSc
 from toros_fem.base.mpi import dot
 from toros_fem.mechanics.equilibrium.direction import Direction
 from toros_fem.mechanics.equilibrium.iteration import (
+    NO_NUMBER,
     RESOLVED,
     STAGNATED,
     STUCK,
@@ -51,7 +52,7 @@ class Landing:
         at, x = self.at, snes.getSolution()
         found = point = at.points.at(x.array_r)
         if not np.isfinite(point.size):
-            return int(Reason.DIVERGED_FNORM_NAN)
+            return NO_NUMBER
         outcome = None
         if count > 0 and self._own:
             outcome, point = self._advance(point)
