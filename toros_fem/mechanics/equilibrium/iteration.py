@@ -22,8 +22,9 @@ STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of it and moves nothing further
 # than the fraction RESOLVED of the skin's size.
 UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
-# Where forces alone tell a step's gain, the slope may keep this fraction.
-FLATTER = 0.9
+# Where rounding hides a step's gain, it must be this fraction of the predicted one, or leave at most
+# this fraction of the slope.
+ARMIJO, FLATTER = 1e-4, 0.9
 
 
 class Iteration:
@@ -88,8 +89,7 @@ class Iteration:
         self.iterations = self.escapes = 0
         if not np.isfinite(self.base.energy) or crossed:
             return False
-        self.rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
-        self.reference = self.load_at(start)
+        self.measure()
         return True
 
     @property
@@ -101,6 +101,12 @@ class Iteration:
     def exact(self) -> bool:
         """Whether the step is Newton's own: with factors of this state, without a shift."""
         return self.kind == "newton" and self.ladder.shift == 0
+
+    def measure(self) -> None:
+        """Measure the load and the rounding of the energy at the base (collective)."""
+        self.reference = self.load_at(self.base.state)
+        load_energy = self.model.load_energy(self.base.state)
+        self.rounding = self.model.energy_rounding() + 1e-14 * load_energy
 
     def load_at(self, state: Floats) -> float:
         """Return the norm of the applied load in N, by which residuals are measured (collective).
@@ -131,7 +137,7 @@ class Iteration:
     def change(self, state: Floats) -> float:
         """Return the change of the energy in J since the begin of the step.
 
-        Near the end, and where rounding hides it, it is the work of the mean force.
+        Where rounding hides it, it is the work of the mean force.
         """
         change = self.points.energy(state) - self.base.energy
         if not self._hidden(change):
@@ -142,19 +148,20 @@ class Iteration:
     def merit(self, state: Floats) -> float:
         """Return what the line search lowers: the change of the energy in J.
 
-        Where only forces tell it, a step must flatten the slope too: else one that moves nothing
-        would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
+        Where rounding hides it, Armijo's rule must hold, or the step must flatten the slope: else
+        one that moves nothing would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
         """
         change = self.points.energy(state) - self.base.energy
         if not self._hidden(change):
             return change
         before, after = self._work(state)
+        if change <= ARMIJO * before:
+            return change
         flatter = abs(after) <= FLATTER * abs(before)
         return (before + after) / 2 if flatter else self.rounding
 
     def _hidden(self, change: float) -> bool:
-        small = abs(change) <= self.rounding or self.residual <= UNRESOLVED
-        return small and bool(np.isfinite(change))
+        return abs(change) <= self.rounding
 
     def _work(self, state: Floats) -> tuple[float, float]:
         """Return the work in J of the forces at the begin and at a state, on the way to it."""

@@ -119,8 +119,8 @@ class Landing:
     def _judge(self, count: int) -> int:
         """Return PETSc's reason at the point from which a step would begin."""
         at = self.at
-        if at.base.size <= 10 * max(at.tolerance, STAGNATED) * at.reference:
-            at.reference = at.load_at(at.base.state)
+        if at.residual <= max(at.tolerance, UNRESOLVED):
+            at.measure()
         size = at.base.size
         if size <= max(at.tolerance * at.reference, self._floor(), self._absolute):
             at.proven = at.finish and at.stable(at.base.state)

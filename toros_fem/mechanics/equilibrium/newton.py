@@ -56,8 +56,8 @@ class Newton:
     - **Correction** (`landing.py`). A long step stretches the triangles that it turns. A second
       solve with the same factors mends that (the second-order correction of constrained
       optimisation).
-    - **Rounding.** Near the end, and where energies differ by less than their rounding, the work of
-      the mean force tells the difference.
+    - **Rounding.** Where energies differ by less than their rounding, the work of the mean force
+      tells the difference.
     - **Proof**, in the convergence test: a state is an equilibrium where K is positive definite and
       the residual is below the tolerance times the applied load, or below the rounding of the
       positions. A saddle is left along its softest mode. Where rounding keeps the residual from
