@@ -1,5 +1,6 @@
 """Reductions and errors are the same on all ranks."""
 
+import logging
 import warnings
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base import mpi
-from toros_fem.base.errors import ParameterError, UnitWarning
+from toros_fem.base.errors import ParameterError, TorosWarning, UnitWarning
+from toros_fem.base.mpi import warn_together
 from toros_fem.meshes import cylinder, sew
 
 
@@ -109,6 +111,33 @@ class Lone:
     def Abort(self, code: int) -> None:  # noqa: N802
         self.codes.append(code)
         raise EndedError
+
+
+def test_warnings_are_heard_after_ffcx(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """FFCx sends them to a logger: they come back where nobody listens to it, and only there."""
+    heard: list[str] = []
+
+    class Ear(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            heard.append(record.getMessage())
+
+    monkeypatch.setattr(logging.root, "handlers", [])
+    logger = logging.getLogger("py.warnings")
+    monkeypatch.setattr(logger, "handlers", [logging.NullHandler()])
+
+    def shown(text: str) -> list[str]:
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            logging.captureWarnings(True)
+            warn_together(alone, text, TorosWarning)
+            logging.captureWarnings(False)
+        return [str(warning.message) for warning in found]
+
+    assert shown("nobody listens") == ["nobody listens"]
+    monkeypatch.setattr(logger, "handlers", [Ear()])
+    assert not shown("a handler listens")
+    assert len(heard) == 1
+    assert "a handler listens" in heard[0]
 
 
 def test_an_error_of_one_rank_alone_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:

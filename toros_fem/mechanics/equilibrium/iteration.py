@@ -22,8 +22,8 @@ STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of it and moves nothing further
 # than the fraction RESOLVED of the skin's size.
 UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
-# Where rounding hides a step's gain, it must be this fraction of the predicted one, or leave at most
-# this fraction of the slope.
+# Where rounding hides a step's gain, it must be the fraction ARMIJO of the predicted one, or leave
+# at most the fraction FLATTER of the slope.
 ARMIJO, FLATTER = 1e-4, 0.9
 
 
