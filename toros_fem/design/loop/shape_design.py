@@ -84,20 +84,16 @@ class ShapeDesign(ShapeProblem):
             places = case.pattern.points.shape
             force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
         composite = Composite() if case.composite is None else case.composite
-
-        def solver(log: Callable[[NewtonStep | str], None] | None) -> EquilibriumSolver:
-            return EquilibriumSolver(
-                skin,
-                composite,
-                case.supports,
-                options,
-                log,
-                chambers=case.chambers,
-                weight=case.weight,
-                contact=case.contact,
-            )
-
-        made = solver(log)
+        solver = EquilibriumSolver(
+            skin,
+            composite,
+            case.supports,
+            options,
+            log,
+            chambers=case.chambers,
+            weight=case.weight,
+            contact=case.contact,
+        )
         density_filter = make_filter(r.filter, skin, r.filter_radius, whole=whole)
         perimeter = robust = None
         if r.perimeter_weight is not None:
@@ -105,10 +101,10 @@ class ShapeDesign(ShapeProblem):
             perimeter = Perimeter(skin, window, r.perimeter_sharpness, whole=whole)
         if r.width_tolerance is not None:
             eta = r.projection.eta
-            robust = Variants(r.width_tolerance, density_filter, eta, lambda: solver(None))
+            robust = Variants(r.width_tolerance, density_filter, eta, lambda: solver.like(log=None))
         passive = _given_density(case)
         super().__init__(
-            solver=made,
+            solver=solver,
             objective=case.objective(skin),
             filter=density_filter,
             pressure=case.pressure,
