@@ -58,6 +58,17 @@ def test_older_factors_take_the_place_of_factorisations(
     assert warm.residual <= 1e-10
 
 
+def test_older_factors_stop_at_a_negative_curvature(
+    short_tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their first direction tells it: one iteration with them, and one with factors of K + τM."""
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    found = solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)
+    shifted = [row.iterations for row in found.history[1:] if row.shift > 0 and row.step]
+    assert shifted.count(2) > len(shifted) / 2
+
+
 def test_swelling_at_once(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """From the assembled tube to where the fabric saturates: by the diagonal it took 130 steps."""
     result = short_solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)

@@ -45,6 +45,7 @@ class Direction:
         self._limits_krylov = own_factors and not limited
         unknowns = at.model.space.dofmap.index_map.size_global
         self._krylov = round(KRYLOV_COST * unknowns**0.5)
+        self._cg = self._ksp.getType() == PETSc.KSP.Type.CG
         self._rhs_size = 0.0
 
     def tangent(self, snes: PETSc.SNES, x: PETSc.Vec, _: PETSc.Mat, __: PETSc.Mat) -> None:
@@ -67,7 +68,10 @@ class Direction:
             self._ksp.setTolerances(max_it=COUPLED_ITERATIONS if coupled else max(self._krylov, 1))
 
     def end_iteration(self, ksp: PETSc.KSP, count: int, size: float) -> int:
-        """Test the linear solve. PETSc's own test would precondition once more at the limit."""
+        """Test the linear solve, and its first direction for negative curvature.
+
+        PETSc's CG looks for a change of its sign only.
+        """
         reasons = PETSc.KSP.ConvergedReason
         if self.at.kind == "modified":  # factors alone make the step, in `limit`
             return int(reasons.CONVERGED_ITS)
@@ -77,6 +81,10 @@ class Direction:
         left = size / self._rhs_size if self._rhs_size > 0 else 0.0
         if not np.isfinite(left):
             return int(reasons.DIVERGED_NANORINF)
+        if count == 1 and self._cg:
+            solved = dot(self.at.comm, ksp.getRhs().array_r, ksp.getSolution().array_r)
+            if not solved > 0:
+                return int(reasons.DIVERGED_INDEFINITE_MAT)
         if left <= relative:
             return int(reasons.CONVERGED_RTOL)
         return int(reasons.DIVERGED_MAX_IT if count >= limit else reasons.ITERATING)
