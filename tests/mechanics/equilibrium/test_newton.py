@@ -66,7 +66,7 @@ def test_older_factors_stop_at_a_negative_curvature(
     solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     found = solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)
     shifted = [row.iterations for row in found.history[1:] if row.shift > 0 and row.step]
-    assert shifted.count(2) > len(shifted) / 2
+    assert shifted.count(2) >= 3
 
 
 def test_swelling_at_once(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
