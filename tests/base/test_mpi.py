@@ -2,6 +2,7 @@
 
 import logging
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -68,7 +69,8 @@ def test_equal_arguments_pass(comm: MPI.Comm) -> None:
 def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
     if comm.size == 1:
         return
-    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank)):
+    bound = partial(print, end=str(comm.rank))
+    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank), bound):
         with pytest.raises(ParameterError, match="second differs between the ranks: .* on rank 1"):
             mpi.require_alike(comm, first=0, second=value)
 

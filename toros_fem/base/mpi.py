@@ -225,6 +225,8 @@ def _digest(value: Any) -> bytes:
         parts = value
     else:
         found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
+        if isinstance(value, functools.partial):
+            parts = (value.args, value.keywords)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
             parts = [getattr(value, one.name, None) for one in dataclasses.fields(value)]
     for part in parts:

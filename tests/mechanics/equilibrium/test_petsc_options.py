@@ -154,6 +154,7 @@ def test_the_end_of_another_snes_is_proven(alone: MPI.Comm) -> None:
         ("-toros_pc_type foo", "requested PC type foo"),
         ("-toros_ksp_type foo", "requested KSP type foo"),
         ("-toros_snes_max_it few", "few has no integer value"),
+        ("-toros_pc_factor_mat_solver_type superlu", "take one of cholmod, mumps"),
         ("-snes_monitor", "must each begin with -toros_"),
         ("snes_monitor", "must each begin with -toros_"),
     ],

@@ -7,7 +7,7 @@ from typing import TypedDict, Unpack
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import require_alike
-from toros_fem.base.validation import require_kind
+from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.settings import Contact
@@ -85,6 +85,8 @@ def make_model(
     chambers, weight = further.get("chambers"), further.get("weight")
     contact, periodic = further.get("contact"), further.get("periodic")
     make_design = further.get("design")
+    if make_design is not None:
+        require_callable("design", make_design, "a function of skin and composite, or None")
     design = Densities(skin) if make_design is None else make_design(skin, composite)
     if isinstance(design, LineDesign) and contact is not None:
         raise ParameterError("relaxed designs know no contact; leave contact out, or families.")

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import block_array, block_diag, bsr_array, csc_matrix, csr_array, hstack, identity
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes
+from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
-from toros_fem.meshes.pattern import Pattern
 
 # Entries of the tangent are kept until they are this many times those that are needed.
 STALE = 2.0
@@ -31,29 +30,27 @@ class ContactCore:
     force acts, and an equilibrium that is neutral there counts as stable.
 
     Attributes:
-        barrier: The barrier.
+        barrier: As given.
         keys: Entries row · size + column of the tangent that are kept, in global unknowns.
 
     Args:
-        pattern: Of the skin.
-        contact, sizes: What touches, and its numbers.
-        prescribed: Whether a vertex of the skin is fixed as a whole, (n,).
+        barrier: The barrier, with sides of their own if there is friction.
+        count: Number n of vertices of the skin.
+        sizes: Numbers of the contact.
         bodies: Its bodies.
         friction: Its friction; None without.
     """
 
     def __init__(
         self,
-        pattern: Pattern,
-        contact: Contact,
+        barrier: Barrier,
+        count: int,
         sizes: ContactSizes,
-        prescribed: Bools,
         bodies: FreeBodies,
         friction: SlidingFriction | None = None,
     ) -> None:
-        self._sizes, self._bodies, self._friction = sizes, bodies, friction
-        self._count, by_side = len(pattern.points), friction is not None
-        self.barrier = Barrier(pattern, contact, sizes, prescribed, bodies, by_side=by_side)
+        self.barrier, self._count, self._sizes = barrier, count, sizes
+        self._bodies, self._friction = bodies, friction
         # Second variation at a state, exact and semidefinite; friction by other normal forces has
         # another one.
         self._known_at: Floats | None = None

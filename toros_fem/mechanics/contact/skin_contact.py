@@ -70,10 +70,13 @@ class SkinContact(Term):
             self.unknowns = Unknowns(blocks, np.zeros((bodies.count, 6), dtype=bool))
         self.friction = friction = SlidingFriction(contact, sizes) if contact.holds else None
         pattern, prescribed = skin.pattern, np.asarray(fixed.all(axis=1))
-        self._core = OnFirst(
-            self._comm,
-            lambda: ContactCore(pattern, contact, sizes, prescribed, bodies, friction),
-        )
+
+        def make() -> ContactCore:
+            sides = friction is not None
+            barrier = Barrier(pattern, contact, sizes, prescribed, bodies, by_side=sides)
+            return ContactCore(barrier, len(pattern.points), sizes, bodies, friction)
+
+        self._core = OnFirst(self._comm, make)
         self.assembled: Floats = pattern.points
         if contact.self_contact:
             self.assembled = on_first_rank(self._comm, lambda: opened(pattern, sizes, in_planes))

@@ -28,8 +28,9 @@ class Direction:
 
     Attributes:
         at: The solve.
-        reuses: Whether older factors may serve; not where an option chooses another SNES or
-            preconditioner.
+        newton, own_factors: Whether SNES and preconditioner are those of this package, and no
+            option chooses others.
+        reuses: Whether both are, so that older factors may serve.
 
     Args:
         at: The solve.
@@ -38,11 +39,11 @@ class Direction:
 
     def __init__(self, at: Iteration, snes: PETSc.SNES) -> None:
         self.at, self._snes, self._ksp = at, snes, snes.getKSP()
-        newton = snes.getType() == PETSc.SNES.Type.NEWTONLS
-        own_factors = self._ksp.getPC().getType() == PETSc.PC.Type.PYTHON
-        self.reuses = newton and own_factors
+        self.newton = snes.getType() == PETSc.SNES.Type.NEWTONLS
+        self.own_factors = self._ksp.getPC().getType() == PETSc.PC.Type.PYTHON
+        self.reuses = self.newton and self.own_factors
         limited = PETSc.Options(PREFIX).hasName("ksp_max_it")
-        self._limits_krylov = own_factors and not limited
+        self._limits_krylov = self.own_factors and not limited
         unknowns = at.model.space.dofmap.index_map.size_global
         self._krylov = round(KRYLOV_COST * unknowns**0.5)
         self._cg = self._ksp.getType() == PETSc.KSP.Type.CG

@@ -140,10 +140,7 @@ class Iteration:
         Where rounding hides it, it is the work of the mean force.
         """
         change = self.points.energy(state) - self.base.energy
-        if not self._hidden(change):
-            return change
-        before, after = self._work(state)
-        return (before + after) / 2
+        return sum(self._work(state)) / 2 if abs(change) <= self.rounding else change
 
     def merit(self, state: Floats) -> float:
         """Return what the line search lowers: the change of the energy in J.
@@ -152,16 +149,13 @@ class Iteration:
         one that moves nothing would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
         """
         change = self.points.energy(state) - self.base.energy
-        if not self._hidden(change):
+        if not abs(change) <= self.rounding:
             return change
         before, after = self._work(state)
         if change <= ARMIJO * before:
             return change
         flatter = abs(after) <= FLATTER * abs(before)
         return (before + after) / 2 if flatter else self.rounding
-
-    def _hidden(self, change: float) -> bool:
-        return abs(change) <= self.rounding
 
     def _work(self, state: Floats) -> tuple[float, float]:
         """Return the work in J of the forces at the begin and at a state, on the way to it."""

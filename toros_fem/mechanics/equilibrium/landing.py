@@ -41,7 +41,7 @@ class Landing:
 
     def __init__(self, at: Iteration, direction: Direction, snes: PETSc.SNES) -> None:
         self.at, self._direction, self._snes = at, direction, snes
-        self._own = snes.getType() == PETSc.SNES.Type.NEWTONLS
+        self._own = direction.newton
         self._absolute = snes.getTolerances()[1]
 
     def end_step(self, snes: PETSc.SNES, count: int, norms: tuple[float, float, float]) -> int:

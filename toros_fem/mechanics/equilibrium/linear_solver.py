@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium import cholmod
@@ -19,6 +20,7 @@ from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
 # Fraction of the diagonal that is added to M.
 LEAST = 1e-6
+PACKAGES = ("cholmod", "mumps")
 # Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
 LARGEST_INTERFACE = 4000
 
@@ -80,9 +82,15 @@ class TangentFactor:
 
     def _choose(self) -> CondensedFactor | MumpsFactor:
         comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
-        wanted = PETSc.Options(PREFIX).getString("pc_factor_mat_solver_type", "")
-        self.package = wanted or "cholmod"
-        module = cholmod.library(comm) if self.package == "cholmod" else None
+        options = PETSc.Options(PREFIX)
+        wanted = options.getString("pc_factor_mat_solver_type", "cholmod")
+        if wanted not in PACKAGES and not options.hasName("pc_type"):
+            raise ParameterError(
+                f"-{PREFIX}pc_factor_mat_solver_type {wanted} does not factorise K + τM here: take "
+                f"one of {', '.join(PACKAGES)}, or another preconditioner by -{PREFIX}pc_type."
+            )
+        self.package = "cholmod"
+        module = None if wanted == "mumps" else cholmod.library(comm)
         if module is not None:
             threads = _threads() if comm.size == 1 else 1
             partition = find_partition(comm, module, *pattern, threads=threads)

@@ -121,8 +121,8 @@ class Newton:
         """
         snes, matrix = self._snes, self.factor.matrix
         ksp = snes.getKSP()
-        own_factors = ksp.getPC().getType() == PETSc.PC.Type.PYTHON
-        read = matrix if own_factors else self.factor.assembled_matrix()
+        own = self._direction.own_factors
+        read = matrix if own else self.factor.assembled_matrix()
         snes.setFunction(_weakly(self._residual), self._f)
         snes.setJacobian(_weakly(self._direction.tangent), matrix, read)
         if self._direction.reuses:  # a trust region has a test of its own, which cannot hold ours
