@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools
-from toros_fem.base.errors import PatternFileError, TorosError
-from toros_fem.base.files import UNREADABLE, reason
+from toros_fem.base.errors import PatternFileError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 
-NAME = "pattern.npz"
-FORMAT = "toros_fem pattern"
-VERSION = 1
-ARRAYS = ("flat_points", "flat_triangles", "panel", "sewn", "points", "panel_names")
-NUMBERS = ("seam_tolerance", "moulded")
+NAME, KIND = "pattern.npz", "pattern"
+ARRAYS = ("flat_points", "flat_triangles", "panel", "sewn", "points")
+NUMBERS = ("panel_names", "seam_tolerance", "moulded")
 PRINTED = "printed"
-
-T = TypeVar("T")
 
 
 def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = None) -> None:
-    """Write a pattern as a compressed NumPy archive (one rank).
+    """Write a pattern as an archive (one rank).
 
-    Its entries are the fields of `Pattern` by name, lengths in m, with "format" and "version", and
-    "printed" where it is given.
+    Its entries are the fields of `Pattern` by name, lengths in m, and "printed" where it is given.
 
     Args:
         path: File ending in .npz.
@@ -41,13 +35,10 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
         PatternFileError: The path does not end in .npz.
     """
     path = checked_path("path", path, PatternFileError)
-    if path.suffix != ".npz":  # NumPy would write another file, with that ending added
+    if path.suffix != ".npz":
         raise PatternFileError(f"path = {shown(str(path))} must end in .npz.")
     require_kind("pattern", pattern, Pattern, "a Pattern")
-    entries = pattern_entries(pattern)
-    if printed is not None:
-        entries[PRINTED] = printed
-    np.savez_compressed(path, format=FORMAT, version=VERSION, **entries)
+    write_archive(path, archive_of(KIND, pattern, {} if printed is None else {PRINTED: printed}))
 
 
 @collective("comm")
@@ -59,14 +50,13 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
         path: The file.
 
     Raises:
-        PatternFileError: There is no such file, it is another kind of file, of a newer version,
-            lacks an entry, or holds no valid pattern.
+        PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
+            no valid pattern.
     """
     place = checked_path("path", path, PatternFileError)
-    wanted = f"a {NAME} of `toros unwrap`"
-    names = (*ARRAYS, *NUMBERS)
+    remedy = f"Give a {NAME} of `toros unwrap`."
     return on_first_rank(
-        comm, lambda: read_archive(place, FORMAT, VERSION, names, wanted, pattern_of)
+        comm, lambda: read_archive(place, KIND, pattern_of, PatternFileError, remedy)
     )
 
 
@@ -82,73 +72,28 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
         PatternFileError: As for `read_pattern`, or the file does not say what is printed.
     """
     place = checked_path("path", path, PatternFileError)
-    wanted = f"the {NAME} of a design"
+    remedy = f"Give the {NAME} of a design."
 
-    def make(entries: Mapping[str, Any]) -> tuple[Pattern, Bools]:
-        pattern, printed = pattern_of(entries), entries.get(PRINTED)
+    def make(archive: Archive) -> tuple[Pattern, Bools]:
+        pattern, printed = pattern_of(archive), archive.arrays.get(PRINTED)
         if printed is None or printed.dtype != bool or printed.shape != pattern.panel.shape:
             raise PatternFileError("it does not say which triangles are printed")
         return pattern, printed
 
-    names = (*ARRAYS, *NUMBERS)
-    return on_first_rank(comm, lambda: read_archive(place, FORMAT, VERSION, names, wanted, make))
+    return on_first_rank(comm, lambda: read_archive(place, KIND, make, PatternFileError, remedy))
 
 
-def pattern_entries(pattern: Pattern) -> dict[str, Any]:
-    """Return the entries of an archive that holds a pattern."""
-    return {name: getattr(pattern, name) for name in (*ARRAYS, *NUMBERS)}
+def archive_of(
+    kind: str, pattern: Pattern, arrays: Mapping[str, Any], numbers: Mapping[str, Any] | None = None
+) -> Archive:
+    """Return an archive of a pattern and of what belongs to it."""
+    own = {name: getattr(pattern, name) for name in ARRAYS}
+    more = {name: getattr(pattern, name) for name in NUMBERS}
+    return Archive(kind, {**own, **arrays}, {**more, **(numbers or {})})
 
 
-def pattern_of(entries: Mapping[str, Any]) -> Pattern:
-    """Return the pattern that `pattern_entries` belong to; any error where they are no pattern."""
-    arrays = {name: entries[name] for name in ARRAYS if name != "panel_names"}
-    return Pattern(
-        **arrays,
-        panel_names=tuple(str(name) for name in entries["panel_names"]),
-        seam_tolerance=float(entries["seam_tolerance"].item()),
-        moulded=bool(entries["moulded"].item()),
-    )
-
-
-def read_archive(
-    path: Path,
-    kind: str,
-    version: int,
-    names: Sequence[str],
-    wanted: str,
-    make: Callable[[Mapping[str, Any]], T],
-) -> T:
-    """Read a NumPy archive that has a format and a version, and make something of it (one rank).
-
-    Args:
-        path: The file.
-        kind: Its entry "format".
-        version: The newest version of it that is known.
-        names: Entries that it must have.
-        wanted: File that the error advises.
-        make: Makes the result of the entries; may raise where they are wrong.
-
-    Raises:
-        PatternFileError: There is no such file, it is another kind of file, of a newer version,
-            lacks an entry, or `make` raises.
-    """
-    try:
-        with np.load(path) as archive:
-            entries = dict(archive)
-    except UNREADABLE as caught:
-        raise PatternFileError(f"{path} cannot be read: {reason(caught)}. Give {wanted}.") from None
-    if str(entries.get("format")) != kind:
-        raise PatternFileError(f"{path} is another kind of file. Give {wanted}.")
-    missing = [name for name in ("version", *names) if name not in entries]
-    if missing:
-        raise PatternFileError(f"{path} lacks {', '.join(missing)}. Write {wanted} again.")
-    try:
-        found = int(entries["version"].item())
-        made = make(entries) if found <= version else None
-    except (TorosError, ValueError, TypeError, IndexError, OverflowError) as caught:
-        raise PatternFileError(f"{path} is not valid: {caught}. Write {wanted} again.") from None
-    if made is None:
-        raise PatternFileError(
-            f"{path} has version {found}; this toros_fem reads up to {version}. Update it."
-        )
-    return made
+def pattern_of(archive: Archive) -> Pattern:
+    """Return the pattern in an archive; any error where there is none."""
+    arrays = {name: archive.arrays[name] for name in ARRAYS}
+    names, tolerance, moulded = (archive.numbers[name] for name in NUMBERS)
+    return Pattern(**arrays, panel_names=tuple(names), seam_tolerance=tolerance, moulded=moulded)

@@ -15,9 +15,9 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.base import files
+from toros_fem.base.archive import Archive
 from toros_fem.base.errors import OutputError, RunError
 from toros_fem.base.files import UNFINISHED, write_json, write_table, write_together
-from toros_fem.design.loop.journal import Checkpoint
 from toros_fem.results.runs.folder import open_run, read_run
 
 # The child writes files alone, and uses none of the threads that it does not have.
@@ -25,8 +25,10 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
 ALONE, INPUTS, STEPS = MPI.COMM_SELF, {"length": 0.1}, 3
 
 
-def state(number: int) -> Checkpoint:
-    return Checkpoint({"x": np.linspace(0, 4, 5, dtype=np.float64) ** number}, {"step": number})
+def state(number: int) -> Archive:
+    return Archive(
+        "checkpoint", {"x": np.linspace(0, 4, 5, dtype=np.float64) ** number}, {"step": number}
+    )
 
 
 def run(folder: Path, *, resume: bool = False) -> None:
@@ -89,7 +91,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[int, dict[
         replace(path, content)
 
     with monkeypatch.context() as patch:
-        for module in ("base.files", "results.runs.files", "results.runs.folder"):
+        for module in ("base.files", "base.archive", "results.runs.folder"):
             patch.setattr(f"toros_fem.{module}.replace_file", noted)
         count = failing_at(patch, 0, lambda: None)
         run(folder)

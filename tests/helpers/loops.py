@@ -9,7 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.design.loop.journal import Checkpoint
+from toros_fem.base.archive import Archive
 from toros_fem.design.loop.options import Iteration
 
 
@@ -20,7 +20,7 @@ class Stopped(Exception):  # noqa: N818
 class OneEntry:
     """A journal of one loop in memory, as JSON would have it; it stops the loop after some rows."""
 
-    def __init__(self, stop_at: int | None = None, saved: Checkpoint | None = None) -> None:
+    def __init__(self, stop_at: int | None = None, saved: Archive | None = None) -> None:
         self.stop_at, self.kept, self.rows = stop_at, saved, 0
 
     def entry(self, comm: MPI.Comm, signature: str) -> OneEntry:
@@ -29,10 +29,10 @@ class OneEntry:
     def branch(self, name: str) -> OneEntry:
         return self
 
-    def saved(self) -> Checkpoint | None:
+    def saved(self) -> Archive | None:
         return self.kept
 
-    def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
+    def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
         self.rows += 1
         if self.rows == self.stop_at:
             made = make()

@@ -6,11 +6,9 @@ import csv
 import io
 import json
 import os
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
-from zipfile import BadZipFile
 
 from mpi4py import MPI
 
@@ -18,9 +16,6 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
-# What np.load raises for files that are no whole archive of it: damaged ones, a lone array, other
-# kinds of files, and a directory that calls an entry encrypted or packed in an unknown way.
-UNREADABLE = (OSError, ValueError, EOFError, TypeError, RuntimeError, BadZipFile, zlib.error)
 # Characters of a reason.
 LONGEST = 150
 # Ending of files that are being written.

@@ -299,6 +299,24 @@ class Table:
         return asdict(self)
 
     @classmethod
+    def of_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Return the settings that `as_dict` described.
+
+        Raises:
+            ParameterError: A name is unknown, or a value is out of its bounds.
+        """
+        cls._require_known(values)
+        described = cls.described()
+
+        def made(name: str, value: Any) -> Any:
+            kind = described[name].kind
+            if not (isinstance(value, dict) and is_dataclass(kind)):
+                return value
+            return kind.of_dict(value) if issubclass(kind, Table) else kind(**value)
+
+        return cls(**{name: made(name, value) for name, value in values.items()})
+
+    @classmethod
     def _require_known(cls, names: Iterable[str]) -> None:
         known = cls.__dataclass_fields__
         for name in names:

@@ -8,8 +8,9 @@ from helpers.designs import full
 from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError
-from toros_fem.design.loop.journal import Checkpoint, signature_of
+from toros_fem.design.loop.journal import signature_of
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
@@ -34,7 +35,7 @@ def families(tube: Skin) -> DesignProblem:
     return relaxed_problem(design, FixedDirections(4, 0.3), 8e-3)  # type: ignore[arg-type]
 
 
-def stopped(make: Callable[[], DesignProblem], options: DesignOptions, rows: int) -> Checkpoint:
+def stopped(make: Callable[[], DesignProblem], options: DesignOptions, rows: int) -> Archive:
     journal = OneEntry(stop_at=rows)
     with pytest.raises(Stopped):
         optimize(make(), options, seed=3, journal=journal)
@@ -95,7 +96,7 @@ def test_what_does_not_fit_is_told(short_tube: Skin) -> None:
         (saved.arrays, {k: v for k, v in saved.numbers.items() if k != "mma"}),
         ({k: v for k, v in saved.arrays.items() if k != "density"}, saved.numbers),
     ):
-        journal = OneEntry(saved=Checkpoint(arrays, numbers))
+        journal = OneEntry(saved=Archive("checkpoint", arrays, numbers))
         with pytest.raises(CheckpointError, match="does not fit"):
             optimize(densities(short_tube), DesignOptions((Stage(1),)), seed=3, journal=journal)
 

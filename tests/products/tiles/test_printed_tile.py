@@ -10,53 +10,57 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.products.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
+from toros_fem.base.archive import read_archive, write_archive
+from toros_fem.materials.sheet import Bladder, Composite, Knit, Material, Membrane
+from toros_fem.products.tiles.printed_tile import NAME, read_tile, write_tile
 
 
-def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:
-    """Write a printed tile with changed entries; None leaves one out."""
-    if comm.rank == 0:
-        write_tile(folder, made)
-        with np.load(folder / NAME) as archive:
-            entries = {**archive, **changes}
-        np.savez(folder / NAME, **{k: v for k, v in entries.items() if v is not None})
-    comm.barrier()
-    return folder
+def test_a_tile_is_read_with_all_of_its_materials(alone: MPI.Comm, tmp_path: Path) -> None:
+    """A sheet that wrinkles stays one, and a material keeps its own bounds."""
+    wrinkled = Composite(
+        Material(0.2e6, 0.4, 3e-4, c1=1.8), c2=3.0, bending=None,
+        membrane=Membrane(wrinkling="tension-field"),
+    )  # fmt: skip
+    for composite in (wrinkled, Composite(bending=None, knit=Knit(1.5, 0.3))):
+        made = replace(printed_tile(alone), composite=composite)
+        write_tile(tmp_path, made)
+        found = read_tile(alone, tmp_path)
+        assert found.composite == composite
+        assert np.array_equal(found.printed, made.printed)
+        assert len(found.tile(alone).wraps) == len(found.printed)
+
+
+SOFT = {"young": "soft", "poisson": 0.3, "thickness": 1e-3}
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"size_x": None, "c1": None}, r"tile.npz lacks size_x, c1\. Write it by .*write_tile"),
-        ({"size_y": -0.01}, "contains no printed tile: size_y = -0.01 .* greater than 0"),
+        ({"size": None}, "it lacks 'size'"),
+        ({"size": [0.01, -0.01]}, "is not valid: size_y = -0.01 .* greater than 0"),
+        ({"composite": {"c1": 0.9}}, "c1 = 0.9 must be a finite number, above 1"),
         (
-            {"fabric_poisson": 0.7},
-            "poisson = 0.7 must be a finite number, at least 0 and at most 0.5",
+            {"composite": {"fabric": {"young": "soft", "poisson": 0.3, "thickness": 1e-3}}},
+            "is not valid: .*young = 'soft'",
         ),
-        ({"c1": 0.9}, "c1 = 0.9 must be a finite number, above 1"),
-        ({"reinforcement_thickness": "thin"}, "contains no printed tile: could not convert"),
-        ({"edge_length": [1e-3, 1e-3]}, "contains no printed tile: .* size 1"),
+        ({"composite": {"fabrics": 1}}, "unknown parameter 'fabrics'; did you mean 'fabric'"),
+        ({"edge_length": [1e-3, 1e-3]}, "is not valid: edge_length"),
         ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),
         ({"symmetry": "chiral"}, "cannot be chiral"),
-        ({"printed": np.zeros(5)}, r"printed is float64 of shape \(5,\); it must be bool"),
     ],
 )
 def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    folder = write_entries(alone, tmp_path, printed_tile(alone), **changes)
-    with pytest.raises(errors.TileFileError, match=message):
-        read_tile(alone, folder)
-
-
-def test_file_of_an_earlier_version(alone: MPI.Comm, tmp_path: Path) -> None:
-    """Such files have one Poisson's ratio and one thickness for both materials."""
-    names = [f"{m}_{p}" for m in ("fabric", "reinforcement") for p in ("poisson", "thickness")]
-    changes = {**dict.fromkeys(names), "poisson": 0.4, "thickness": 2e-4}
-    folder = write_entries(alone, tmp_path, printed_tile(alone), **changes)
-    composite = read_tile(alone, folder).composite
-    for material in (composite.fabric, composite.reinforcement):
-        assert (material.poisson, material.thickness) == (0.4, 2e-4)
-    assert (composite.fabric.young, composite.reinforcement.young) == (0.1e6, 26e6)
+    write_tile(tmp_path, printed_tile(alone))
+    path, failure = tmp_path / NAME, errors.TileFileError
+    content = read_archive(path, "tile", lambda archive: archive, failure, "")
+    numbers = {**content.numbers, **changes}
+    numbers = {name: value for name, value in numbers.items() if value is not None}
+    write_archive(path, replace(content, numbers=numbers))
+    with pytest.raises(failure, match=message):
+        read_tile(alone, tmp_path)
+    write_archive(path, replace(content, arrays={"printed": np.zeros(5)}))
+    with pytest.raises(failure, match=r"printed is float64 of shape \(5,\); it must be bool"):
+        read_tile(alone, tmp_path)
 
 
 def test_a_tile_is_a_membrane(alone: MPI.Comm) -> None:

@@ -12,15 +12,15 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
-from toros_fem.design.loop.journal import Checkpoint
 from toros_fem.results.runs.folder import open_run, read_run, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
 
 INPUTS = {"length": 0.1, "name": "tube"}
 
 
-STATE = Checkpoint({"x": np.array([0.0, 1.0, 4.0])}, {"count": 1})
+STATE = Archive("checkpoint", {"x": np.array([0.0, 1.0, 4.0])}, {"count": 1})
 
 
 @pytest.fixture
@@ -157,7 +157,7 @@ def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_p
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": 99}, "has format 99; this version, .* reads format 2"),
+        ({"format": 99}, "has format 99; this version, .* reads format 3"),
         ({"format": 1}, "has format 1"),
         ({"format": "?"}, "damaged"),
         ({"surprise": 3}, "damaged"),
@@ -182,7 +182,7 @@ def test_damaged_and_newer_records_are_told(
 def test_every_kth_state_is_written(comm: MPI.Comm, folder: Path) -> None:
     made: list[int] = []
 
-    def state(count: int) -> Checkpoint:
+    def state(count: int) -> Archive:
         made.append(count)
         return STATE
 
@@ -202,7 +202,7 @@ def test_signals_ask_for_a_write_or_an_end(comm: MPI.Comm, folder: Path) -> None
         if asked is not None and comm.rank == comm.size - 1:
             os.kill(os.getpid(), asked)
 
-        def state() -> Checkpoint:
+        def state() -> Archive:
             rows.append(count)
             return STATE
 

@@ -4,37 +4,26 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
 
-
-@dataclass(frozen=True, eq=False)
-class Checkpoint:
-    """A state that any number of ranks can go on from, equal on all ranks.
-
-    Attributes:
-        arrays: Arrays by name; what belongs to triangles, vertices or edges is in the pattern's
-            order.
-        numbers: Everything else, as JSON has it.
-    """
-
-    arrays: Mapping[str, Floats]
-    numbers: Mapping[str, Any]
+# Kind of the archives: states that any number of ranks can go on from, equal on all ranks.
+KIND = "checkpoint"
 
 
 class JournalEntry(Protocol):
     """The place of one design loop or simulation in a journal; all methods are collective."""
 
-    def saved(self) -> Checkpoint | None:
+    def saved(self) -> Archive | None:
         """Return the last checkpoint of an earlier, interrupted run; None without.
 
         From now on a stop waits for the next `offer`.
@@ -43,7 +32,7 @@ class JournalEntry(Protocol):
             CheckpointError: It cannot be read, or belongs to something else.
         """
 
-    def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
+    def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
         """Offer a checkpoint, which is made and written if it is due.
 
         Args:
@@ -111,7 +100,7 @@ def kept_evaluation(
         return found
     entry.close()  # a stop need not wait for the simulation
     found = simulate()
-    entry.offer(lambda: Checkpoint(*saved_evaluation(problem, found)), last=True)
+    entry.offer(lambda: Archive(KIND, *saved_evaluation(problem, found)), last=True)
     return found
 
 
@@ -147,7 +136,7 @@ def saved_evaluation(
     return arrays, numbers
 
 
-def restored_evaluation(problem: DesignProblem, saved: Checkpoint) -> Evaluation:
+def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
     """Return a saved evaluation, as if it had just been made (collective).
 
     Args:

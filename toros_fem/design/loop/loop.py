@@ -11,6 +11,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import collective, largest, norm
@@ -18,7 +19,7 @@ from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.journal import (
-    Checkpoint,
+    KIND,
     Journal,
     JournalEntry,
     restored_evaluation,
@@ -218,7 +219,7 @@ class _Loop:
             density = self.problem.with_passive(density)
             self.x = self.variables.vector(density, earlier.pressures)
 
-    def restore(self, saved: Checkpoint) -> int:
+    def restore(self, saved: Archive) -> int:
         """Take up a saved state, but for what `run` takes of it; return its stage."""
         numbers = saved.numbers
         try:
@@ -236,7 +237,7 @@ class _Loop:
         self.iteration_begin = time.perf_counter()
         return stage
 
-    def restore_stage(self, saved: Checkpoint, mma: MMA, scaled: Scaled) -> tuple[int, float]:
+    def restore_stage(self, saved: Archive, mma: MMA, scaled: Scaled) -> tuple[int, float]:
         """Take up a saved state of MMA and its scale; return the step of the stage and its KKT."""
         numbers, arrays, own = saved.numbers, saved.arrays, self.variables.scatter
         try:
@@ -256,7 +257,7 @@ class _Loop:
 
     def checkpoint(
         self, number: int, count: int, kkt: float, mma: MMA, scaled: Scaled, of: Evaluation
-    ) -> Checkpoint:
+    ) -> Archive:
         """Return the state after a row of the history (collective)."""
         arrays, numbers = saved_evaluation(self.problem, of)
         every, state = self.variables.gather, mma.state
@@ -282,11 +283,9 @@ class _Loop:
             "seconds": time.perf_counter() - self.begin,
             "history": saved_rows(self.history),
         }
-        return Checkpoint(arrays, numbers)
+        return Archive(KIND, arrays, numbers)
 
-    def run(
-        self, number: int, stage: Stage, *, last: bool, saved: Checkpoint | None = None
-    ) -> None:
+    def run(self, number: int, stage: Stage, *, last: bool, saved: Archive | None = None) -> None:
         """Run one stage from the current design, or from a saved state of this stage."""
         given, options = self.problem, self.options
         resolution = min(RESOLUTION, KNOWN * options.x_tol)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import PatternFileError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.pattern_file import ARRAYS, NUMBERS, pattern_entries, pattern_of, read_archive
+from toros_fem.meshes.pattern_file import archive_of, pattern_of
 
-NAME = "print.npz"
-FORMAT = "toros_fem print"
-VERSION = 1
-REGIONS = ("region_bytes", "region_sizes", "line_width", "gap_width", "hole_area")
+NAME, KIND = "print.npz", "print"
+REGIONS = ("region_bytes", "region_sizes")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +41,10 @@ class StoredPrint:
 def write_print_polygons(
     path: Path | str, pattern: Pattern, regions: Sequence[BaseGeometry], limits: PrintLimits
 ) -> None:
-    """Write a print as a compressed NumPy archive (one rank).
+    """Write a print as an archive (one rank).
 
-    Its entries are those of `write_pattern`; the polygons of each panel, one after the other, as
-    well-known binary, coordinates in m, with their sizes in bytes; and the limits of the printer.
+    Its entries are those of `write_pattern`, the arrays of `packed_regions`, and "limits", those of
+    the printer.
 
     Args:
         path: File ending in .npz.
@@ -53,18 +52,8 @@ def write_print_polygons(
         regions: Print on each panel, polygons in m.
         limits: Limits of the printer.
     """
-    texts = [shapely.to_wkb(region) for region in regions]
-    np.savez_compressed(
-        path,
-        format=FORMAT,
-        version=VERSION,
-        region_bytes=np.frombuffer(b"".join(texts), dtype=np.uint8),
-        region_sizes=np.array([len(text) for text in texts]),
-        line_width=limits.width,
-        gap_width=limits.gap,
-        hole_area=limits.hole_area,
-        **pattern_entries(pattern),
-    )
+    numbers = {"limits": asdict(limits)}
+    write_archive(Path(path), archive_of(KIND, pattern, packed_regions(regions), numbers))
 
 
 def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
@@ -75,25 +64,40 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
         run: Folder of the run, or a file by `write_print_polygons`.
 
     Raises:
-        PatternFileError: There is no such file, it is another kind of file, of a newer version,
-            lacks an entry, or holds no valid print.
+        PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
+            no valid print.
     """
     path = Path(run)
     path = path / NAME if path.suffix != ".npz" else path
-    names = (*ARRAYS, *NUMBERS, *REGIONS)
-    wanted = f"the folder of a finished design, which has a {NAME}"
-    return on_first_rank(comm, lambda: read_archive(path, FORMAT, VERSION, names, wanted, _print))
+    remedy = f"Give the folder of a finished design, which has a {NAME}."
+
+    def make(archive: Archive) -> StoredPrint:
+        limits = PrintLimits(**archive.numbers["limits"])
+        return StoredPrint(pattern_of(archive), regions_of(archive), limits)
+
+    return on_first_rank(comm, lambda: read_archive(path, KIND, make, PatternFileError, remedy))
 
 
-def _print(entries: Mapping[str, Any]) -> StoredPrint:
-    pattern = pattern_of(entries)
-    data, sizes = entries["region_bytes"].tobytes(), entries["region_sizes"]
-    if len(sizes) != len(pattern.panel_names) or sizes.min() < 0 or sizes.sum() != len(data):
+def packed_regions(regions: Sequence[BaseGeometry]) -> dict[str, npt.NDArray]:
+    """Return polygons of panels as arrays: well-known binary of all, in m, and sizes in bytes."""
+    texts = [shapely.to_wkb(region) for region in regions]
+    sizes = np.array([len(text) for text in texts])
+    return dict(zip(REGIONS, (np.frombuffer(b"".join(texts), np.uint8), sizes), strict=True))
+
+
+def regions_of(archive: Archive) -> list[BaseGeometry]:
+    """Return the polygons of each panel of a pattern's archive.
+
+    Raises:
+        PatternFileError: They do not fit the panels, or are no polygons.
+    """
+    data, sizes = (archive.arrays[name] for name in REGIONS)
+    if len(sizes) != len(archive.numbers["panel_names"]) or sizes.min() < 0:
         raise PatternFileError("the polygons do not fit the panels")
-    stops = np.cumsum(sizes)
+    if sizes.sum() != data.nbytes:
+        raise PatternFileError("the polygons do not fit the panels")
+    text, stops = data.tobytes(), np.cumsum(sizes)
     try:
-        regions = [shapely.from_wkb(data[b - n : b]) for b, n in zip(stops, sizes, strict=True)]
+        return [shapely.from_wkb(text[b - n : b]) for b, n in zip(stops, sizes, strict=True)]
     except shapely.errors.ShapelyError as caught:
         raise PatternFileError(f"the polygons cannot be read ({caught})") from None
-    width, gap, hole = (float(entries[name].item()) for name in REGIONS[2:])
-    return StoredPrint(pattern, regions, PrintLimits(width, gap, hole))

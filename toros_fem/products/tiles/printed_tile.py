@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools
-from toros_fem.base.errors import DensityError, ParameterError, TileFileError, TorosError
-from toros_fem.base.files import UNREADABLE, reason
+from toros_fem.base.errors import DensityError, ParameterError, TileFileError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import (
     checked_path,
@@ -20,16 +19,11 @@ from toros_fem.base.validation import (
     require_positive,
     shown,
 )
-from toros_fem.materials.sheet import Composite, Knit, Material
+from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.tile import KINDS, Tile, tile
 from toros_fem.meshes.tile_symmetry import check_symmetry
 
-NAME = "tile.npz"
-MATERIALS = ("fabric", "reinforcement")
-PROPERTIES = ("young", "poisson", "thickness")
-BOUNDS = ("c1", "c2")  # a material's own, if it has any
-# Files of earlier versions have one entry of these for both materials.
-COMMON = ("poisson", "thickness")
+NAME, KIND = "tile.npz", "tile"
 MEMBRANE = Composite(bending=None)
 
 
@@ -103,28 +97,12 @@ class PrintedTile:
 
 
 def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
-    """Write a printed tile as `tile.npz` into a folder (one rank)."""
+    """Write a printed tile as the archive `tile.npz` into a folder (one rank)."""
     require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
-    folder = checked_path("folder", folder)
-    p, composite = printed_tile, printed_tile.composite
-    entries: dict[str, Any] = {
-        "printed": p.printed,
-        "size_x": p.size[0],
-        "size_y": p.size[1],
-        "edge_length": p.edge_length,
-        "mesh": p.mesh,
-        "symmetry": p.symmetry,
-        "c1": composite.c1,
-        "c2": composite.c2,
-    }
-    for name in MATERIALS:
-        material = getattr(composite, name)
-        entries.update({f"{name}_{key}": getattr(material, key) for key in PROPERTIES})
-        own = {f"{name}_{key}": getattr(material, key) for key in BOUNDS}
-        entries.update({key: value for key, value in own.items() if value is not None})
-    if composite.knit is not None:
-        entries.update(knit_ratio=composite.knit.ratio, knit_grain=composite.knit.grain)
-    np.savez_compressed(folder / NAME, **entries)
+    folder, numbers = checked_path("folder", folder), dict(vars(printed_tile))
+    printed = numbers.pop("printed")
+    numbers["composite"] = printed_tile.composite.as_dict()
+    write_archive(folder / NAME, Archive(KIND, {"printed": printed}, numbers))
 
 
 @collective("comm")
@@ -132,54 +110,15 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     """Read the printed tile that `write_tile` wrote into a folder (collective).
 
     Raises:
-        TileFileError: There is no such file, or an entry is missing or not valid.
+        TileFileError: There is no such file, it is damaged, or holds no valid tile.
     """
     path = checked_path("folder", folder, TileFileError) / NAME
 
-    def read() -> PrintedTile:
-        try:
-            with np.load(path) as archive:
-                entries = dict(archive)
-        except UNREADABLE as caught:
-            raise TileFileError(
-                f"{path} cannot be read: {reason(caught)}. Give the output folder of demos/tile.py."
-            ) from None
-        for key in COMMON:
-            if key in entries:
-                entries.update({f"{name}_{key}": entries[key] for name in MATERIALS})
-        required = ("printed", "size_x", "size_y", "edge_length", "mesh", "symmetry", "c1", "c2")
-        properties = tuple(f"{name}_{key}" for name in MATERIALS for key in PROPERTIES)
-        knit = ("knit_grain",) if "knit_ratio" in entries else ()
-        missing = [name for name in required + properties + knit if name not in entries]
-        if missing:
-            raise TileFileError(f"{path} lacks {', '.join(missing)}. Write it by write_tile.")
-        try:
-            return _printed_tile(entries)
-        except (TorosError, ValueError, TypeError) as caught:
-            raise TileFileError(f"{path} contains no printed tile: {caught}") from None
+    def make(archive: Archive) -> PrintedTile:
+        numbers = dict(archive.numbers)
+        composite = Composite.of_dict(numbers.pop("composite"))
+        size = tuple(numbers.pop("size"))
+        return PrintedTile(archive.arrays["printed"], size, composite=composite, **numbers)
 
-    return on_first_rank(comm, read)
-
-
-def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
-    def number(name: str) -> float:
-        return float(entries[name].item())
-
-    fabric, reinforcement = (
-        Material(
-            *(number(f"{name}_{key}") for key in PROPERTIES),
-            **{key: number(f"{name}_{key}") for key in BOUNDS if f"{name}_{key}" in entries},
-        )
-        for name in MATERIALS
-    )
-    knit = Knit(number("knit_ratio"), number("knit_grain")) if "knit_ratio" in entries else None
-    return PrintedTile(
-        printed=entries["printed"],
-        size=(number("size_x"), number("size_y")),
-        edge_length=number("edge_length"),
-        mesh=str(entries["mesh"].item()),
-        symmetry=str(entries["symmetry"].item()),
-        composite=Composite(
-            fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None, knit=knit
-        ),
-    )
+    remedy = "Give the output folder of demos/tile.py."
+    return on_first_rank(comm, lambda: read_archive(path, KIND, make, TileFileError, remedy))

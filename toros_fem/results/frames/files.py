@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats
-from toros_fem.results.frames.npz import read_arrays, write_arrays
+from toros_fem.base.errors import OutputError
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.
 MOST = 60
-NAMES = ("skin", "positions", "names", "values", "note")
+KIND = "frame"
+REMEDY = "Delete it, or run the design again."
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,16 +49,12 @@ def write_frame(folder: Path, frame: Frame) -> None:
         folder: Folder of the frames, which exists.
         frame: The frame. Positions and densities are written in single precision.
     """
-    arrays = {
-        "skin": np.array(frame.skin),
-        "positions": frame.positions.astype(np.float32),
-        "names": np.array(list(frame.values), dtype=str),
-        "values": np.array(list(frame.values.values()), dtype=np.float64),
-        "note": np.array(frame.note),
-    }
+    arrays = {"positions": frame.positions.astype(np.float32)}
     if frame.density is not None:
         arrays["density"] = frame.density.astype(np.float32)
-    write_arrays(folder / f"{frame.series}-{frame.number:06d}.npz", arrays)
+    numbers = {"skin": frame.skin, "values": dict(frame.values), "note": frame.note}
+    path = folder / f"{frame.series}-{frame.number:06d}.npz"
+    write_archive(path, Archive(KIND, arrays, numbers), compress=False)
 
 
 def read_frames(folder: Path, series: str) -> list[Frame]:
@@ -69,24 +67,16 @@ def read_frames(folder: Path, series: str) -> list[Frame]:
     Raises:
         OutputError: A file cannot be read.
     """
-    frames = []
-    for number in numbers(folder, series):
-        arrays = read_arrays(folder / f"{series}-{number:06d}.npz", NAMES)
-        names = (str(name) for name in arrays["names"])
-        values = (float(value) for value in arrays["values"])
-        density = arrays.get("density")
-        frames.append(
-            Frame(
-                series,
-                number,
-                str(arrays["skin"]),
-                arrays["positions"].astype(np.float64),
-                None if density is None else density.astype(np.float64),
-                dict(zip(names, values, strict=True)),
-                str(arrays["note"]),
-            )
-        )
-    return frames
+
+    def frame(number: int) -> Frame:
+        def make(archive: Archive) -> Frame:
+            arrays = {name: array.astype(np.float64) for name, array in archive.arrays.items()}
+            return Frame(series, number, **{"density": None, **arrays, **archive.numbers})
+
+        path = folder / f"{series}-{number:06d}.npz"
+        return read_archive(path, KIND, make, OutputError, REMEDY)
+
+    return [frame(number) for number in numbers(folder, series)]
 
 
 def numbers(folder: Path, series: str) -> list[int]:

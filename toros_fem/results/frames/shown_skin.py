@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
+import numpy.typing as npt
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import OutputError
+from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.results.frames.npz import Arrays, read_arrays, require_arrays, write_arrays
+from toros_fem.meshes.pattern_file import archive_of, pattern_of
+from toros_fem.results.frames.files import REMEDY
 
-# Arrays that each file holds; others may be left out.
-NAMES = (
-    "flat_points", "flat_triangles", "panel", "sewn", "points", "panel_names", "seam_tolerance",
-    "moulded", "aligned",
-)  # fmt: skip
-# Arrays of which a file holds all or none.
-RINGS = ("ring_points", "ring_first", "ring_polygon", "polygon_panel")
+KIND = "skin"
 BODY = ("body_points", "body_triangles")
 
 
@@ -54,13 +51,18 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
         folder: Folder of the frames, which exists.
         skin: The skin. A file that is there already stays.
     """
-    arrays = _arrays(skin)
-    content = hashlib.sha256()
-    for name, array in arrays.items():
-        content.update(name.encode() + array.tobytes())
-    path = folder / f"skin-{content.hexdigest()[:12]}.npz"
+    given = {"target": skin.target, "passive": skin.passive}
+    arrays: dict[str, npt.NDArray] = {
+        name: np.asarray(a) for name, a in given.items() if a is not None
+    }
+    if skin.regions is not None:
+        arrays |= packed_regions(skin.regions)
+    if skin.body is not None:
+        arrays[BODY[0]], arrays[BODY[1]] = skin.body
+    archive = archive_of(KIND, skin.pattern, arrays, {"aligned": skin.aligned})
+    path = folder / f"{KIND}-{archive.digest[:12]}.npz"
     if not path.exists():
-        write_arrays(path, arrays)
+        write_archive(path, archive)
     return path.name
 
 
@@ -68,84 +70,18 @@ def read_skin(path: Path) -> ShownSkin:
     """Return the skin in a file.
 
     Raises:
-        OutputError: The file cannot be read.
-        PatternError: It holds no valid pattern.
+        OutputError: The file cannot be read, or holds no valid skin.
     """
-    arrays = read_arrays(path, NAMES)
-    for group in (RINGS, BODY):
-        if any(name in arrays for name in group):
-            require_arrays(path, arrays, group)
-    pattern = Pattern(
-        flat_points=arrays["flat_points"],
-        flat_triangles=arrays["flat_triangles"],
-        panel=arrays["panel"],
-        sewn=arrays["sewn"],
-        points=arrays["points"],
-        panel_names=tuple(str(name) for name in arrays["panel_names"]),
-        seam_tolerance=float(arrays["seam_tolerance"]),
-        moulded=bool(arrays["moulded"]),
-    )
-    body = None
-    if "body_points" in arrays:
-        body = arrays["body_points"], arrays["body_triangles"].astype(np.int64)
-    return ShownSkin(
-        pattern,
-        target=arrays.get("target"),
-        aligned=bool(arrays["aligned"]),
-        passive=arrays.get("passive"),
-        regions=_regions(arrays) if "ring_points" in arrays else None,
-        body=body,
-    )
 
+    def make(archive: Archive) -> ShownSkin:
+        arrays = archive.arrays
+        return ShownSkin(
+            pattern_of(archive),
+            target=arrays.get("target"),
+            aligned=archive.numbers["aligned"],
+            passive=arrays.get("passive"),
+            regions=regions_of(archive) if REGIONS[0] in arrays else None,
+            body=(arrays[BODY[0]], arrays[BODY[1]]) if BODY[0] in arrays else None,
+        )
 
-def _arrays(skin: ShownSkin) -> Arrays:
-    pattern = skin.pattern
-    arrays: dict[str, np.ndarray] = {
-        "flat_points": pattern.flat_points,
-        "flat_triangles": pattern.flat_triangles.astype(np.int32),
-        "panel": pattern.panel.astype(np.int32),
-        "sewn": pattern.sewn.astype(np.int32),
-        "points": pattern.points,
-        "panel_names": np.array(pattern.panel_names),
-        "seam_tolerance": np.array(pattern.seam_tolerance),
-        "moulded": np.array(pattern.moulded),
-        "aligned": np.array(skin.aligned),
-    }
-    if skin.target is not None:
-        arrays["target"] = np.asarray(skin.target, dtype=np.float64)
-    if skin.passive is not None:
-        arrays["passive"] = np.asarray(skin.passive, dtype=np.float32)
-    if skin.regions is not None:
-        arrays |= _rings(skin.regions)
-    if skin.body is not None:
-        points, triangles = skin.body
-        arrays |= {"body_points": points, "body_triangles": triangles.astype(np.int32)}
-    return arrays
-
-
-def _rings(regions: Sequence[BaseGeometry]) -> dict[str, np.ndarray]:
-    """Return the print as rings: their points, first points, polygons, and the polygons' panels.
-
-    The outer ring of a polygon comes first; the first point of a ring comes again as its last.
-    """
-    parts, panel = shapely.get_parts(np.array(regions, dtype=object), return_index=True)
-    flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
-    rings, polygon = shapely.get_rings(parts[flat], return_index=True)
-    counts = shapely.get_num_coordinates(rings)
-    return {
-        "ring_points": shapely.get_coordinates(rings),
-        "ring_first": np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
-        "ring_polygon": polygon.astype(np.int32),
-        "polygon_panel": panel[flat].astype(np.int32),
-    }
-
-
-def _regions(arrays: Arrays) -> list[BaseGeometry]:
-    first, points = arrays["ring_first"], arrays["ring_points"]
-    polygons: list[list[Floats]] = [[] for _ in arrays["polygon_panel"]]
-    for ring, polygon in enumerate(arrays["ring_polygon"]):
-        polygons[polygon].append(points[first[ring] : first[ring + 1]])
-    panels: list[list[BaseGeometry]] = [[] for _ in arrays["panel_names"]]
-    for (shell, *holes), panel in zip(polygons, arrays["polygon_panel"], strict=True):
-        panels[panel].append(shapely.Polygon(shell, holes))
-    return [shapely.MultiPolygon(parts) for parts in panels]
+    return read_archive(path, KIND, make, OutputError, REMEDY)

@@ -15,12 +15,13 @@ from typing import Any, NoReturn, Self, TypeVar
 
 from mpi4py import MPI
 
+from toros_fem.base.archive import FORMAT
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.base.files import replace_file
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count
+from toros_fem.base.versions import __version__
 from toros_fem.results.runs.earlier import move_aside, names_beside
-from toros_fem.results.runs.files import FORMAT, version
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
 from toros_fem.results.runs.signals import Signals
@@ -190,7 +191,7 @@ def open_run(
     require_count(1, every=every)
     folder = Path(folder)
     lock: FolderLock | None = None
-    record = RunRecord(dict(inputs), _identity(inputs), written_by=version())
+    record = RunRecord(dict(inputs), _identity(inputs), written_by=__version__)
 
     def begin() -> tuple[RunRecord, str | None]:
         nonlocal lock
@@ -280,7 +281,7 @@ def _read_record(folder: Path) -> RunRecord:
         raise CheckpointError(f"{path} is damaged: {fault}. {ANEW}") from None
     if found != FORMAT:
         raise CheckpointError(
-            f"{path} has format {found}; this version, {version()}, reads format {FORMAT}. Go on "
+            f"{path} has format {found}; this version, {__version__}, reads format {FORMAT}. Go on "
             "with the version that wrote it, or start the run anew in another folder."
         )
     try:

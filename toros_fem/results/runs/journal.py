@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
 
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, OutputError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.design.loop.journal import Checkpoint
-from toros_fem.results.runs.files import read_checkpoint, version, write_checkpoint
+from toros_fem.base.versions import __version__
+from toros_fem.design.loop.journal import KIND
 from toros_fem.results.runs.signals import Signals
 
+# Key of what a checkpoint belongs to, and what to do where it cannot serve.
+OWNER = "belongs_to"
+REMEDY = "Remove it to lose this part of the run alone, or start the run anew."
 log = logging.getLogger(__name__)
 
 
@@ -84,7 +89,7 @@ class RunEntry:
         self._every, self._signals, self._stop = every, signals, stop
         self._since = every  # the first one is written
 
-    def saved(self) -> Checkpoint | None:
+    def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
         From now on a stop waits for the next `offer`.
@@ -93,21 +98,21 @@ class RunEntry:
             CheckpointError: It is damaged, of a newer version, or belongs to something else.
         """
 
-        def read() -> Checkpoint | None:
+        def read() -> Archive | None:
             if not self._path.exists():
                 return None
-            found, writer = read_checkpoint(self._path, self._belongs_to)
-            if writer != version():
+            found = read_archive(self._path, KIND, self._own, CheckpointError, REMEDY)
+            if found.written_by != __version__:
                 log.warning(
                     "%s was written by toros_fem %s; this is %s, and digits may differ",
-                    self._path, writer, version(),
+                    self._path, found.written_by, __version__,
                 )  # fmt: skip
             return found
 
         self._signals.waits = True
         return on_first_rank(self._comm, read)
 
-    def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
+    def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
         """Write a checkpoint if it is due, or if a signal asks for it (collective).
 
         Raises:
@@ -129,16 +134,30 @@ class RunEntry:
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
         self._signals.waits = False
 
-    def _write(self, checkpoint: Checkpoint) -> None:
+    def _own(self, archive: Archive) -> Archive:
+        """Return the content of a file, which must be of this loop."""
+        owner = archive.numbers.get(OWNER, {})
+        differing = [key for key, value in self._belongs_to.items() if owner.get(key) != value]
+        if differing:
+            raise CheckpointError(
+                f"it belongs to another run: its {', '.join(differing)} is another; resume with "
+                "the inputs that the run began with"
+            )
+        return archive
+
+    def _write(self, checkpoint: Archive) -> None:
+        numbers = {**checkpoint.numbers, OWNER: self._belongs_to}
+
         def write() -> None:
             try:
-                write_checkpoint(self._path, checkpoint, self._belongs_to)
+                whole = replace(checkpoint, numbers=numbers)
+                write_archive(self._path, whole, compress=False)
             except OSError as caught:
                 raise OutputError(
                     f"{self._path} could not be written: {caught}. The state of an earlier "
                     "iteration is kept there. Free some space and resume."
                 ) from None
-            except ValueError as caught:  # NaN is no fault; a type that JSON lacks is
+            except (TypeError, ValueError) as caught:  # NaN is no fault; a type that JSON lacks is
                 raise CheckpointError(f"{self._path} cannot hold this state: {caught}") from None
 
         on_first_rank(self._comm, write)

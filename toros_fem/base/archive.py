@@ -1,0 +1,136 @@
+"""Archives: named arrays and numbers in one .npz file, which is whole or refused."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.base.errors import TorosError
+from toros_fem.base.files import reason, replace_file
+from toros_fem.base.versions import __version__
+
+# Version of the format of archives and of the files of a run; others are refused.
+FORMAT = 3
+# Names of two more arrays, of bytes: the header, and the SHA-256 of it and of all others.
+HEADER, DIGEST = "header", "sha256"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Archive:
+    """What an archive holds.
+
+    Attributes:
+        kind: What it is: "pattern", for instance.
+        arrays: Arrays by name, of numbers or truth values; what belongs to triangles, vertices or
+            edges is in the pattern's order.
+        numbers: Everything else, as JSON has it.
+        written_by: Version of the package that wrote it.
+    """
+
+    kind: str
+    arrays: Mapping[str, npt.NDArray[Any]]
+    numbers: Mapping[str, Any]
+    written_by: str = __version__
+
+    @cached_property
+    def header(self) -> bytes:
+        """All but the arrays, and their types and shapes, as JSON.
+
+        Raises:
+            TypeError, ValueError: A value is none that JSON has.
+        """
+        content = {
+            "is": f"toros_fem {self.kind}",
+            "format": FORMAT,
+            "toros_fem": self.written_by,
+            "arrays": _described(self.arrays),
+            "numbers": self.numbers,
+        }
+        return json.dumps(content, ensure_ascii=False).encode()
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the header and of all arrays."""
+        return _digest(self.header, self.arrays)
+
+
+def write_archive(path: Path, archive: Archive, *, compress: bool = True) -> None:
+    """Write an archive that is never seen half written (one rank).
+
+    Raises:
+        OSError: It cannot be written; an earlier one stays.
+        TypeError, ValueError: A value is none that JSON has.
+    """
+    entries = {
+        HEADER: np.frombuffer(archive.header, np.uint8),
+        DIGEST: np.frombuffer(archive.digest.encode(), np.uint8),
+    }
+    out = io.BytesIO()
+    save: Callable[..., None] = np.savez_compressed if compress else np.savez
+    save(out, allow_pickle=False, **entries, **archive.arrays)
+    replace_file(path, out.getvalue())
+
+
+def read_archive(
+    path: Path, kind: str, make: Callable[[Archive], T], failure: type[TorosError], remedy: str
+) -> T:
+    """Read an archive and make something of it (one rank).
+
+    Args:
+        path: The file.
+        kind: What it must hold.
+        make: Makes the result of the content; raises where that is wrong.
+        failure: Error that is raised.
+        remedy: What the error advises, as a sentence.
+
+    Raises:
+        TorosError: `failure`: there is no such file, it is damaged, of another kind or format, or
+            `make` raises.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        header, digest = (arrays.pop(name, np.zeros(0)).tobytes() for name in (HEADER, DIGEST))
+        about: dict[str, Any] = dict(json.loads(header or b"{}"))
+    except Exception as caught:  # a damaged file may raise anything
+        raise failure(f"{path} cannot be read: {reason(caught)}. {remedy}") from None
+    if about.get("is") != f"toros_fem {kind}":
+        raise failure(
+            f"{path} is another kind of file, or was written before format {FORMAT}. {remedy}"
+        )
+    if about.get("format") != FORMAT:
+        raise failure(
+            f"{path} has format {about.get('format')}, written by toros_fem "
+            f"{about.get('toros_fem')}; this is {__version__} and reads format {FORMAT}. {remedy}"
+        )
+    if missing := [name for name in about.get("arrays", ()) if name not in arrays]:
+        raise failure(f"{path} lacks {', '.join(missing)}. {remedy}")
+    if _digest(header, arrays).encode() != digest or about["arrays"] != _described(arrays):
+        raise failure(f"{path} is damaged: its content is not what was written. {remedy}")
+    try:
+        return make(Archive(kind, arrays, about["numbers"], about["toros_fem"]))
+    except (TorosError, ValueError, TypeError, LookupError, ArithmeticError) as caught:
+        what = f"it lacks {caught}" if isinstance(caught, KeyError) else str(caught).rstrip(".")
+        raise failure(f"{path} is not valid: {what}. {remedy}") from None
+
+
+def _described(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, list[Any]]:
+    """Return type and shape of each array, by name."""
+    return {name: [arrays[name].dtype.str, [*arrays[name].shape]] for name in sorted(arrays)}
+
+
+def _digest(header: bytes, arrays: Mapping[str, npt.NDArray[Any]]) -> str:
+    found = hashlib.sha256(header)
+    for name in sorted(arrays):
+        found.update(arrays[name].tobytes())
+    return found.hexdigest()
