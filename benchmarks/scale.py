@@ -134,8 +134,8 @@ def measure(triangles: int) -> Iterator[Row]:
 
 def _design_step(problem: Any, config: Any) -> dict[str, float]:
     """Return the seconds of each phase, the fastest of some rounds."""
-    model, filter, limits = problem.solver.model, problem.filter, problem.length_scale
-    density = problem.with_passive(problem.start_density(0))
+    model, filter, limits = problem.solver.model, problem.fields.filter, problem.length_scale
+    density = problem.fields.with_passive(problem.fields.start(0))
     filtered, projected = problem.fields(density)
     model.set_density(projected)
     model.set_load(Load(np.array([config.pressure.pressure])))
@@ -158,9 +158,9 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
 
     def smooth() -> None:
         found = filter.forward(density)
-        problem.projection.forward(found)
+        problem.fields.projection.forward(found)
         for _ in range(3):
-            filter.backward(problem.projection.backward(filtered, gradient))
+            filter.backward(problem.fields.projection.backward(filtered, gradient))
 
     def widths() -> None:
         limits.forward(density, filtered, projected)
@@ -225,7 +225,9 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     lines = [
         helices(pattern, count, sign * np.radians(30), min(2 * radius, 3e-3)) for sign in (1, -1)
     ]
-    density = problem.with_passive(np.any(lines, axis=0).astype(float)[problem.skin.owned_cells])
+    density = problem.fields.with_passive(
+        np.any(lines, axis=0).astype(float)[problem.skin.owned_cells]
+    )
 
     def made() -> Any:
         values = contour_values(problem, density)

@@ -55,7 +55,7 @@ def densities(comm: MPI.Comm) -> Found:
         found[name] = make_filter(name, skin, 8e-3).at_points(drawn(skin))
     plain = full(skin, EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"])))
     problem = relaxed_problem(plain, FixedDirections(4, 0.3), 0.015)
-    found["start"] = skin.gather_cells(problem.start_density(3).reshape(-1, 4))
+    found["start"] = skin.gather_cells(problem.fields.start(3).reshape(-1, 4))
     return found
 
 

@@ -42,7 +42,7 @@ def test_first_variant_has_no_filter_and_no_projection(alone: MPI.Comm) -> None:
     with warned(alone, match="filter radius"):
         problem = problem_of(alone, config)
     density = random_density(problem.skin, 1)
-    filtered, projected = problem.fields(density)
+    filtered, projected = problem.fields.forward(density)
     assert np.array_equal(filtered, density)
     designed = problem.designed
     assert projected[designed] == pytest.approx(density[designed], abs=1e-6)

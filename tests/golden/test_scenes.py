@@ -17,10 +17,10 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.problem import DesignProblem, Evaluation
+from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -93,21 +93,24 @@ def state_figures(skin: Skin, found: Equilibrium) -> dict[str, Any]:
     }
 
 
-def figures_of(problem: DesignProblem, at: Evaluation) -> dict[str, Any]:
+def figures_of(problem: DesignProblem, at: Evaluation, slopes: Slopes) -> dict[str, Any]:
     """Quantities of an evaluation with its gradients."""
     gather, found = problem.skin.gather_cells, at.equilibrium
-    fields = at.gradient.reshape(len(problem.skin.owned_cells), -1)
+    fields = slopes.gradient.reshape(len(problem.skin.owned_cells), -1)
+    pressures = slopes.pressure_gradient
     figures = {
         "objective": at.objective,
         "shape term": at.shape,
         "perimeter in m": at.perimeter,
         "width constraints": None if at.length_scale is None else list(at.length_scale),
-        "width slopes": [gather(slope) for slope in at.length_scale_gradients or ()],
+        "width slopes": [gather(slope) for slope in slopes.length_scale_gradients],
         "slope": gather(fields),
-        "slope by pressure": None if at.pressure_gradient is None else list(at.pressure_gradient),
+        "slope by pressure": None if pressures is None else list(pressures),
         "filtered": gather(at.filtered.reshape(fields.shape)),
-        "reinforced": list(problem.reinforcement(at)),
-        "residual slopes": [gather(row.reshape(fields.shape)) for row in at.residuals.gradients],
+        "reinforced": list(problem.fields.reinforcement(at.projected)),
+        "residual slopes": [
+            gather(row.reshape(fields.shape)) for row in slopes.residuals.gradients
+        ],
         "spread": at.spread,
         **problem.metrics_of(found),
     }
@@ -144,18 +147,17 @@ def steps_figures(problem: DesignProblem, start: np.ndarray) -> dict[str, Any]:
 def test_actuator(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None:
     problem = problem_of(comm, name)
     density = waves(problem.skin)
-    at = problem.differentiate(problem.simulate(density))
-    pinned(f"evaluation/{name}", figures_of(problem, at))
+    pinned(f"evaluation/{name}", figures_of(problem, *problem.evaluate(density)))
     pinned(f"two_steps/{name}", steps_figures(problem, density), rel=1e-4)
 
 
 @pytest.mark.parametrize("name", list(RELAXED))
 def test_relaxed(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None:
     problem = relaxed_problem(problem_of(comm, name), RELAXED[name], 0.015, 1e-3)
-    assert isinstance(problem, RelaxedProblem)
-    start = problem.start_density(5)
-    at = problem.differentiate(problem.simulate(start))
-    figures = figures_of(problem, at) | {"cost of lines": problem.cost(at.projected)}
+    start = problem.fields.start(5)
+    at, slopes = problem.evaluate(start)
+    cost = problem.terms[0].price * at.measures["shares"]
+    figures = figures_of(problem, at, slopes) | {"cost of lines": cost}
     pinned(f"evaluation/relaxed_{name}", figures)
     pinned(f"two_steps/relaxed_{name}", steps_figures(problem, start), rel=1e-4)
 
@@ -165,8 +167,7 @@ def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
     mesh = ROOT / "demos" / "surfaces" / "finger.stl"
     problem = scene_problem(comm, scene.with_files(comm, {"mesh": mesh}))
     density = waves(problem.skin)
-    at = problem.differentiate(problem.simulate(density))
-    pinned("evaluation/own_mesh", figures_of(problem, at))
+    pinned("evaluation/own_mesh", figures_of(problem, *problem.evaluate(density)))
     pinned("two_steps/own_mesh", steps_figures(problem, density), rel=1e-4)
 
 
@@ -179,8 +180,7 @@ def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
     x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.skin.size
     density = 0.5 + 0.25 * (np.cos(x) + np.sin(x + 2 * y))[problem.skin.owned_cells]
     density = np.clip(density, 0.02, 0.98)
-    at = problem.differentiate(problem.simulate(density))
-    pinned(f"evaluation/{target}_tile", figures_of(problem, at))
+    pinned(f"evaluation/{target}_tile", figures_of(problem, *problem.evaluate(density)))
     pinned(f"two_steps/{target}_tile", steps_figures(problem, density), rel=1e-4)
 
 

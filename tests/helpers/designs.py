@@ -6,11 +6,15 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.array_types import Floats
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.fields import Densities, densities_of
+from toros_fem.design.loop.physics import InflatedSkin
+from toros_fem.design.loop.problem import Term
 from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -47,22 +51,34 @@ def make_problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> Sh
     target = bend(np.radians(60), 0.06, neutral=0.01)(pattern.points)
     wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
     return ShapeProblem(
-        solver=solver,
-        objective=ShapeObjective(skin, target),
-        filter=cone_filter(skin, RADIUS),
-        pressure=5e3,
-        projection=Projection(beta),
-        passive=np.where(wall, np.nan, 1.0),
+        Densities(skin, cone_filter(skin, RADIUS), Projection(beta), np.where(wall, np.nan, 1.0)),
+        InflatedSkin(solver, 5e3),
+        ShapeObjective(skin, target),
     )
+
+
+def passive_in(problem: ShapeProblem, passive: Floats | None) -> ShapeProblem:
+    """The same problem with other prescribed densities."""
+    fields = dataclasses.replace(densities_of(problem.fields), passive=passive)
+    return problem.changed(fields=fields)
+
+
+def bounded(problem: ShapeProblem, low: float, high: float) -> ShapeProblem:
+    """The same problem with designed pressures."""
+    physics = dataclasses.replace(problem.physics, pressure_bounds=(low, high))
+    return problem.changed(physics=physics)
+
+
+def border_term(skin: Skin, weight: float) -> Term:
+    return Term("perimeter", Perimeter(skin, RADIUS), weight / skin.pattern.size)
 
 
 def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
     """All that a problem has: pressure designed, perimeter penalised, widths constrained."""
-    plain = make_problem(skin, solver, beta)
-    return dataclasses.replace(
-        plain,
-        pressure_bounds=(1e3, 2e4),
-        perimeter=Perimeter(skin, RADIUS),
-        perimeter_weight=1e-4,
-        length_scale=LengthScaleConstraints(skin, plain.filter, LengthScale(), plain.designed),
-    )
+    plain = bounded(make_problem(skin, solver, beta), 1e3, 2e4)
+    return plain.changed(terms=[border_term(skin, 1e-4)], length_scale=widths_of(plain))
+
+
+def widths_of(problem: ShapeProblem, widths: LengthScale | None = None) -> LengthScaleConstraints:
+    filter = densities_of(problem.fields).filter
+    return LengthScaleConstraints(problem.skin, filter, widths or LengthScale(), problem.designed)

@@ -9,7 +9,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from helpers.designs import RADIUS, full
+from helpers.designs import RADIUS, border_term, full, passive_in, widths_of
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
@@ -28,11 +28,16 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.options import DesignOptions
-from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.design.loop.options import Stage as DesignStage
+from toros_fem.design.loop.physics import InflatedSkin
+from toros_fem.design.loop.problem import DesignProblem, Term
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.variables import Scaled, Values, Variables
+from toros_fem.design.loop.steps import Steps
+from toros_fem.design.loop.variables import Variables
+from toros_fem.design.mma.optimizer import Functions
 from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.design.relaxed.smoothing import smoothing
@@ -54,7 +59,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tile_design.problem import TileDensities, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
@@ -315,21 +320,17 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     """Everything that a density design has, with print and fabric that are prescribed."""
     skin = sew(comm, tube())
     plain = full(skin, solver_on(skin))
-    assert plain.passive is not None
-    given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.passive)
-    problem = dataclasses.replace(
-        plain, passive=given, perimeter_weight=1e-3, objective=bent(skin), length_scale=None
+    assert plain.fields.passive is not None
+    given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.fields.passive)
+    problem = passive_in(plain, given).changed(
+        terms=[border_term(skin, 1e-3)], objective=bent(skin)
     )
-    made = LengthScaleConstraints(skin, plain.filter, LengthScale(), problem.designed)
-    return dataclasses.replace(problem, length_scale=made)
+    return problem.changed(length_scale=widths_of(problem))
 
 
 def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
     """Lines that cost something, on a skin with print and fabric that are prescribed."""
-    plain = dataclasses.replace(
-        density_problem(comm), length_scale=None, perimeter=None, perimeter_weight=None
-    )
-    return relaxed_problem(plain, families, 0.015, share_weight=0.05, crossing=0.3)
+    return relaxed_problem(density_problem(comm), families, 0.015, share_weight=0.05, crossing=0.3)
 
 
 def robust(comm: MPI.Comm, *, printed: bool) -> ShapeProblem:
@@ -337,12 +338,18 @@ def robust(comm: MPI.Comm, *, printed: bool) -> ShapeProblem:
     plain = density_problem(comm)
     skin = plain.skin
     tolerance = WidthTolerance(0.2 * RADIUS, 1e5)
-    variants = Variants(tolerance, plain.filter, plain.projection.eta, lambda: solver_on(skin))
-    problem = dataclasses.replace(plain, robust=variants)
+    fields = densities_of(plain.fields)
+
+    def variant() -> InflatedSkin:
+        return dataclasses.replace(plain.physics, solver=solver_on(skin))
+
+    variants = Variants(tolerance, fields.filter, fields.projection.eta, variant)
+    problem = plain.changed(robust=variants)
     if printed:
         before = problem.simulate(cells(skin, 8, 0.2, 0.8))
         away = 0.3 * (before.equilibrium.positions - skin.pattern.points[skin.owned_vertices])
-        problem = problem.with_printed_spread(away, before)
+        both = [variant.positions for variant in before.variants]
+        problem = problem.changed(robust=variants.corrected(away, *both))
     return problem
 
 
@@ -363,22 +370,23 @@ def tile_problem(
     )  # fmt: skip
     inner = cone_filter(skin, TILE_RADIUS, found.lattice)
     place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
+    symmetric = inner.after(group_mean(skin, found.symmetry_maps(symmetry)))
+    passive = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
+    perimeter = Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice)
     problem = TileProblem(
-        solver=solver,
-        objective=objective,
-        filter=inner.after(group_mean(skin, found.symmetry_maps(symmetry))),
-        projection=Projection(4.0),
-        passive=np.where(place.max(axis=1) < 0.12, 1.0, np.nan),
-        perimeter=Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice),
-        perimeter_weight=1.0,
+        TileDensities(skin, symmetric, Projection(4.0), passive, tile=found),
+        TilePhysics(solver),
+        objective,
+        [Term("perimeter", perimeter, 1.0 / found.pattern.size)],
     )
     asked = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
-    limits = LengthScaleConstraints(skin, problem.filter, asked, problem.designed)
-    return dataclasses.replace(problem, length_scale=limits)
+    limits = LengthScaleConstraints(skin, symmetric, asked, problem.designed)
+    return problem.changed(length_scale=limits)
 
 
-def numbers(values: Values) -> Floats:
-    return np.array([values.objective, values.rest, *values.constraints, *values.residuals])
+def numbers(there: Functions) -> Floats:
+    squares = float(np.dot(there.residuals, there.residuals))
+    return np.array([there.value + squares, there.value, *there.values, *there.residuals])
 
 
 def designed(
@@ -387,15 +395,17 @@ def designed(
     """All that MMA sees of a problem: T, its rest, constraints and residuals, by its variables."""
     problem = make(comm)
     skin, variables = problem.skin, Variables(problem, DesignOptions())
-    fields = len(problem.variable_bounds[0]) // len(skin.owned_cells)
+    fields = len(problem.fields.bounds[0]) // len(skin.owned_cells)
     start = cells(skin, 1, low, low + 0.4, fields).ravel()
-    pressures = tuple(1.3 * p for p in problem.pressures)
-    base = problem.evaluate(start, pressure=pressures or None)
-    limited = problem.length_scale is not None
-    scaled = Scaled(problem, variables, constrained=limited, target_objective=0.0, start=base)
-    scaled.refer(base)
-    slopes = scaled.gradients(base)
-    every = [slopes.objective, slopes.rest, *slopes.constraints, *slopes.residuals]
+    pressures = tuple(1.3 * p for p in problem.physics.pressures)
+    base, slopes = problem.evaluate(start, pressure=pressures or None)
+    stage = DesignStage(1, constrained=problem.length_scale is not None)
+    steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
+    steps.refer(base, slopes)
+    rows = steps.around(base, slopes)
+    assert rows.gradient is not None
+    whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)
+    every = [whole, rows.gradient, *rows.jacobian, *rows.residual_jacobian]
     point = variables.vector(start, pressures)
     size = len(variables.gather(point))
     drawn = 1e-3 * np.random.default_rng(15).uniform(-1, 1, size)
@@ -403,7 +413,7 @@ def designed(
     def values(x: Floats) -> Floats:
         density, moved = variables.design(x)
         there = problem.simulate(density, base.equilibrium.state, moved or None)
-        return numbers(scaled.values(there))
+        return numbers(steps.at(there))
 
     return Stage(
         skin.comm, values, point, variables.scatter(drawn), every,

@@ -61,10 +61,8 @@ def test_parts_that_are_left_out_are_none(result: DesignResult, printed: Printed
     problem = shape_problem(result)
     plain = dataclasses.replace(
         result,
-        problem=dataclasses.replace(
-            problem, length_scale=None, perimeter=None, perimeter_weight=None, metrics=()
-        ),
-        final=dataclasses.replace(result.final, perimeter=None, length_scale=None),
+        problem=problem.changed(length_scale=None, terms=(), metrics=()),
+        final=dataclasses.replace(result.final, measures={}, length_scale=None),
         history=tuple(dataclasses.replace(row, metrics={}) for row in result.history),
     )
     failed = dataclasses.replace(printed, evaluation=None, failure="made to fail")

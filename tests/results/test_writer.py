@@ -43,7 +43,8 @@ def test_a_tension_field_has_its_wrinkles_written(
     skin, shown = problem.skin, printed.evaluation or result.final
     composite = Composite(membrane=Membrane("tension-field"))
     solver = EquilibriumSolver(skin, composite, problem.solver.model.supports)
-    relaxed = dataclasses.replace(result, problem=dataclasses.replace(problem, solver=solver))
+    physics = dataclasses.replace(problem.physics, solver=solver)
+    relaxed = dataclasses.replace(result, problem=problem.changed(physics=physics))
     write_results(folder, relaxed, printed)
     comm.barrier()
     assert (folder / "wrinkles.png").is_file()

@@ -52,9 +52,8 @@ def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int)
         assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
         assert np.array_equal(again.density, whole.density)
         assert np.array_equal(again.final.equilibrium.state, whole.final.equilibrium.state)
-        assert again.final.gradient is not None
-        assert whole.final.gradient is not None
-        assert np.array_equal(again.final.gradient, whole.final.gradient)
+        slopes = [found.final.problem.differentiate(found.final) for found in (again, whole)]
+        assert np.array_equal(slopes[0].gradient, slopes[1].gradient)
         assert again.reason == whole.reason
         assert again.pressures == whole.pressures
 
@@ -90,7 +89,7 @@ def test_another_number_of_ranks_goes_on(comm: MPI.Comm, tube: Skin) -> None:
 def test_what_does_not_fit_is_told(short_tube: Skin) -> None:
     saved = stopped(lambda: densities(short_tube), DesignOptions((Stage(1),)), 1)
     for arrays, numbers in (
-        ({**saved.arrays, "unknowns": saved.arrays["unknowns"][:-1]}, saved.numbers),
+        ({**saved.arrays, "unknowns_0": saved.arrays["unknowns_0"][:-1]}, saved.numbers),
         ({**saved.arrays, "x": saved.arrays["x"][:-7]}, saved.numbers),
         (saved.arrays, {**saved.numbers, "history": [{"iteration": 0}]}),
         (saved.arrays, {k: v for k, v in saved.numbers.items() if k != "mma"}),

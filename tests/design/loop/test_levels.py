@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.design.density.length_scale import LengthScale
+from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.loop.levels import gathered, optimize_levels, refinements
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -68,17 +69,17 @@ def test_first_solve_of_a_level_is_warm(alone: MPI.Comm, coarse: tf.DesignResult
     assert warm.objective == pytest.approx(cold.objective, rel=1e-6)
     assert warm.equilibrium.steps <= 0.7 * cold.equilibrium.steps
     assert warm.equilibrium.steps <= 10
-    drawn = problem.simulate(problem.start_density(1), None, start.pressures)
+    drawn = problem.simulate(problem.fields.start(1), None, start.pressures)
     assert warm.objective < 0.1 * drawn.objective
 
 
 def test_a_shape_out_of_the_stretch_bounds_is_left_out(alone: MPI.Comm) -> None:
     problem = tube(alone, 1.0)
     points = problem.skin.pattern.points
-    state = problem.state_at(1.01 * points)
+    state = problem.physics.state_at(1.01 * points)
     assert state is not None
     assert np.array_equal(state, 1.01 * points[problem.skin.owned_vertices])
-    assert problem.state_at(2.5 * points) is None
+    assert problem.physics.state_at(2.5 * points) is None
 
 
 def test_levels_are_one_design(comm: MPI.Comm) -> None:
@@ -138,24 +139,25 @@ def test_refined_design(alone: MPI.Comm) -> None:
     finer, (same, fine) = refine(pattern), refinements(problem, 2)
     assert same is problem
     assert np.array_equal(fine.skin.pattern.flat_points, finer.pattern.flat_points)
-    assert fine.filter.radius == RADIUS
-    assert fine.perimeter.window == 3.5e-3
+    assert fine.fields.filter.radius == RADIUS
+    assert isinstance(fine.terms[0].measure, Perimeter)
+    assert fine.terms[0].measure.window == 3.5e-3
     coarse_widths, widths = problem.length_scale, fine.length_scale
     assert widths.solid_threshold == pytest.approx(coarse_widths.solid_threshold, rel=1e-12)
     assert fine.metrics == (metric,)
     assert fine.solver.model.composite == problem.solver.model.composite != tf.Composite()
-    assert fine.pressure_ranges == problem.pressure_ranges
+    assert fine.physics.pressure_ranges == problem.physics.pressure_ranges
     # The target was given as positions: it is interpolated.
     assert fine.target is not None
     assert np.allclose(fine.target, finer.at_vertices(target(pattern.points)), atol=1e-15)
-    again = fine.with_passive(np.full(len(fine.skin.owned_cells), np.nan))
+    again = fine.fields.with_passive(np.full(len(fine.skin.owned_cells), np.nan))
     given = np.where(np.isin(pattern.panel, [1, 2]), 1.0, passive)
     expected = given[finer.cell][fine.skin.owned_cells]
     assert np.array_equal(again, expected, equal_nan=True)
-    assert fine.start is not None
-    assert np.array_equal(fine.start, start[finer.cell])
-    assert np.allclose(fine.force.sum(axis=0), force.sum(axis=0), rtol=1e-12)
-    assert not np.array_equal(fine.force[: len(force)], force), "the force is spread"
+    assert fine.fields.centre is not None
+    assert np.array_equal(fine.fields.centre, start[finer.cell])
+    assert np.allclose(fine.physics.force.sum(axis=0), force.sum(axis=0), rtol=1e-12)
+    assert not np.array_equal(fine.physics.force[: len(force)], force), "the force is spread"
 
 
 def test_refined_design_goes_on(coarse: tf.DesignResult) -> None:

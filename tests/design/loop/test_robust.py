@@ -7,8 +7,10 @@ import pytest
 from helpers.designs import RADIUS, full
 from helpers.loops import OneEntry, Stopped, figures
 
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
@@ -24,8 +26,12 @@ def solver(tube: Skin) -> EquilibriumSolver:
 def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
     plain = full(tube, solver(tube))
     tolerance = WidthTolerance(0.2 * RADIUS, weight)
-    made = Variants(tolerance, plain.filter, plain.projection.eta, lambda: solver(tube))
-    return dataclasses.replace(plain, robust=made)
+    fields = densities_of(plain.fields)
+
+    def variant() -> InflatedSkin:
+        return dataclasses.replace(plain.physics, solver=solver(tube))
+
+    return plain.changed(robust=Variants(tolerance, fields.filter, fields.projection.eta, variant))
 
 
 def test_without_variants_nothing_differs(short_tube: Skin) -> None:
@@ -53,7 +59,7 @@ def test_the_spread_falls(short_tube: Skin) -> None:
     """Plain steps, and as many robust ones from there."""
     problem = robust(short_tube, 1e5)
     plain = optimize(problem, [Stage(6, robust=False)], seed=3)
-    before = problem.evaluate(plain.density, plain.final.equilibrium.state, plain.pressures)
+    before = problem.simulate(plain.density, plain.final.equilibrium.state, plain.pressures)
     after = optimize(problem, [Stage(6)], after=plain).final
     assert before.spread is not None
     assert after.spread is not None
@@ -67,11 +73,12 @@ def test_the_spread_of_a_print_that_is_known(short_tube: Skin) -> None:
     density = 0.5 + 0.3 * np.sin(2 * np.pi * along / 0.03)
     before = problem.simulate(density)
     printed = 0.3 * (before.equilibrium.positions - pattern.points[short_tube.owned_vertices])
-    problem = problem.with_printed_spread(printed, before)
+    both = [variant.positions for variant in before.variants]
+    problem = problem.changed(robust=problem.robust.corrected(printed, *both))
     x, forward = before.equilibrium.positions, problem.objective.forward
     expected = (forward(x + printed) + forward(x - printed)) / 2 - forward(x)
-    here = problem.evaluate(density)
+    here = problem.simulate(density)
     assert here.spread == pytest.approx(expected, rel=1e-6)
     assert here.steps > here.equilibrium.steps
     made = problem.simulate_binary(np.where(along < 0.03, 1.0, 0.0))
-    assert problem.differentiate(made).gradient is not None, "a print has no variants"
+    assert len(problem.differentiate(made).gradient) == len(density), "a print has no variants"

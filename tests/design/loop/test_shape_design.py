@@ -35,7 +35,9 @@ def test_printed_panels_and_passive_densities(alone: MPI.Comm, pattern: Pattern)
     passive = np.full(len(pattern.triangles), np.nan)
     passive[pattern.cells_of("wall")[:5]] = 0.25
     problem = design(alone, pattern, passive=passive)
-    every = problem.skin.gather_cells(problem.with_passive(np.full(len(problem.designed), 0.5)))
+    every = problem.skin.gather_cells(
+        problem.fields.with_passive(np.full(len(problem.designed), 0.5))
+    )
     for panel, density in (("base", 1.0), ("tip", 1.0)):
         np.testing.assert_array_equal(every[pattern.cells_of(panel)], density)
     np.testing.assert_array_equal(every[pattern.cells_of("wall")[:5]], 0.25)
@@ -46,7 +48,7 @@ def test_own_start_and_metrics(alone: MPI.Comm, pattern: Pattern) -> None:
     """The history holds the metrics; without any, the distance from the target in mm."""
     start = np.where(pattern.centroids[:, 0] > 0.03, 0.7, 0.3)
     problem = design(alone, pattern, start=start)
-    drawn = problem.skin.gather_cells(problem.start_density(seed=4))
+    drawn = problem.skin.gather_cells(problem.fields.start(seed=4))
     assert np.abs(drawn - start).max() <= 0.1
     assert np.abs(drawn - start).min() < 0.01
     result = tf.optimize(problem, [tf.Stage(1)], seed=4)
@@ -66,7 +68,7 @@ def test_error_of_the_default_metric(alone: MPI.Comm, pattern: Pattern) -> None:
     """A target given as a map is known on the refined mesh too; one given by vertex is not."""
     bend = tf.meshes.bend(np.radians(30), LENGTH, neutral=0.01)
     problem = design(alone, pattern, target=bend)
-    found = problem.simulate(problem.start_density(seed=1))
+    found = problem.simulate(problem.fields.start(seed=1))
     (metric,) = problem.metrics
     given = problem.solver, found.equilibrium
     (estimate,) = tf.estimate_error(*given, [metric.measure])

@@ -7,6 +7,7 @@ import pytest
 from helpers.designs import make_problem
 
 from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
@@ -20,7 +21,7 @@ def test_metrics_along_changes_of_the_density(
         Metric("length", "ratio", None, length_ratio),
     )
     problem = dataclasses.replace(make_problem(short_tube, short_solver), metrics=metrics)
-    density = random_density(short_tube, 2, spread=0.3)
+    density, fields = random_density(short_tube, 2, spread=0.3), densities_of(problem.fields)
     pattern = short_tube.pattern
     x, _, z = pattern.points[pattern.triangles[short_tube.owned_cells]].mean(axis=1).T
     changes = [0.2 * np.sign(x), 0.2 * np.sign(z - pattern.points[:, 2].mean())]
@@ -29,8 +30,8 @@ def test_metrics_along_changes_of_the_density(
     found = problem.metric_derivatives(base, changes)
     state, step = base.equilibrium.state, 1e-3
     for k, change in enumerate(changes):
-        slope = problem.projection.backward(base.filtered, problem.designed.astype(float))
-        rate = problem.metric_derivatives(base, [slope * problem.filter.forward(change)])
+        slope = fields.projection.backward(base.filtered, problem.designed.astype(float))
+        rate = problem.metric_derivatives(base, [slope * fields.filter.forward(change)])
         there, back = (
             problem.metrics_of(problem.simulate(density + s * change, state).equilibrium)
             for s in (step, -step)

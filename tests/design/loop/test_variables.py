@@ -1,24 +1,21 @@
 """Densities and pressures as one vector, and the scaled functions that MMA minimises."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from helpers.designs import full, make_problem
+from helpers.designs import bounded, full, make_problem, passive_in
 
 from toros_fem.base.mpi import dot
 from toros_fem.design.density.field import random_density
-from toros_fem.design.loop.options import DesignOptions
-from toros_fem.design.loop.variables import Scaled, Variables
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.steps import Steps
+from toros_fem.design.loop.variables import Variables
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 
 
 def test_a_vector_and_back(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """Pressures enter as the logarithm between their bounds."""
-    problem = dataclasses.replace(
-        make_problem(short_tube, short_solver), pressure_bounds=(1e3, 9e3)
-    )
+    problem = bounded(make_problem(short_tube, short_solver), 1e3, 9e3)
     variables = Variables(problem, DesignOptions(pressure_move=0.25))
     density = random_density(short_tube, 3)
     x = variables.vector(density, (3e3,))
@@ -35,7 +32,7 @@ def test_prescribed_densities_have_no_range(
     short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
     passive = np.where(short_tube.owned_cells % 3 == 0, 0.25, np.nan)
-    problem = dataclasses.replace(make_problem(short_tube, short_solver), passive=passive)
+    problem = passive_in(make_problem(short_tube, short_solver), passive)
     low, high = Variables(problem, DesignOptions()).bounds
     given = ~np.isnan(passive)
     np.testing.assert_array_equal(low, np.where(given, 0.25, 0.0))
@@ -46,19 +43,19 @@ def test_scaled_functions(short_tube: Skin, short_solver: EquilibriumSolver) -> 
     """T is 10 where a stage starts; constraints ask for half of their value, then for ε."""
     problem = full(short_tube, short_solver, beta=20.0)
     variables = Variables(problem, DesignOptions())
-    base = problem.evaluate(random_density(short_tube, 3))
-    scaled = Scaled(problem, variables, constrained=True, target_objective=0.0, start=base)
-    assert scaled.refer(base) == 1.0
-    here, slopes = scaled.values(base), scaled.gradients(base)
-    assert here.objective == pytest.approx(10.0)
-    assert here.rest + (here.residuals**2).sum() == pytest.approx(10.0)
+    base, slopes = problem.evaluate(random_density(short_tube, 3))
+    stage = Stage(1, constrained=True)
+    steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
+    assert steps.refer(base, slopes) == 1.0
+    here = steps.around(base, slopes)
+    assert here.value + np.square(here.residuals).sum() == pytest.approx(10.0)
     assert base.length_scale is not None
     far = base.length_scale > 2 * problem.length_scale.epsilon
     assert far.any()
-    np.testing.assert_allclose(here.constraints[far], 1.0)
-    # The gradient of T is scaled as T is.
-    assert base.gradient is not None
-    cells = slopes.objective[: len(base.gradient)]
-    ratio = 10.0 / base.objective
-    gap = cells - ratio * base.gradient
+    np.testing.assert_allclose(np.asarray(here.values)[far], 1.0)
+    # The gradient of T, with that of the residuals' squares, is scaled as T is.
+    count, ratio = len(slopes.gradient), 10.0 / base.objective
+    rows = zip(here.residuals, here.residual_jacobian, strict=True)
+    cells = here.gradient[:count] + sum(2 * r * row[:count] for r, row in rows)
+    gap = cells - ratio * slopes.gradient
     assert dot(short_tube.comm, gap, gap) < 1e-20 * dot(short_tube.comm, cells, cells)

@@ -1,14 +1,13 @@
 """A skin whose line families are designed: gradients through the whole chain, and ranks."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from helpers.designs import make_problem
+from helpers.designs import bounded, make_problem
 
 from toros_fem.base.errors import DensityError
+from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
@@ -16,10 +15,8 @@ from toros_fem.meshes import Skin
 
 def made(
     skin: Skin, solver: EquilibriumSolver, families: FixedDirections | FreeDirections
-) -> RelaxedProblem:
-    design = dataclasses.replace(make_problem(skin, solver), pressure_bounds=(1e3, 2e4))
-    problem = relaxed_problem(design, families, 0.015)
-    return dataclasses.replace(problem, share_weight=0.3)
+) -> ShapeProblem:
+    return relaxed_problem(bounded(make_problem(skin, solver), 1e3, 2e4), families, 0.015, 0.3)
 
 
 def variables(skin: Skin, families: FixedDirections | FreeDirections, seed: int) -> np.ndarray:
@@ -34,7 +31,7 @@ def test_factor_of_crossings_reaches_the_model(
     moduli = []
     for crossing in (0.0, 0.2, 0.4):
         problem = relaxed_problem(design, families, 0.015, crossing=crossing)
-        found = problem.evaluate(problem.with_passive(variables(short_tube, families, 0)))
+        found = problem.simulate(problem.fields.with_passive(variables(short_tube, families, 0)))
         problem.solver.model.set_density(found.projected)
         moduli.append(problem.solver.model.mean_modulus())
     none, some, twice = moduli
@@ -46,13 +43,13 @@ def test_where_nothing_is_designed_there_are_no_lines(
     short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
     problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
-    _, material = problem.fields(problem.start_density(3))
+    _, material = problem.fields.forward(problem.fields.start(3))
     given = ~problem.designed
     assert np.all(material[given, 0] == 1)
     assert not material[given, 1:5].any()
     assert np.all(material[~given, 0] == 0)
     assert np.all(material[~given, 1:5] > 0)
-    low, high = problem.variable_bounds
+    low, high = problem.fields.bounds
     assert not low.any()
     assert np.array_equal(high.reshape(-1, 4), np.repeat(problem.designed[:, None], 4, axis=1))
 
@@ -63,7 +60,7 @@ def test_newton_steps_are_logged_as_those_of_the_design(
     rows: list[NewtonStep] = []
     monkeypatch.setattr(short_solver, "log", rows.append)
     problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
-    found = problem.simulate(problem.start_density(3))
+    found = problem.simulate(problem.fields.start(3))
     assert tuple(rows) == found.equilibrium.history
 
 

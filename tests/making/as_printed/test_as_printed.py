@@ -1,15 +1,15 @@
 """From a design to what is printed: exact contours, cleaned, simulated again."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from helpers.designs import full
+from helpers.designs import full, passive_in
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, remove_islands
@@ -33,12 +33,14 @@ def test_contours_are_of_the_filters_own_field(
     density = random_density(short_tube, 3, spread=0.5)
     at_points, at_centroids = contour_values(problem, density)
     pattern, wall = short_tube.pattern, short_tube.pattern.cells_of("wall")
-    filtered = short_tube.gather_cells(problem.filter.forward(problem.with_passive(density)))
+    filtered = short_tube.gather_cells(
+        densities_of(problem.fields).filter.forward(problem.fields.with_passive(density))
+    )
     assert at_centroids[wall] == pytest.approx(filtered[wall])
     caps = np.setdiff1d(np.arange(len(pattern.panel)), wall)
     assert np.all(at_centroids[caps] == 1)
     assert np.all(at_points[pattern.flat_triangles[caps]] == 1)
-    exact = problem.filter.at_points(problem.with_passive(density))
+    exact = densities_of(problem.fields).filter.at_points(problem.fields.with_passive(density))
     points = np.unique(pattern.flat_triangles[wall])
     assert at_points[points] == pytest.approx(exact[points])
 
@@ -48,7 +50,7 @@ def test_given_triangles_inside_a_panel(short_tube: Skin, short_solver: Equilibr
     pattern = short_tube.pattern
     given = (pattern.panel == pattern.panel_index("wall")) & (pattern.centroids[:, 1] < 0.02)
     passive = np.where(given, 0.0, np.nan)[short_tube.owned_cells]
-    problem = dataclasses.replace(full(short_tube, short_solver), passive=passive)
+    problem = passive_in(full(short_tube, short_solver), passive)
     at_points, at_centroids = contour_values(problem, np.ones(len(short_tube.owned_cells)))
     assert np.all(at_centroids[given] == 0)
     inside = np.setdiff1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
@@ -84,7 +86,7 @@ def test_islands_are_taken_out_of_the_density(
 ) -> None:
     """A body, a spot near it and one far from it: the body alone stays, as it was."""
     problem = full(short_tube, short_solver, beta=20.0)
-    pattern, radius = short_tube.pattern, problem.filter.radius
+    pattern, radius = short_tube.pattern, densities_of(problem.fields).filter.radius
     u, v = pattern.centroids.T
     width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
     spots = [(0.2 * width, 0.047), (0.8 * width, 0.042)]

@@ -87,7 +87,7 @@ def test_contours_of_a_design_are_printed_alike(
     result = DesignResult(problem, density, problem.simulate(density), (), "", {})
     limits = PrintLimits()
     first = as_printed(problem, result, limits, island_area=math.inf)
-    near = short_tube.pattern, problem.shape_of(result.final.equilibrium)
+    near = short_tube.pattern, problem.physics.shape_of(result.final.equilibrium)
     lines = printed_lines(
         problem, short_tube.pattern, first.regions, limits, island_area=math.inf, near=near
     )
@@ -97,9 +97,9 @@ def test_contours_of_a_design_are_printed_alike(
     cold = printed_lines(problem, short_tube.pattern, first.regions, **other)
     assert cold.after.summary() == first.after.summary()
     assert cold.evaluation.equilibrium.pressure == 3e3
-    there = short_tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    there = short_tube.pattern, problem.physics.shape_of(cold.evaluation.equilibrium)
     warm = printed_lines(problem, short_tube.pattern, first.regions, near=there, **other)
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
-    assert lines.evaluation.equilibrium.pressure == problem.pressure
+    assert lines.evaluation.equilibrium.pressure == problem.physics.pressure
     assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.design.loop import shape_problem
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
@@ -53,22 +54,22 @@ SHORT = Bent.of(
 
 def test_problem_holds_what_the_configuration_says(alone: MPI.Comm) -> None:
     plain = problem_of(alone, SHORT.updated(design_pressure=True))
-    assert plain.perimeter is None
+    assert plain.terms == ()
     assert plain.length_scale is None
-    assert plain.pressure_ranges == ((1e3, 20e3),)
-    assert plain.filter.radius == 7e-3
+    assert plain.physics.pressure_ranges == ((1e3, 20e3),)
+    assert plain.fields.filter.radius == 7e-3
     config = SHORT.updated(
         perimeter_weight=1e-4, perimeter_window=0.5, constrained_iterations=3,
         pressure=4e3, beta=8.0, filter="helmholtz",
     )  # fmt: skip
     full = problem_of(alone, config)
-    assert full.perimeter is not None
-    assert full.perimeter_weight == 1e-4
+    (term,) = full.terms
+    assert term.price == 1e-4 * full.parts / full.whole.pattern.size
     assert full.length_scale is not None
-    assert full.pressure_ranges == (None,)
-    assert full.pressures == (4e3,)
-    assert full.projection.beta == 8.0
-    assert full.filter.name == "helmholtz"
+    assert full.physics.pressure_ranges == (None,)
+    assert full.physics.pressures == (4e3,)
+    assert full.fields.projection.beta == 8.0
+    assert full.fields.filter.name == "helmholtz"
 
 
 @pytest.mark.slow
@@ -174,7 +175,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
     assert [row.level for row in history] == [0] * 8 + [1] * 3
     assert history[7].objective == summary["starts"][str(summary["seed"])]
     assert made.problem.skin.comm.size == comm.size
-    assert made.problem.filter.radius == config.design.filter_radius
+    assert densities_of(made.problem.fields).filter.radius == config.design.filter_radius
     comm.barrier()
     with (folder / "history.csv").open(encoding="utf-8") as file:
         assert [float(row["objective"]) for row in csv.DictReader(file)] == [

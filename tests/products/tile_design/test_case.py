@@ -14,21 +14,20 @@ def test_parts_of_the_problem(alone: MPI.Comm) -> None:
     case = small_case(alone)
     config = SMALL.updated(constrained=False, beta=7.0, eta=0.4)
     plain = tile_problem(alone, case, config)
-    assert plain.perimeter is None
-    assert plain.perimeter_weight is None
+    assert not plain.terms
     assert plain.length_scale is None
-    assert (plain.projection.beta, plain.projection.eta) == (7.0, 0.4)
-    assert plain.filter.radius == 2e-3
-    assert plain.filter.name == "cone"
-    assert plain.target is case.objective
-    assert plain.solver.strain == 0.1
-    assert plain.solver.angles == pytest.approx(np.radians([0, 15, 30, 45]))
+    assert (plain.fields.projection.beta, plain.fields.projection.eta) == (7.0, 0.4)
+    assert plain.fields.filter.radius == 2e-3
+    assert plain.fields.filter.name == "cone"
+    assert plain.goal is case.objective
+    assert plain.physics.solver.strain == 0.1
+    assert plain.physics.solver.angles == pytest.approx(np.radians([0, 15, 30, 45]))
     whole = tile_problem(
         alone, case, SMALL.updated(filter="helmholtz", perimeter_weight=1e-3, line_width=2.2e-3)
     )
-    assert whole.perimeter is not None
-    assert whole.perimeter_weight == 1e-3
-    assert whole.filter.name == "helmholtz"
+    (term,) = whole.terms
+    assert term.price == 1e-3 / case.tile.pattern.size
+    assert whole.fields.filter.name == "helmholtz"
     same = tile_problem(alone, case, SMALL.updated(filter="helmholtz"))
     # A wider line has a higher threshold; the one for gaps stays.
     assert whole.length_scale.solid_threshold > same.length_scale.solid_threshold

@@ -70,7 +70,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     worst = [target.largest_deviation(made.profile) for made in prints if made.profile]
     assert list(found.deviations) in (worst[:2], worst[2:])
     assert found.deviation == min(found.deviations)
-    assert found.problem.projection.beta == 160.0
+    assert found.problem.fields.projection.beta == 160.0
 
 
 def test_contrast_needs_no_correction(alone: MPI.Comm) -> None:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.design.loop.problem import Bounds, Pressure
+from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import Metric, distance
 from toros_fem.measures.mirrored import MirroredObjective

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
@@ -100,38 +102,21 @@ def kept_evaluation(
         return found
     entry.close()  # a stop need not wait for the simulation
     found = simulate()
-    entry.offer(lambda: Archive(KIND, *saved_evaluation(problem, found)), last=True)
+    entry.offer(lambda: Archive(KIND, *saved_evaluation(found)), last=True)
     return found
 
 
-def saved_evaluation(
-    problem: DesignProblem, evaluation: Evaluation
-) -> tuple[dict[str, Floats], dict[str, Any]]:
-    """Return arrays and numbers of an evaluation, without its gradients (collective).
-
-    Args:
-        problem: The problem, whose last simulation it is.
-        evaluation: The evaluation.
-    """
-    e, skin = evaluation, problem.skin
-    unknowns, response = problem.save_response(e.equilibrium)
-    arrays = {
-        "density": by_cell(skin, e.density),
-        "filtered": by_cell(skin, e.filtered),
-        "projected": by_cell(skin, e.projected),
-        "unknowns": unknowns,
-    }
-    variants = problem.save_variants(e.variants)
-    arrays |= {f"unknowns_{k}": state for k, (state, _) in enumerate(variants)}
+def saved_evaluation(evaluation: Evaluation) -> tuple[dict[str, Floats], dict[str, Any]]:
+    """Return arrays and numbers of the last simulation of its problem (collective)."""
+    e, problem = evaluation, evaluation.problem
+    fields = {"density": e.density, "filtered": e.filtered, "projected": e.projected}
+    arrays = {name: by_cell(problem.skin, field) for name, field in fields.items()}
+    pairs = zip(problem.every_physics, e.responses, strict=False)
+    saved = [physics.save(response) for physics, response in pairs]
+    arrays |= {f"unknowns_{k}": unknowns for k, (unknowns, _) in enumerate(saved)}
     numbers = {
-        "objective": e.objective,
-        "shape": e.shape,
-        "perimeter": e.perimeter,
-        "length_scale": None if e.length_scale is None else [float(g) for g in e.length_scale],
-        "dimensions": [np.ndim(a) for a in (e.density, e.filtered, e.projected)],
-        "response": response,
-        "spread": e.spread,
-        "variants": [of_variant for _, of_variant in variants],
+        "dimensions": [field.ndim for field in fields.values()],
+        "responses": [of_response for _, of_response in saved],
     }
     return arrays, numbers
 
@@ -146,42 +131,30 @@ def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
     Raises:
         CheckpointError: It does not fit the problem.
     """
-    numbers, skin = saved.numbers, problem.skin
-    try:
+    begin, skin, numbers = time.perf_counter(), problem.skin, saved.numbers
+    with fitting("problem"):
         names = ("density", "filtered", "projected")
         rows = [saved.arrays[name][skin.owned_cells] for name in names]
-        fields = [
+        density, filtered, projected = (
             own.ravel() if dimension == 1 else own
             for own, dimension in zip(rows, numbers["dimensions"], strict=True)
-        ]
-        widths = numbers["length_scale"]
-        response = problem.restore_response(
-            fields[2], saved.arrays["unknowns"], numbers["response"]
         )
-        variants = [
-            (saved.arrays[f"unknowns_{k}"], of_variant)
-            for k, of_variant in enumerate(numbers["variants"])
-        ]
-        return Evaluation(
-            problem=problem,
-            objective=float(numbers["objective"]),
-            shape=float(numbers["shape"]),
-            perimeter=numbers["perimeter"],
-            length_scale=None if widths is None else np.array(widths),
-            gradient=None,
-            pressure_gradient=None,
-            length_scale_gradients=None,
-            residuals=None,
-            density=fields[0],
-            filtered=fields[1],
-            projected=fields[2],
-            equilibrium=response,
-            seconds={},
-            variants=problem.restore_variants(fields[1], variants),
-            spread=numbers["spread"],
-        )
+        unknowns = [saved.arrays[f"unknowns_{k}"] for k in range(len(numbers["responses"]))]
+        patterns = [projected]
+        if len(unknowns) > 1 and problem.robust is not None:
+            patterns += problem.robust.patterns(problem.fields, filtered)
+        parts = zip(problem.every_physics, patterns, unknowns, numbers["responses"], strict=False)
+        responses = tuple(physics.restore(*part) for physics, *part in parts)
+    return problem.told(density, filtered, projected, lambda: responses, begin)
+
+
+@contextmanager
+def fitting(what: str) -> Iterator[None]:
+    """Raise a CheckpointError where the content of a checkpoint does not fit a loop or problem."""
+    try:
+        yield
     except (KeyError, IndexError, TypeError, ValueError) as fault:
-        raise CheckpointError(f"a checkpoint does not fit its problem: {fault}") from None
+        raise CheckpointError(f"a checkpoint does not fit its {what}: {fault}") from None
 
 
 def saved_rows(rows: Sequence[Iteration]) -> list[dict[str, Any]]:

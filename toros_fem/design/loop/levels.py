@@ -70,7 +70,7 @@ class GatheredDesign:
         carried = self.density if same else self.projected
         state = None
         if self.positions is not None:
-            state = problem.state_at(transfer.positions(self.positions))
+            state = problem.physics.state_at(transfer.positions(self.positions))
         return WarmStart(
             density=transfer.at_cells(carried)[problem.skin.owned_cells],
             pressures=self.pressures,
@@ -89,7 +89,7 @@ def gathered(result: DesignResult) -> GatheredDesign:
         pattern=problem.skin.pattern,
         density=np.clip(problem.skin.gather_cells(final.density), 0, 1),  # rounding
         projected=np.clip(problem.skin.gather_cells(final.projected), 0, 1),
-        positions=problem.shape_of(final.equilibrium),
+        positions=problem.physics.shape_of(final.equilibrium),
         pressures=result.pressures,
         history=result.history,
         seconds=result.seconds,

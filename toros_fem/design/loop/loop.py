@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
@@ -13,15 +14,15 @@ import numpy as np
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import collective, largest, norm
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
-from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.journal import (
     KIND,
     Journal,
     JournalEntry,
+    fitting,
     restored_evaluation,
     restored_rows,
     saved_evaluation,
@@ -29,22 +30,12 @@ from toros_fem.design.loop.journal import (
     signature_of,
 )
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
-from toros_fem.design.loop.problem import DesignProblem, Evaluation
-from toros_fem.design.loop.variables import Scaled, Values, Variables
-from toros_fem.design.loop.warm_start import InitialDensity, WarmStart
-from toros_fem.design.mma.optimizer import MMA, Functions, MMAState
-
-# Number of steps over which T must fall.
-LOOK_BACK = 10
-# Least price of a violated constraint in the merit function, in MMA's scaled units.
-PRICE = 1.0
-# Part of its range to which a variable is rounded after each step, or KNOWN times `x_tol` if that
-# is smaller. So runs that differ by rounding take the same steps: unrounded, the difference grows
-# by a factor of up to ten in each.
-RESOLUTION, KNOWN = 1e-3, 10.0
-# What MMA carries from step to step: vectors of the variables, and small arrays.
-MMA_VECTORS = ("previous", "before_previous", "distance")
-MMA_SMALL = ("multipliers", "curvature")
+from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
+from toros_fem.design.loop.steps import Steps, resolution_of
+from toros_fem.design.loop.stop import reason_to_end
+from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.warm_start import InitialDensity, WarmStart, initial_density
+from toros_fem.design.mma.optimizer import Functions
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +45,7 @@ class DesignResult:
     Attributes:
         problem: The problem that was solved.
         density: Final ρ at owned triangles.
-        final: Evaluation of the final design, with its gradients.
+        final: Evaluation of the final design.
         history: One row for the start of each stage and one for each step; the last row is the
             final design.
         reason: Why the loop ended, as a sentence.
@@ -72,8 +63,8 @@ class DesignResult:
 
     @property
     def pressure(self) -> float:
-        """Final pressure in Pa, the largest of all chambers."""
-        return self.final.equilibrium.pressure
+        """Final pressure in Pa, the largest of all chambers; 0 without any."""
+        return max(self.pressures, default=0.0)
 
     @property
     def pressures(self) -> tuple[float, ...]:
@@ -145,43 +136,48 @@ def optimize(
             "a LengthScale, or leave the stage unconstrained."
         )
     if start is None:
-        start = problem.start_density(seed) if after is None else after.density
-    start = problem.check_variables(start)
-    initial = problem.initial_density(start) if after is None else after.initial
+        start = problem.fields.start(seed) if after is None else after.density
+    start = problem.fields.checked(start)
+    initial = initial_density(problem, start) if after is None else after.initial
     entry = None
     if journal is not None:
         entry = journal.entry(problem.comm, signature_of(problem, options))
-    loop = _Loop(problem, start, options, callback, entry)
+    run = _Run(problem, start, options, callback, entry)
     if after is not None:
-        loop.take_over(after, start)
-    first = loop.history[-1].stage + 1 if loop.history else 0
+        run.take_over(after, start)
+    first = run.history[-1].stage + 1 if run.history else 0
     try:
         saved = None if entry is None else entry.saved()
-        begin = first if saved is None else loop.restore(saved)
+        begin = first if saved is None else run.restore(saved)
         for number, stage in enumerate(options.stages, first):
-            if number < begin:
-                continue
-            last = number - first == len(options.stages) - 1
-            loop.run(number, stage, last=last, saved=saved if number == begin else None)
-            if loop.over:
+            if number >= begin:
+                last = number - first == len(options.stages) - 1
+                run.stage(number, stage, saved if number == begin else None, last=last)
+            if run.over:
                 break
     finally:
         if entry is not None:
             entry.close()
-    assert loop.evaluation is not None
+    assert run.here is not None
     return DesignResult(
         problem=problem,
-        density=loop.evaluation.density,
-        final=loop.evaluation,
-        history=tuple(loop.history),
-        reason=loop.reason,
-        seconds=loop.phases,
+        density=run.here.density,
+        final=run.here,
+        history=tuple(run.history),
+        reason=run.reason,
+        seconds=run.phases,
         initial=initial,
     )
 
 
-class _Loop:
-    """The state of the design loop."""
+class _Run:
+    """The state of the design loop.
+
+    Attributes:
+        x: The design variables.
+        here: The last accepted design; None before the first one.
+        start: What the first simulation starts from.
+    """
 
     def __init__(
         self,
@@ -192,12 +188,12 @@ class _Loop:
         entry: JournalEntry | None,
     ) -> None:
         self.problem, self.options, self.callback = problem, options, callback
-        self.entry = entry
-        self.comm = problem.skin.comm
+        self.entry, self.comm = entry, problem.skin.comm
         self.variables = Variables(problem, options)
-        self.x = self.variables.vector(problem.with_passive(density), problem.pressures)
-        self.evaluation: Evaluation | None = None
-        self.state: Any = None  # to start from, as long as there is no evaluation
+        given = problem.fields.with_passive(density)
+        self.x = self.variables.vector(given, problem.physics.pressures)
+        self.here: Evaluation | None = None
+        self.start: Any = None
         self.level = 0
         self.history: list[Iteration] = []
         self.phases = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
@@ -209,73 +205,41 @@ class _Loop:
     def take_over(self, earlier: DesignResult | WarmStart, density: Floats) -> None:
         """Take over pressure, shape and history of an earlier result, or of another mesh."""
         if isinstance(earlier, DesignResult):
-            self.evaluation, self.level = earlier.final, earlier.history[-1].level
+            self.here, self.level = earlier.final, earlier.history[-1].level
+            self.start = earlier.final.equilibrium
         else:
-            self.state, self.level = earlier.state, earlier.level
+            self.start, self.level = earlier.state, earlier.level
         self.history = list(earlier.history)
         self.steps_done = self.history[-1].iteration if self.history else 0
         self.phases.update(earlier.seconds)
         if earlier.pressures:
-            density = self.problem.with_passive(density)
-            self.x = self.variables.vector(density, earlier.pressures)
+            given = self.problem.fields.with_passive(density)
+            self.x = self.variables.vector(given, earlier.pressures)
 
     def restore(self, saved: Archive) -> int:
-        """Take up a saved state, but for what `run` takes of it; return its stage."""
-        numbers = saved.numbers
-        try:
+        """Take up a saved state, but for the design and MMA's; return its stage."""
+        numbers, before = saved.numbers, len(self.history)
+        with fitting("loop"):
             self.x = self.variables.scatter(saved.arrays["x"])
-            before, self.history = len(self.history), restored_rows(numbers["history"])
+            self.history = restored_rows(numbers["history"])
             self.level, self.steps_done = int(numbers["level"]), int(numbers["steps_done"])
             self.change = float(numbers["change"])
             self.phases = dict(numbers["phases"])
             self.begin = time.perf_counter() - float(numbers["seconds"])
             stage = int(numbers["stage"])
-        except (KeyError, IndexError, TypeError, ValueError) as fault:
-            raise CheckpointError(f"a checkpoint does not fit its loop: {fault}") from None
         if isinstance(self.callback, ResumableCallback):
             self.callback.restored(self.history[before:])
         self.iteration_begin = time.perf_counter()
         return stage
 
-    def restore_stage(self, saved: Archive, mma: MMA, scaled: Scaled) -> tuple[int, float]:
-        """Take up a saved state of MMA and its scale; return the step of the stage and its KKT."""
-        numbers, arrays, own = saved.numbers, saved.arrays, self.variables.scatter
-        try:
-            vectors = {
-                name: own(arrays[f"mma_{name}"]) if f"mma_{name}" in arrays else None
-                for name in MMA_VECTORS
-            }
-            small = {
-                name: None if numbers["mma"][name] is None else np.array(numbers["mma"][name])
-                for name in MMA_SMALL
-            }
-            mma.state = MMAState(**vectors, **small, unit=float(numbers["mma"]["unit"]))
-            scaled.scale = float(numbers["scale"])
-            return int(numbers["count"]), float(numbers["kkt"])
-        except (KeyError, IndexError, TypeError, ValueError) as fault:
-            raise CheckpointError(f"a checkpoint does not fit its loop: {fault}") from None
-
-    def checkpoint(
-        self, number: int, count: int, kkt: float, mma: MMA, scaled: Scaled, of: Evaluation
-    ) -> Archive:
+    def checkpoint(self, number: int, steps: Steps, here: Evaluation) -> Archive:
         """Return the state after a row of the history (collective)."""
-        arrays, numbers = saved_evaluation(self.problem, of)
-        every, state = self.variables.gather, mma.state
-        arrays["x"] = every(self.x)
-        for name in MMA_VECTORS:
-            vector = getattr(state, name)
-            if vector is not None:
-                arrays[f"mma_{name}"] = every(vector)
-        small = {name: getattr(state, name) for name in MMA_SMALL}
-        numbers["mma"] = {
-            **{name: None if v is None else v.tolist() for name, v in small.items()},
-            "unit": state.unit,
-        }
+        arrays, numbers = saved_evaluation(here)
+        of_steps, scales = steps.saved()
+        arrays |= {"x": self.variables.gather(self.x), **of_steps}
         numbers |= {
             "stage": number,
-            "count": count,
-            "kkt": kkt,
-            "scale": scaled.scale,
+            **scales,
             "level": self.level,
             "steps_done": self.steps_done,
             "change": self.change,
@@ -285,232 +249,104 @@ class _Loop:
         }
         return Archive(KIND, arrays, numbers)
 
-    def run(self, number: int, stage: Stage, *, last: bool, saved: Archive | None = None) -> None:
-        """Run one stage from the current design, or from a saved state of this stage."""
-        given, options = self.problem, self.options
-        resolution = min(RESOLUTION, KNOWN * options.x_tol)
-        if saved is None:
-            # A start from another mesh or print has rounding of its own.
-            self.x = rounded(self.x, resolution)
-        projection, constrained = given.projection, stage.constrained
+    def stage(self, number: int, stage: Stage, saved: Archive | None, *, last: bool) -> None:
+        """Run one stage from the current design, or from a saved state of it (fig. 2)."""
+        problem = self.problem if stage.robust else self.problem.without_variants()
         if stage.beta is not None:
-            projection = Projection(stage.beta, projection.eta)
-        problem = given.with_projection(projection)
-        self.problem = problem = problem if stage.robust else problem.without_variants()
-        start = self.state if self.evaluation is None else self.evaluation.equilibrium
-        try:
-            evaluation = (
-                self.simulate(start) if saved is None else restored_evaluation(problem, saved)
-            )
-        except NoEquilibriumError:
-            if self.evaluation is None:
-                raise
-            self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
-            self.problem = given
+            problem = problem.changed(fields=problem.fields.with_beta(stage.beta))
+        found = self.first_design(problem, number, saved)
+        if found is None:
             return
-        evaluation = self.differentiate(evaluation)
-        assert evaluation.residuals is not None
-        mma = MMA(
-            self.comm,
-            *self.variables.bounds,
-            constraints=2 if constrained else 0,
-            options=options.mma,
-            move=self.variables.move,
-            residuals=len(evaluation.residuals.gradients),
-            resolution=resolution,
-        )
-        scaled = Scaled(
-            problem,
-            self.variables,
-            constrained=constrained,
-            target_objective=options.target_objective or 0.0,
-            start=evaluation,
-        )
-        first, kkt = 0, math.inf
+        here, slopes = self.accepted(found)
+        steps = Steps(problem, self.variables, stage, self.options, here, slopes)
         if saved is not None:
-            first, kkt = self.restore_stage(saved, mma, scaled)
-        for count in range(first, stage.iterations + 1):
-            known = saved is not None and count == first  # its row is in the history
-            begin = time.perf_counter()
-            factor = scaled.refer(evaluation)
+            with fitting("loop"):
+                steps.restore(saved)
+        known, first = saved is not None, saved is None
+        while True:
+            with self.timed("mma"):
+                factor = steps.refer(here, slopes)
+                functions = steps.around(here, slopes)
+                if not known:
+                    steps.mma.rescale(factor)
+                    kkt = math.inf if first else steps.mma.kkt_residual(self.x, functions)
             if not known:
-                mma.rescale(factor)
-            here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
-            if count > 0 and not known:
-                whole = Functions(
-                    here.objective, slopes.objective, here.constraints, slopes.constraints
-                )
-                kkt = mma.kkt_residual(self.x, whole)
-            self.phases["mma"] += time.perf_counter() - begin
-            if not known:
-                self.steps_done += count > 0
-                self.record(number, evaluation, kkt)
-                self.steps = self.factorisations = self.rejected = 0
-            ended = self.finished(stage, count, kkt, last=last)
-            if self.entry is not None and not known:
-                state = partial(self.checkpoint, number, count, kkt, mma, scaled, evaluation)
-                self.entry.offer(state, last=ended)
+                self.steps_done += not first
+                self.record(number, here, slopes, kkt)
+            ended = self.ended(problem, stage, number, last=last)
+            if not known and self.entry is not None:
+                self.entry.offer(partial(self.checkpoint, number, steps, here), last=ended)
             if ended:
-                break
-            begin = time.perf_counter()
-            before = self.x
-            functions = Functions(
-                here.rest,
-                slopes.rest,
-                here.constraints,
-                slopes.constraints,
-                here.residuals,
-                slopes.residuals,
-            )
-            self.x = mma.step(before, functions)
-            self.phases["mma"] += time.perf_counter() - begin
-            trial = self.descend(mma, scaled, evaluation, here)
-            if trial is None:
-                self.x = before
+                return
+            there = self.next_design(problem, steps, here, functions)
+            if there is None:
                 self.over = True
                 self.reason = "The last step has no equilibrium; this is the last design with one."
-                break
-            self.change = largest(self.comm, np.max(np.abs(self.x - before), initial=0.0))
-            evaluation = self.differentiate(trial)
-        self.problem = given
+                return
+            here, slopes = self.accepted(there)
+            known = first = False
 
-    def differentiate(self, simulated: Evaluation) -> Evaluation:
-        """Add the gradients of the current design."""
-        begin = time.perf_counter()
-        self.evaluation = self.problem.differentiate(simulated)
-        self.phases["adjoint"] += time.perf_counter() - begin
-        return self.evaluation
-
-    def descend(
-        self, mma: MMA, scaled: Scaled, near: Evaluation, here: Values
+    def first_design(
+        self, problem: DesignProblem, number: int, saved: Archive | None
     ) -> Evaluation | None:
-        """Return the design that MMA proposes, or a more cautious one; None without equilibrium."""
-        o = self.options
-        multipliers = np.asarray(mma.state.multipliers)[: len(here.constraints)]
-        prices = np.maximum(PRICE, 2 * multipliers)
-
-        def merit(values: Values) -> float:
-            return values.objective + float(prices @ np.maximum(values.constraints, 0.0))
-
-        bound = merit(here)
-
-        def judge(trial: Evaluation | None) -> tuple[Values, bool]:
-            there = here.missing if trial is None else scaled.values(trial)
-            if trial is None:
-                return there, False
-            if o.descent == "conservative":
-                return there, mma.conservative(self.x, there.functions)
-            return there, merit(there) <= bound
-
-        while True:
-            enough, last = self.rejected >= o.retries, self.rejected >= 2 * o.retries
-            trial = self.attempt(near, trial=not last)
-            there, good = judge(trial)
-            if trial is not None and (good or enough):
-                trial = self.completed(trial)
-                there, good = judge(trial)
-            if trial is not None and (good or enough):
-                return trial
-            if last:
-                return None
-            self.rejected += 1
-            self.x = mma.retry(self.x, there.functions)
-
-    def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
-        """Return whether the stage ends here, and mark the end of the loop; equal on all ranks."""
-        o, now = self.options, self.history[-1]
-        if o.seconds is not None:
-            spent = largest(self.problem.comm, time.perf_counter() - self.begin)
-            if spent > o.seconds:
-                self.over, self.reason = True, f"{o.seconds:g} s have passed."
-                return True
-        if count > 0 and kkt < o.kkt_tol:
-            self.reason = f"The KKT residual is under {o.kkt_tol:g}."
-        elif count > 0 and self.change < o.x_tol:
-            self.reason = f"No variable changes by more than {o.x_tol:g} any more."
-        elif self.target_met(stage, now):
-            self.reason = f"T is at most {o.target_objective:g}."
-        elif count >= LOOK_BACK and self.slow(stage):
-            self.reason = (
-                f"T fell by less than {o.min_relative_decrease:g} of it in {LOOK_BACK} steps."
-            )
-        elif count == stage.iterations:
-            self.reason = f"All {o.iterations} iterations are done."
-        else:
-            return False
-        self.over = last
-        return True
-
-    def target_met(self, stage: Stage, row: Iteration) -> bool:
-        """Return whether T needs no further decrease."""
-        target = self.options.target_objective
-        return target is not None and row.objective <= target and self.kept(stage, row)
-
-    def kept(self, stage: Stage, row: Iteration) -> bool:
-        """Return whether the constraints of the stage hold."""
-        if not stage.constrained:
-            return True
-        limits = self.problem.length_scale
-        assert limits is not None
-        return bool(row.g_r <= limits.epsilon[0] and row.g_t <= limits.epsilon[1])
-
-    def slow(self, stage: Stage) -> bool:
-        """Return whether T fell too little, while the constraints held."""
-        before, now = self.history[-1 - LOOK_BACK], self.history[-1]
-        kept = self.kept(stage, before) and self.kept(stage, now)
-        fraction = self.options.min_relative_decrease
-        if fraction is None or not kept:
-            return False
-        return now.objective > before.objective - fraction * abs(before.objective)
-
-    def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
-        e = evaluation
-        assert e.gradient is not None
-        volume_fraction, grey_level = self.problem.reinforcement(e)
-        g_r, g_t = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
-        row = Iteration(
-            iteration=self.steps_done,
-            stage=number,
-            level=self.level,
-            objective=e.objective,
-            shape=e.shape,
-            perimeter=e.perimeter or 0.0,
-            g_r=g_r,
-            g_t=g_t,
-            pressure=e.equilibrium.pressure,
-            gradient_norm=norm(self.comm, e.gradient),
-            kkt=kkt,
-            volume_fraction=volume_fraction,
-            grey_level=grey_level,
-            change=self.change,
-            beta=self.problem.projection.beta,
-            rejected=self.rejected,
-            newton_steps=self.steps,
-            factorisations=self.factorisations,
-            seconds=time.perf_counter() - self.iteration_begin,
-            metrics=self.problem.metrics_of(e.equilibrium),
-        )
-        self.iteration_begin = time.perf_counter()
-        self.history.append(row)
-        if self.callback is not None:
-            self.callback(row, e)
-
-    def simulate(self, start: Any, *, trial: bool = False) -> Evaluation:
-        """Simulate the design that the variables stand for (collective)."""
-        density, pressures = self.variables.design(self.x)
-        return self.counted(lambda: self.problem.simulate(density, start, pressures, trial=trial))
-
-    def attempt(self, near: Evaluation, *, trial: bool) -> Evaluation | None:
-        """Simulate a design near another; None if it has no near equilibrium."""
+        """Return the design that a stage starts from; None, and the end, without equilibrium."""
+        if saved is not None:
+            return restored_evaluation(problem, saved)
+        # A start from another mesh or print has rounding of its own.
+        self.x = rounded(self.x, resolution_of(self.options))
         try:
-            return self.simulate(near.equilibrium, trial=trial)
-        except NoEquilibriumError:  # raised by all ranks or by none
+            return self.simulated(problem, self.start)
+        except NoEquilibriumError:
+            if self.here is None:
+                raise
+            self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
             return None
 
-    def completed(self, trial: Evaluation) -> Evaluation | None:
-        """Complete a trial; None if there is no stable equilibrium near."""
+    def next_design(
+        self, problem: DesignProblem, steps: Steps, near: Evaluation, here: Functions
+    ) -> Evaluation | None:
+        """Return the design that MMA proposes, or a more cautious one; None without equilibrium."""
+        before, o, start = self.x, self.options, near.equilibrium
+        with self.timed("mma"):
+            self.x = steps.mma.step(before, here)
+        merit = steps.merit()
+        most = merit(here)
+        while True:
+            enough, last = self.rejected >= o.retries, self.rejected >= 2 * o.retries
+            trial = self.attempt(partial(self.simulated, problem, start, trial=not last))
+            there = steps.at(trial)
+            if trial is not None and (enough or merit(there) <= most):
+                trial = self.attempt(partial(self.finished, trial))
+                there = steps.at(trial)
+            if trial is not None and (enough or merit(there) <= most):
+                self.change = largest(self.comm, np.max(np.abs(self.x - before), initial=0.0))
+                return trial
+            if last:
+                self.x = before
+                return None
+            self.rejected += 1
+            self.x = steps.mma.retry(self.x, there)
+
+    def accepted(self, design: Evaluation) -> tuple[Evaluation, Slopes]:
+        """Take a design as the current one; return it with its gradients (collective)."""
+        with self.timed("adjoint"):
+            slopes = design.problem.differentiate(design)
+        self.here, self.start = design, design.equilibrium
+        return design, slopes
+
+    def simulated(self, problem: DesignProblem, start: Any, *, trial: bool = False) -> Evaluation:
+        """Simulate the design that the variables stand for (collective)."""
+        density, pressures = self.variables.design(self.x)
+        return self.counted(lambda: problem.simulate(density, start, pressures, trial=trial))
+
+    def finished(self, trial: Evaluation) -> Evaluation:
+        """Complete a trial (collective)."""
+        return self.counted(lambda: trial.problem.finish(trial), trial)
+
+    def attempt(self, action: Callable[[], Evaluation]) -> Evaluation | None:
+        """Return what an action returns; None if it finds no equilibrium."""
         try:
-            return self.counted(lambda: self.problem.finish(trial), of=trial)
+            return action()
         except NoEquilibriumError:  # raised by all ranks or by none
             return None
 
@@ -530,3 +366,58 @@ class _Loop:
             for phase, seconds in found.seconds.items():
                 self.phases[phase] += seconds
         return found
+
+    @contextmanager
+    def timed(self, phase: str) -> Iterator[None]:
+        """Add the time of a block to a phase."""
+        begin = time.perf_counter()
+        yield
+        self.phases[phase] += time.perf_counter() - begin
+
+    def ended(self, problem: DesignProblem, stage: Stage, number: int, *, last: bool) -> bool:
+        """Return whether the stage ends here, and mark the end of the loop; equal on all ranks."""
+        limit = self.options.seconds
+        if limit is not None:
+            spent = largest(self.comm, time.perf_counter() - self.begin)
+            if spent > limit:
+                self.over, self.reason = True, f"{limit:g} s have passed."
+                return True
+        rows = [row for row in self.history if row.stage == number]
+        found = reason_to_end(rows, stage, self.options, problem.length_scale)
+        if found is None:
+            return False
+        self.over, self.reason = last, found
+        return True
+
+    def record(self, number: int, here: Evaluation, slopes: Slopes, kkt: float) -> None:
+        """Add a row to the history and show it to the callback (collective)."""
+        e, fields = here, here.problem.fields
+        volume_fraction, grey_level = fields.reinforcement(e.projected)
+        g_r, g_t = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
+        row = Iteration(
+            iteration=self.steps_done,
+            stage=number,
+            level=self.level,
+            objective=e.objective,
+            shape=e.shape,
+            perimeter=e.perimeter or 0.0,
+            g_r=g_r,
+            g_t=g_t,
+            pressure=max(e.equilibrium.pressures, default=0.0),
+            gradient_norm=norm(self.comm, slopes.gradient),
+            kkt=kkt,
+            volume_fraction=volume_fraction,
+            grey_level=grey_level,
+            change=self.change,
+            beta=fields.beta,
+            rejected=self.rejected,
+            newton_steps=self.steps,
+            factorisations=self.factorisations,
+            seconds=time.perf_counter() - self.iteration_begin,
+            metrics=e.problem.metrics_of(e.equilibrium),
+        )
+        self.steps = self.factorisations = self.rejected = 0
+        self.iteration_begin = time.perf_counter()
+        self.history.append(row)
+        if self.callback is not None:
+            self.callback(row, e)

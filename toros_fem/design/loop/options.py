@@ -10,7 +10,6 @@ import numpy as np
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     require_between,
-    require_choice,
     require_count,
     require_flag,
     require_kind,
@@ -18,8 +17,6 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.design.mma.optimizer import MMAOptions
-
-DESCENTS = ("merit", "conservative")
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,6 @@ class DesignOptions:
         min_relative_decrease: A stage ends when T fell by a smaller fraction in the last ten
             steps, its constraints satisfied before and after; None leaves this rule out.
         seconds: The loop ends after this wall time; None leaves this rule out.
-        descent: Which steps are accepted. "merit": T plus the price of violated constraints does
-            not rise. "conservative": GCMMA's own rule, every approximation bounds its function
-            (Svanberg 2002). With enough retries (15, for instance) it guarantees descent, by
-            shorter steps.
         pressure_move: Largest change of a pressure in one step, as a fraction of the logarithm of
             its bounds' ratio.
         mma: Parameters of MMA.
@@ -84,7 +77,6 @@ class DesignOptions:
     target_objective: float | None = None
     min_relative_decrease: float | None = None
     seconds: float | None = None
-    descent: str = "merit"
     pressure_move: float = 0.1
     mma: MMAOptions = field(default_factory=MMAOptions)
 
@@ -104,7 +96,6 @@ class DesignOptions:
         if self.min_relative_decrease is not None:
             require_between(0.0, 1.0, min_relative_decrease=self.min_relative_decrease)
         require_positive(pressure_move=self.pressure_move, at_most=1.0)
-        require_choice("descent", self.descent, DESCENTS)
         if self.seconds is not None:
             require_positive(seconds=self.seconds)
 

@@ -7,10 +7,10 @@ topology optimization", Struct. Multidiscip. Optim. 43, 2011.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from toros_fem.base.validation import require_positive
 from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.fields import Fields, designed_cells
+from toros_fem.design.loop.physics import Physics
 from toros_fem.measures.shape import Objective
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 
 # Factor on the spread where none is given.
 SPREAD_WEIGHT = 100.0
@@ -55,7 +55,7 @@ class WidthTolerance:
 
 
 class Variants:
-    """Eroded and dilated pattern of a design, each with an equilibrium of its own.
+    """Eroded and dilated pattern of a design, each with a response of its own.
 
     They come from the same filtered density ρ̃ by a higher and a lower threshold of the projection.
     With h, half the difference of both shapes, and x, the nominal shape, their spread is
@@ -69,7 +69,7 @@ class Variants:
         tolerance: How far borders may be off.
         filter: The filter from ρ to ρ̃.
         eta: Threshold of the nominal pattern.
-        solver: Makes an equilibrium solver of the same skin.
+        make: Makes the physics of one more pattern of the same skin.
 
     Attributes:
         tolerance: As given.
@@ -84,64 +84,85 @@ class Variants:
         tolerance: WidthTolerance,
         filter: Filter,
         eta: float,
-        solver: Callable[[], EquilibriumSolver],
+        make: Callable[[], Physics[Any]],
     ) -> None:
         self.tolerance = tolerance
         self.thresholds = offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)
-        self._solver = solver
+        self._make = make
         self._missing: Floats | float = 0.0
 
     @cached_property
-    def solvers(self) -> tuple[EquilibriumSolver, ...]:
-        """Solvers of both patterns (collective where they are made)."""
-        return tuple(self._solver() for _ in self.thresholds)
+    def physics(self) -> tuple[Physics[Any], ...]:
+        """Physics of both patterns (collective where it is made)."""
+        return tuple(self._make() for _ in self.thresholds)
 
-    def corrected(self, printed: Floats, both: Sequence[Equilibrium]) -> Self:
-        """Return the same patterns with the difference of shapes of a print; solvers are shared.
+    def corrected(self, printed: Floats, eroded: Floats, dilated: Floats) -> Self:
+        """Return the same patterns with the difference of shapes of a print; physics is shared.
 
         Args:
             printed: Half the way from the print with wider lines to that with narrower ones, at
                 owned nodes, (n, 3), in m.
-            both: Equilibria of the eroded and the dilated pattern of that design.
+            eroded, dilated: Positions of owned nodes of both patterns of that design.
         """
-        _ = self.solvers
+        _ = self.physics
         other = copy.copy(self)
-        other._missing = printed - _half_difference(both)
+        other._missing = printed - (eroded - dilated) / 2
         return other
 
-    def projections(self, nominal: Projection) -> tuple[Projection, ...]:
+    def _projections(self, fields: Fields) -> tuple[Projection, ...]:
         """Return the projections of both patterns, as steep as the nominal one."""
-        return tuple(Projection(nominal.beta, eta) for eta in self.thresholds)
+        return tuple(Projection(fields.beta, eta) for eta in self.thresholds)
 
-    def spread(
-        self, objective: Objective, nominal: Equilibrium, both: Sequence[Equilibrium]
-    ) -> float:
-        """Return S (collective).
+    def patterns(self, fields: Fields, filtered: Floats) -> list[Floats]:
+        """Return ρ̄ of both patterns from ρ̃."""
+        return [fields.with_passive(step.forward(filtered)) for step in self._projections(fields)]
 
-        Args:
-            objective: T as a function of positions.
-            nominal: Equilibrium of the nominal pattern.
-            both: Those of the eroded and of the dilated pattern.
-        """
-        x, h = nominal.positions, self._way(both)
+    def spread(self, objective: Objective, x: Floats, eroded: Floats, dilated: Floats) -> float:
+        """Return S from the positions of owned nodes of all three patterns (collective)."""
+        h = self._way(eroded, dilated)
         ends = objective.forward(x + h) + objective.forward(x - h)
         return ends / 2 - objective.forward(x)
 
     def spread_slopes(
-        self, objective: Objective, nominal: Equilibrium, both: Sequence[Equilibrium]
+        self, objective: Objective, x: Floats, eroded: Floats, dilated: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return ∂S/∂x by the positions of the nominal, eroded, dilated pattern (collective)."""
-        x, h = nominal.positions, self._way(both)
+        """Return ∂S/∂x by the positions of each pattern (collective)."""
+        h = self._way(eroded, dilated)
         ahead, behind = objective.backward(x + h), objective.backward(x - h)
         across = (ahead - behind) / 4
         return (ahead + behind) / 2 - objective.backward(x), across, -across
 
-    def _way(self, both: Sequence[Equilibrium]) -> Floats:
+    def pull_back(
+        self,
+        fields: Fields,
+        filtered: Floats,
+        variants: Sequence[Any],
+        by_variants: Sequence[Floats],
+    ) -> tuple[Floats, Floats | float]:
+        """Return gradients by ρ̃ and by pressures from those by both shapes (collective)."""
+        by_filtered: Floats = np.zeros_like(filtered)
+        by_pressure: Floats | float = 0.0
+        steps = self._projections(fields)
+        for physics, step, response, slope in zip(
+            self.physics, steps, variants, by_variants, strict=True
+        ):
+            by_projected, more = physics.pull_back(response, slope)
+            by_filtered += step.backward(filtered, by_projected * designed_cells(fields))
+            by_pressure = by_pressure if more is None else by_pressure + more
+        return by_filtered, by_pressure
+
+    def figures(self, spread: float, metrics: Sequence[Mapping[str, float]]) -> dict[str, Any]:
+        """Return tolerance, spread, thresholds, and the metrics of both patterns."""
+        names = ("eroded", "dilated")
+        return {
+            "width_tolerance_m": self.tolerance.width,
+            "border_offset_m": self.tolerance.offset,
+            "spread": spread,
+            "spread_weight": self.tolerance.weight,
+            **{f"eta_{n}": eta for n, eta in zip(names, self.thresholds, strict=True)},
+            **{n: dict(found) for n, found in zip(names, metrics, strict=True)},
+        }
+
+    def _way(self, eroded: Floats, dilated: Floats) -> Floats:
         """Return h at owned nodes, (n, 3), in m."""
-        return np.asarray(_half_difference(both) + self._missing)
-
-
-def _half_difference(both: Sequence[Equilibrium]) -> Floats:
-    """Return half the way from the second shape to the first at owned nodes, (n, 3), in m."""
-    one, two = both
-    return np.asarray((one.positions - two.positions) / 2)
+        return np.asarray((eroded - dilated) / 2 + self._missing)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Self
@@ -20,6 +19,7 @@ from toros_fem.base.validation import (
     require_callable,
     require_kind,
     require_names,
+    require_positive,
     shown,
 )
 from toros_fem.design.density.filters import make_filter
@@ -27,6 +27,9 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.fields import Densities
+from toros_fem.design.loop.physics import InflatedSkin
+from toros_fem.design.loop.problem import Term
 from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -54,11 +57,14 @@ class ShapeDesign(ShapeProblem):
 
     Attributes:
         case, regularisation: As given, or as they were changed by the methods of this class.
+        fields: Densities, filter and projection.
 
     Raises:
         TorosError: An argument does not fit the pattern or is out of its bounds; the message names
             the value, the bound and the remedy.
     """
+
+    fields: Densities
 
     def __init__(
         self,
@@ -83,10 +89,9 @@ class ShapeDesign(ShapeProblem):
         if force is not None:
             places = case.pattern.points.shape
             force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
-        composite = Composite() if case.composite is None else case.composite
         solver = EquilibriumSolver(
             skin,
-            composite,
+            Composite() if case.composite is None else case.composite,
             case.supports,
             options,
             log,
@@ -94,32 +99,30 @@ class ShapeDesign(ShapeProblem):
             weight=case.weight,
             contact=case.contact,
         )
+        physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
         density_filter = make_filter(r.filter, skin, r.filter_radius, whole=whole)
-        perimeter = robust = None
-        if r.perimeter_weight is not None:
-            window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
-            perimeter = Perimeter(skin, window, r.perimeter_sharpness, whole=whole)
-        if r.width_tolerance is not None:
-            eta = r.projection.eta
-            robust = Variants(r.width_tolerance, density_filter, eta, lambda: solver.like(log=None))
         passive = _given_density(case)
+        passive = None if passive is None else passive[skin.owned_cells]
         super().__init__(
-            solver=solver,
-            objective=case.objective(skin),
-            filter=density_filter,
-            pressure=case.pressure,
-            projection=r.projection,
-            passive=None if passive is None else passive[skin.owned_cells],
-            pressure_bounds=case.pressure_bounds,
-            perimeter=perimeter,
-            perimeter_weight=r.perimeter_weight,
-            force=force,
+            Densities(skin, density_filter, r.projection, passive, case.start),
+            physics,
+            case.objective(skin),
+            metrics=case.judged,
             whole=whole,
             target=goal,
-            metrics=case.judged,
-            start=case.start,
-            robust=robust,
         )
+        if r.perimeter_weight is not None:
+            require_positive(perimeter_weight=r.perimeter_weight)
+            window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
+            perimeter = Perimeter(skin, window, r.perimeter_sharpness, whole=whole)
+            size = (case.pattern if whole is None else whole.pattern).size
+            self.terms = [Term("perimeter", perimeter, r.perimeter_weight * self.parts / size)]
+        if r.width_tolerance is not None:
+
+            def variant() -> InflatedSkin:
+                return replace(physics, solver=solver.like(log=None))
+
+            self.robust = Variants(r.width_tolerance, density_filter, r.projection.eta, variant)
         if r.length_scale is not None:
             self.length_scale = LengthScaleConstraints(
                 skin,
@@ -138,18 +141,15 @@ class ShapeDesign(ShapeProblem):
         Args:
             case: A case on the same pattern.
         """
-        other = copy.copy(self)
-        other.objective = case.objective(self.skin)
-        other.case = replace(
+        given = replace(
             self.case, target=case.target, parts=case.parts, parts_of_whole=case.parts_of_whole
         )
-        return other
+        return self.changed(objective=case.objective(self.skin), case=given)
 
     def without_variants(self) -> Self:
         """Return the same design with the nominal pattern alone."""
-        other = super().without_variants()
-        other.regularisation = replace(self.regularisation, width_tolerance=None)
-        return other
+        plain = replace(self.regularisation, width_tolerance=None)
+        return self.changed(robust=None, regularisation=plain)
 
     def on(self, pattern: Pattern) -> ShapeDesign:
         """Return the same design on the same triangles, whose vertices have moved (collective).
@@ -174,7 +174,7 @@ class ShapeDesign(ShapeProblem):
         return self._with(self.case.refined(), self.regularisation.scaled(0.5))
 
     def _with(self, case: Case, regularisation: Regularisation) -> ShapeDesign:
-        now = replace(regularisation, projection=self.projection)
+        now = replace(regularisation, projection=self.fields.projection)
         return ShapeDesign(self.comm, case, now, options=self.solver.options, log=self._log)
 
 

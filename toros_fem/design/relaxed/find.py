@@ -21,7 +21,7 @@ from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.fit import fitted_pair
-from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.design.relaxed.problem import LineShares, relaxed_problem
 from toros_fem.mechanics.skin.designs import crossing_of_widths
 
 # Largest change of a variable in one step.
@@ -151,27 +151,27 @@ def find_lines(
             "Continue it on its own mesh."
         )
     radius = options.radius or skin.pattern.size / 10
-    cost = options.share_weight or 0.0
+    cost = options.share_weight
     crossing = crossing_of_widths(options.width_ratio)
     free = FreeDirections(options.family_limits)
     if after is None:
         fixed = FixedDirections(options.directions, options.share_limit)
         first = relaxed_problem(design, fixed, radius, cost, crossing)
-        drawn = first.start_density(seed)
-        start = first.start_field(drawn)
+        drawn = first.fields.start(seed)
+        start = _field(first, first.fields.forward(drawn)[1])
         found = optimize(first, options.stage(0), start=drawn, callback=callback, journal=journal)
-        field = fitted_pair(first.line_field(found.final))
+        field = fitted_pair(_field(first, found.final.projected))
         variables = free.variables(field.shares, field.angles)
-        positions = first.shape_of(found.final.equilibrium)
+        positions = first.physics.shape_of(found.final.equilibrium)
         pressures, history = found.pressures, found.history
     else:
         start, variables, positions = after.start, after.variables, after.positions
         pressures, history = after.pressures, after.history
     second = relaxed_problem(design, free, radius, cost, crossing)
     warm = WarmStart(
-        density=second.with_passive(variables[skin.owned_cells].ravel()),
+        density=second.fields.with_passive(variables[skin.owned_cells].ravel()),
         pressures=pressures,
-        state=second.state_at(positions),
+        state=second.physics.state_at(positions),
         history=history,
         seconds={},
         level=0,
@@ -184,16 +184,16 @@ def find_lines(
 
 
 def _gathered(
-    problem: RelaxedProblem, result: DesignResult, start: LineField, seconds: float
+    problem: ShapeProblem, result: DesignResult, start: LineField, seconds: float
 ) -> RelaxedResult:
     """Return a result on every rank (collective)."""
     final, history = result.final, result.history
-    variables = result.density.reshape(-1, problem.families.fields)
+    variables = result.density.reshape(len(problem.skin.owned_cells), -1)
     return RelaxedResult(
         start=start,
-        field=problem.line_field(final),
+        field=_field(problem, final.projected),
         variables=np.asarray(problem.skin.gather_cells(variables)),
-        positions=problem.shape_of(final.equilibrium),
+        positions=problem.physics.shape_of(final.equilibrium),
         pressures=result.pressures,
         objective=final.objective,
         metrics=dict(history[-1].metrics),
@@ -202,3 +202,9 @@ def _gathered(
         seconds=seconds,
         reason=result.reason,
     )
+
+
+def _field(problem: ShapeProblem, material: Floats) -> LineField:
+    """Return the line families of a relaxed problem, on every rank (collective)."""
+    assert isinstance(problem.fields, LineShares)
+    return problem.fields.line_field(material)

@@ -1,10 +1,10 @@
-"""A design problem whose variables are line families instead of densities."""
+"""Line families as design variables instead of densities."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, cast
+from typing import Self
 
 import numpy as np
 
@@ -12,168 +12,172 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError
 from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
-from toros_fem.design.density.linear import Filter
+from toros_fem.design.density.linear import Linear
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.fields import area_fractions, designed_cells
+from toros_fem.design.loop.problem import Term
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.relaxed.families import Families, FixedDirections
+from toros_fem.design.relaxed.families import Families
 from toros_fem.design.relaxed.smoothing import smoothing
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
+from toros_fem.meshes.skin import Skin
 
 # Mean of the random start's variables, and the standard deviation of their logarithm.
 START, SPREAD = 0.04, 0.7
 
 
-@dataclass(eq=False)
-class RelaxedProblem(ShapeProblem):
-    """A skin whose designed triangles carry line families: shares and directions are designed.
+@dataclass(frozen=True, eq=False)
+class LineShares:
+    """Line families on the designed triangles: shares and directions.
 
     The variables of a triangle are those of `families`, one after the other; ρ̃ are their smoothed
-    values and ρ̄ the relaxed material, (own, 1 + 3 K). `relaxed_problem` makes it of a density
-    design. For the attributes that are not listed here see `ShapeProblem`.
+    values and ρ̄ the relaxed material, (own, 1 + 3 K).
 
     Attributes:
+        skin: The skin.
         families: How variables become shares and directions.
-        share_weight: Factor on the mean sum of shares in T, so that there are no lines where none
-            are needed.
+        smoothing: Filter of the variables.
+        passive: Prescribed density at owned triangles, NaN where lines are designed; None designs
+            all.
     """
 
-    families: Families = field(kw_only=True, default_factory=FixedDirections)
-    share_weight: float = field(kw_only=True, default=0.0)
+    skin: Skin
+    families: Families
+    smoothing: Linear
+    passive: Floats | None = None
 
     @property
-    def variable_bounds(self) -> tuple[Floats, Floats]:
-        """Least and largest value of each variable of this rank; equal where it is prescribed."""
-        designed = np.repeat(self.designed, self.families.fields)
+    def beta(self) -> float:
+        """0: nothing is projected."""
+        return 0.0
+
+    def with_beta(self, beta: float) -> Self:
+        """Return these fields: nothing is projected."""
+        return self
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest value of each variable; equal where it is prescribed."""
+        designed = np.repeat(designed_cells(self), self.families.fields)
         return np.zeros(len(designed)), designed.astype(np.float64)
 
-    def check_variables(self, density: Floats) -> Floats:
-        """Return the variables of this rank as an array, checked (collective)."""
-        count = len(self.designed) * self.families.fields
-        with together(self.comm):
-            if np.shape(density) != (count,):
+    def checked(self, x: Floats) -> Floats:
+        """Return the variables as an array (collective)."""
+        count = len(self.skin.owned_cells) * self.families.fields
+        with together(self.skin.comm):
+            if np.shape(x) != (count,):
                 raise DensityError(
-                    f"the variables have shape {np.shape(density)}; this rank has {count}, "
+                    f"the variables have shape {np.shape(x)}; this rank has {count}, "
                     f"{self.families.fields} of each owned triangle."
                 )
-            if not np.all((np.asarray(density) >= 0) & (np.asarray(density) <= 1)):
+            if not np.all((np.asarray(x) >= 0) & (np.asarray(x) <= 1)):
                 raise DensityError("a variable of the line families leaves [0, 1], or is NaN.")
-        return np.asarray(density)
+        return np.asarray(x)
 
-    def with_passive(self, density: Floats) -> Floats:
+    def with_passive(self, x: Floats) -> Floats:
         """Return the variables, zero where there are no line families."""
-        return density * np.repeat(self.designed, self.families.fields)
+        return x * np.repeat(designed_cells(self), self.families.fields)
 
-    def fields(self, density: Floats) -> tuple[Floats, Floats]:
+    def forward(self, x: Floats) -> tuple[Floats, Floats]:
         """Return smoothed variables and the relaxed material (collective)."""
-        filtered = self.filter.forward(density)
-        material = self.families.forward(filtered.reshape(-1, self.families.fields))
+        smooth = self.smoothing.forward(x)
+        material = self.families.forward(smooth.reshape(-1, self.families.fields))
         if self.passive is not None:
-            given = ~self.designed
+            given = ~np.isnan(self.passive)
             material[given] = 0.0
             material[given, 0] = self.passive[given]
-        return filtered, material
+        return smooth, material
 
-    def _pull_back(
-        self, evaluation: Evaluation[Any], by_filtered: Floats | None, by_projected: Floats
+    def backward(
+        self, filtered: Floats, by_projected: Floats, by_filtered: Floats | None = None
     ) -> Floats:
-        """Return the gradient by the variables from that by the material (collective)."""
-        x = evaluation.filtered.reshape(-1, self.families.fields)
-        by_smoothed = self.families.backward(x, by_projected * self.designed[:, None])
-        return self.with_passive(self.filter.backward(by_smoothed.ravel()))
+        """Return the gradient by the variables (collective)."""
+        smooth = filtered.reshape(-1, self.families.fields)
+        by_smooth = self.families.backward(smooth, by_projected * designed_cells(self)[:, None])
+        both = by_smooth.ravel() if by_filtered is None else by_smooth.ravel() + by_filtered
+        return self.with_passive(self.smoothing.backward(both))
 
-    def cost(self, projected: Floats) -> float:
-        """Return the cost of the lines (collective)."""
-        return self.share_weight * self._mean_sum(projected)
-
-    def cost_backward(self, projected: Floats) -> Floats:
-        """Return the gradient of the cost by the material (collective)."""
-        gradient = np.zeros_like(projected)
-        fractions = self._area_fractions()[:, None]
-        gradient[:, 1 : 1 + self.families.count] = self.share_weight * fractions
-        return gradient
-
-    def _mean_sum(self, projected: Floats) -> float:
-        """Return the mean sum of the shares of all families (collective)."""
-        shares = projected[:, 1 : 1 + self.families.count].sum(axis=1)
-        return dot(self.comm, self._area_fractions(), shares)
-
-    def _area_fractions(self) -> Floats:
-        """Return the fraction of the designed area of each owned triangle (collective)."""
-        areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
-        return np.asarray(areas / total(self.comm, areas.sum()))
-
-    def start_density(self, seed: int) -> Floats:
-        """Return random variables: smoothed noise, the same on any number of ranks (collective).
+    def start(self, seed: int) -> Floats:
+        """Return random variables: smoothed noise (collective).
 
         Only the first stage has a random start.
         """
         require_count(0, seed=seed)
         shape = len(self.skin.pattern.panel), self.families.fields
         noise = np.random.default_rng(seed).standard_normal(shape)[self.skin.owned_cells]
-        smooth = self.filter.forward(self.with_passive(noise.ravel()))
-        count = total(self.comm, float(self.variable_bounds[1].sum()))
-        deviation = np.sqrt(dot(self.comm, smooth, smooth) / count)
-        drawn = np.clip(START * np.exp(SPREAD * smooth / deviation), 0, 1)
-        return self.with_passive(drawn)
+        smooth, comm = self.smoothing.forward(self.with_passive(noise.ravel())), self.skin.comm
+        count = total(comm, float(self.bounds[1].sum()))
+        deviation = np.sqrt(dot(comm, smooth, smooth) / count)
+        return self.with_passive(np.clip(START * np.exp(SPREAD * smooth / deviation), 0, 1))
 
-    def initial_density(self, density: Floats) -> None:
-        """Return None: `start_field` shows what a relaxed design begins with."""
-
-    def start_field(self, variables: Floats) -> LineField:
-        """Return the line families of owned variables before smoothing (collective)."""
-        return self._line_field(self.fields(self.with_passive(variables))[1])
-
-    def reinforcement(self, evaluation: Evaluation[Equilibrium]) -> tuple[float, float]:
+    def reinforcement(self, projected: Floats) -> tuple[float, float]:
         """Return the mean sum of shares, and 0: lines are not grey (collective)."""
-        return self._mean_sum(evaluation.projected), 0.0
+        return MeanShares(self).forward(projected), 0.0
 
-    def shown_density(self, evaluation: Evaluation[Equilibrium]) -> Floats:
+    def shown(self, projected: Floats) -> Floats:
         """Return the part of each owned triangle that is covered: ρ̄ and all shares, at most 1."""
-        covered = evaluation.projected[:, : 1 + self.families.count].sum(axis=1)
-        return np.minimum(covered, 1.0)
+        return np.minimum(projected[:, : 1 + self.families.count].sum(axis=1), 1.0)
 
-    def line_field(self, evaluation: Evaluation[Equilibrium]) -> LineField:
-        """Return the line families of a design, on every rank (collective)."""
-        return self._line_field(evaluation.projected)
-
-    def _line_field(self, projected: Floats) -> LineField:
+    def line_field(self, projected: Floats) -> LineField:
+        """Return the line families of a relaxed material, on every rank (collective)."""
         material = self.skin.gather_cells(projected)
         shares, cosine, sine = np.split(material[:, 1:], 3, axis=1)
         return LineField(self.skin.pattern, shares, np.arctan2(sine, cosine) / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanShares:
+    """Mean over the designed area of the sum of all shares, so that no lines are where none help.
+
+    Attributes:
+        fields: The line families.
+    """
+
+    fields: LineShares
+
+    def forward(self, projected: Floats) -> float:
+        """Return the mean (collective)."""
+        shares = projected[:, 1 : 1 + self.fields.families.count].sum(axis=1)
+        return dot(self.fields.skin.comm, area_fractions(self.fields), shares)
+
+    def backward(self, projected: Floats) -> Floats:
+        """Return its derivative by the relaxed material (collective)."""
+        gradient = np.zeros_like(projected)
+        gradient[:, 1 : 1 + self.fields.families.count] = area_fractions(self.fields)[:, None]
+        return gradient
 
 
 def relaxed_problem(
     design: ShapeProblem,
     families: Families,
     radius: float,
-    share_weight: float = 0.0,
+    share_weight: float | None = None,
     crossing: float = CROSSING,
-) -> RelaxedProblem:
+) -> ShapeProblem:
     """Return the relaxed problem of a density design on the same mesh (collective).
 
     Target, supports, loads, pressures and prescribed densities are those of the design; filter,
-    projection, perimeter and widths are left out. `radius` is that of the smoothing in m, and
-    `crossing` the factor of bonded crossings.
+    projection, perimeter and widths are left out.
+
+    Args:
+        design: The density design.
+        families: How variables become shares and directions.
+        radius: That of the smoothing in m.
+        share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
+        crossing: Factor of bonded crossings.
     """
-    skin = design.skin
+    skin, given = design.skin, design.physics
     designed = skin.gather_cells(design.designed.astype(np.float64)) > 0.5
-    given = design.solver
+    fields = LineShares(
+        skin, families, smoothing(skin, radius, families, designed), design.fields.passive
+    )
     lines = partial(LineDesign, families=families.count, crossing=crossing)
-    solver = given.like(design=lines, log=given.log)
-    return RelaxedProblem(
-        solver=solver,
-        objective=design.objective,
-        # Widths, which need more of a filter, are left out.
-        filter=cast(Filter, smoothing(skin, radius, families, designed)),
-        pressure=design.pressure,
-        passive=design.passive,
-        pressure_bounds=design.pressure_bounds,
-        force=design.force,
+    return ShapeProblem(
+        fields,
+        replace(given, solver=given.solver.like(design=lines, log=given.solver.log)),
+        design.objective,
+        [] if share_weight is None else [Term("shares", MeanShares(fields), share_weight)],
+        metrics=design.metrics,
         whole=design.whole,
         target=design.target,
-        metrics=design.metrics,
-        families=families,
-        share_weight=share_weight,
     )

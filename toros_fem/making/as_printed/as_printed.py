@@ -13,6 +13,7 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import require_kind
+from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
@@ -82,11 +83,11 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
         problem: The design problem.
         density: ρ at owned triangles.
     """
-    skin = problem.skin
+    skin, fields = problem.skin, densities_of(problem.fields)
     pattern = skin.pattern
-    density = problem.with_passive(density)
-    at_points = problem.filter.at_points(density)
-    at_centroids = skin.gather_cells(problem.filter.forward(density))
+    density = fields.with_passive(density)
+    at_points = fields.filter.at_points(density)
+    at_centroids = skin.gather_cells(fields.filter.forward(density))
     designed = skin.gather_cells(problem.designed.astype(np.float64)) > 0
     prescribed = skin.gather_cells(density)
     at_centroids = np.where(designed, at_centroids, prescribed)
@@ -114,7 +115,7 @@ def remove_islands(problem: DesignProblem, result: DesignResult, printed: Printe
 
     def find() -> Bools:
         clear = np.zeros(len(pattern.panel), dtype=bool)
-        radius = problem.filter.radius
+        radius = densities_of(problem.fields).filter.radius
         for panel in {island.panel for island in printed.before.free_islands}:
             islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
             together = shapely.union_all(islands)
@@ -156,7 +157,7 @@ def connect_islands(problem: DesignProblem, result: DesignResult, printed: Print
                 continue
             line = shapely.shortest_line(island.polygon, rest)
             at = shapely.points(pattern.centroids[cells])
-            bridge[cells] |= shapely.dwithin(at, line, problem.filter.radius)
+            bridge[cells] |= shapely.dwithin(at, line, densities_of(problem.fields).filter.radius)
         return bridge
 
     bridge = on_first_rank(skin.comm, find)
@@ -194,13 +195,14 @@ def as_printed(
     pattern, whole = skin.pattern, problem.whole
     require_island_area(pattern, island_area)
     at_points, at_centroids = contour_values(problem, result.density)
+    eta = densities_of(problem.fields).projection.eta
     smoothing = SMOOTHING * float(np.sqrt(4 / np.sqrt(3) * pattern.areas.mean()))
     if whole is not None:
         pattern = whole.pattern
         at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)
 
     def cleaning() -> CleanedRegions:
-        contours = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+        contours = printed_regions(pattern, at_points, at_centroids, eta)
         if whole is None:
             return cleaner(pattern, contours, limits, island_area, smoothing)
         return clean_symmetric(

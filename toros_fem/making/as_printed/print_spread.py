@@ -73,13 +73,13 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     ) -> tuple[Floats, dict[str, float]]:
         skin = problem.on(on)
         found = skin.simulate_binary(
-            cells[skin.skin.owned_cells], start=skin.state_at(near), pressure=pressures
+            cells[skin.skin.owned_cells], start=skin.physics.state_at(near), pressure=pressures
         )
-        return skin.shape_of(found.equilibrium), skin.metrics_of(found.equilibrium)
+        return skin.physics.shape_of(found.equilibrium), skin.metrics_of(found.equilibrium)
 
     pressures = made.equilibrium.pressures
     shapes, metrics = [], []
-    near = problem.shape_of(made.equilibrium)
+    near = problem.physics.shape_of(made.equilibrium)
     try:
         for way in (-offset, offset):
             shape, values = solved(moved(way), near, pressures)

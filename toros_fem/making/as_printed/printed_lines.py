@@ -9,7 +9,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.journal import Journal, kept_evaluation
-from toros_fem.design.loop.problem import DesignProblem, Evaluation, Pressure
+from toros_fem.design.loop.physics import Pressure
+from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.making.as_printed.as_printed import PrintedDesign, print_regions
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
@@ -65,7 +66,7 @@ def printed_lines(
     require_island_area(part, island_area)
     start = None
     if near is not None:
-        start = problem.state_at(make_transfer(near[0], part).positions(near[1]))
+        start = problem.physics.state_at(make_transfer(near[0], part).positions(near[1]))
 
     def cleaning() -> CleanedRegions:
         if cleaned is not None:

@@ -125,7 +125,7 @@ class Designer(Job):
         problem = _problem(chosen.result)
         search = Search(
             design.seed if best is None else best.seed,
-            "random" if problem.start is None else "pattern",
+            "random" if problem.fields.centre is None else "pattern",
             len(attempts) - 1,
             None if best is None else best.objectives,
             _robust_figures(chosen),
@@ -287,7 +287,9 @@ class Designer(Job):
             self.reporter.expect(steps)
             asking = problem.towards(goal(other))
             if last.spread is not None:
-                asking = asking.with_printed_spread(last.spread.half, last.result.final)
+                seen = [variant.positions for variant in last.result.final.variants]
+                assert asking.robust is not None
+                asking = asking.changed(robust=asking.robust.corrected(last.spread.half, *seen))
             found = optimize(
                 asking,
                 scene.design.finer_options,
@@ -448,9 +450,11 @@ def _error(attempt: Attempt) -> float:
 
 def _robust_figures(made: Attempt) -> dict[str, Any] | None:
     """Return figures of a robust design and of its print with other widths; None of another."""
-    figures = _problem(made.result).robust_figures(made.result.final)
-    if not figures:
+    final, problem = made.result.final, _problem(made.result)
+    if problem.robust is None or final.spread is None:
         return None
+    metrics = [problem.metrics_of(variant) for variant in final.variants]
+    figures = problem.robust.figures(final.spread, metrics)
     both = (None, None) if made.spread is None else made.spread.metrics
     return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 

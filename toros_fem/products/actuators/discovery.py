@@ -301,7 +301,7 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
     warm = WarmStart(
         density=density[problem.skin.owned_cells],
         pressures=lines.equilibrium.pressures,
-        state=problem.state_at(made.shape[1]),
+        state=problem.physics.state_at(made.shape[1]),
         history=history,
         level=history[-1].level + 1,
     )
@@ -316,7 +316,7 @@ def _best(rounds: Sequence[Round]) -> Round:
     return min(rounds, key=lambda one: one.error)
 
 
-def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:
+def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round) -> None:
     """Print a line on a round, on the first rank."""
     if comm.rank:
         return

@@ -53,7 +53,7 @@ class LinePrint:
     def shape(self) -> Shape:
         """The mesh, and its shape under pressure."""
         assert self.printed.evaluation is not None
-        return self.case.pattern, self.problem.shape_of(self.printed.evaluation.equilibrium)
+        return self.case.pattern, self.problem.physics.shape_of(self.printed.evaluation.equilibrium)
 
 
 def print_of_lines(

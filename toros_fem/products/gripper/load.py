@@ -245,7 +245,8 @@ def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResu
     assert isinstance(problem, ShapeDesign)
     assert problem.whole is not None
     shown = printed.evaluation or design.design.final
-    _, initial = problem.fields(problem.with_passive(problem.start_density(design.search.seed)))
+    drawn = problem.fields.start(design.search.seed)
+    _, initial = problem.fields.forward(problem.fields.with_passive(drawn))
     grip, pressures, pulls = grip_of(comm, problem, scene), shown.equilibrium.pressures, {}
     for name, owned in (("initial design", initial), ("as printed", shown.projected)):
         density, start = problem.skin.gather_cells(owned), None

@@ -18,6 +18,7 @@ from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.problem import Term
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -25,7 +26,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tile_design.problem import TileDensities, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.printability import TilePrintability
 from toros_fem.products.tiles.solver import TileSolver
@@ -152,7 +153,7 @@ class TileResult:
 
         Without an equilibrium it is infinite.
         """
-        target = self.problem.target
+        target = self.problem.goal
         if self.profile is None:
             return np.inf
         return 0.0 if target is None else target.largest_deviation(self.profile)
@@ -180,23 +181,24 @@ def tile_problem(
     solver = TileSolver(skin, c.material.composite, Periodic(tile), log=log)
     inner = make_filter(c.design.filter, skin, c.design.filter_radius, lattice=lattice)
     projection = Projection(c.design.beta, c.design.eta)
-    perimeter = None
+    terms = []
     if c.design.perimeter_weight is not None:
         window = c.design.perimeter_window * c.design.filter_radius
         perimeter = Perimeter(skin, window, c.design.perimeter_sharpness, lattice=lattice)
+        price = c.design.perimeter_weight / tile.pattern.size
+        terms = [Term("perimeter", perimeter, price)]
+    symmetric = inner.after(group_mean(skin, tile.symmetry_maps(case.symmetry)))
     problem = TileProblem(
-        solver=ProfileSolver(solver, case.angles, c.pull.strain, batch),
-        objective=case.objective,
-        filter=inner.after(group_mean(skin, tile.symmetry_maps(case.symmetry))),
-        projection=projection,
-        perimeter=perimeter,
-        perimeter_weight=c.design.perimeter_weight,
-        target=case.target,
+        TileDensities(skin, symmetric, projection, tile=tile),
+        TilePhysics(ProfileSolver(solver, case.angles, c.pull.strain, batch)),
+        case.objective,
+        terms,
+        goal=case.target,
     )
     if c.design.constrained:
         problem.length_scale = LengthScaleConstraints(
             skin,
-            problem.filter,
+            symmetric,
             LengthScale(line_width=c.design.line_width, gap_width=c.design.gap_width),
             problem.designed,
             projection,

@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import gathered
@@ -146,7 +145,7 @@ def _finished(
     journal: Journal | None,
 ) -> TileResult:
     """Continue a draft on the design's own mesh and correct the design for its print."""
-    c, target = config, problem.target
+    c, target = config, problem.goal
     last = tuple(
         Stage(c.design.finish_iterations, k * c.design.beta, constrained=c.design.constrained)
         for k in FINAL_BETAS
@@ -154,7 +153,7 @@ def _finished(
     result = optimize(
         problem, replace(rules, stages=last), callback=callback, after=draft, journal=journal
     )
-    problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.design.beta, c.design.eta))
+    problem = problem.changed(fields=problem.fields.with_beta(FINAL_BETAS[-1] * c.design.beta))
     if target is None:
         return simulation.simulate(problem, result)
     assert rules.target_objective is not None
@@ -162,7 +161,7 @@ def _finished(
     again = replace(
         rules,
         stages=(Stage(c.design.correction_iterations, constrained=c.design.constrained),),
-        target_objective=rules.target_objective / len(problem.solver.angles),
+        target_objective=rules.target_objective / len(problem.physics.solver.angles),
     )
 
     def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
@@ -170,7 +169,7 @@ def _finished(
         if last.profile is None:
             return None
         objective = _corrected(target, last.result.final.equilibrium, last.profile)
-        asking = replace(problem, objective=objective)
+        asking = problem.changed(objective=objective)
         found = optimize(asking, again, callback=callback, after=last.result, journal=journal)
         return simulation.simulate(problem, found)
 
@@ -239,7 +238,7 @@ def _lines(problem: TileProblem, case: TileCase, seed: int) -> Floats:
     failure: NoEquilibriumError | None = None
     rng = np.random.default_rng(seed)
     for _ in range(PAIRS_A_START):
-        every = random_lines(case.tile, rng, case.symmetry, problem.filter.radius)
+        every = random_lines(case.tile, rng, case.symmetry, problem.fields.filter.radius)
         density = every[problem.skin.owned_cells]
         try:
             objective = problem.simulate(density, trial=True).objective
@@ -262,7 +261,7 @@ def _rated(
     result: DesignResult,
 ) -> tuple[float, TilePrintability]:
     """Return T, at least its target, times the factors for flaws; and the printability."""
-    eta = problem.projection.eta
+    eta = problem.fields.projection.eta
     values = contour_values(problem, result.density)
     region = printed_regions(tile.pattern, *values, eta)[0]
     made = tile_printability(tile, region, values[1] > eta, config.print.limits)

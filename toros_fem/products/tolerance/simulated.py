@@ -12,7 +12,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import require_kind
-from toros_fem.design.loop.problem import Evaluation, Pressure
+from toros_fem.design.loop.physics import Pressure
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.printability import (
@@ -122,7 +123,7 @@ def tolerances(
         on_first_rank(problem.comm, lambda: part_regions(part, printed.regions)),
         (printed.pattern, printed.regions),
         printed.limits,
-        (part, problem.shape_of(made.equilibrium)),
+        (part, problem.physics.shape_of(made.equilibrium)),
         made.equilibrium.pressures,
         problem.metrics_of(made.equilibrium),
     )
@@ -144,7 +145,7 @@ def simulated_tolerances(
     variants = tuple(map(study.variant, study.changes(config or ToleranceConfig())))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
     return Tolerances(
-        metrics=problem.metrics,
+        metrics=tuple(problem.metrics),
         nominal=study.nominal,
         own_mesh=drawn.own_mesh,
         drawn=as_drawn,
@@ -166,7 +167,7 @@ class _Study:
         cells = on_first_rank(self.comm, lambda: printed_cells(self.pattern, drawn.regions))
         if drawn.near is not None:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
-            start = problem.state_at(positions)
+            start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
             cells[skin.owned_cells], start=start, pressure=drawn.pressure
         )
@@ -244,7 +245,7 @@ class _Study:
             starts = [c.moved.state(self.problem.solver.model.patch.gather(along)), c.moved.state()]
         start = next(filter(c.solver.model.admits, starts), None)
         try:
-            found = c.solver.solve(density, Load(c.pressures, self.problem.force), start)
+            found = c.solver.solve(density, Load(c.pressures, self.problem.physics.force), start)
         except EquilibriumError as caught:  # raised by all ranks or by none
             return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()

@@ -37,8 +37,8 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
     problem = evaluation.problem
     if not isinstance(problem, ShapeProblem):
         return None
-    positions = problem.shape_of(evaluation.equilibrium)
-    density = problem.skin.gather_cells(problem.shown_density(evaluation))
+    positions = problem.physics.shape_of(evaluation.equilibrium)
+    density = problem.skin.gather_cells(problem.fields.shown(evaluation.projected))
     skin = shown_skin(problem)
     if problem.whole is not None:
         positions = problem.whole.at_vertices(positions)
@@ -63,7 +63,11 @@ def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = N
         regions: Print on each panel of the whole, polygons in m; None before there is one.
     """
     pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
-    passive = None if problem.passive is None else problem.skin.gather_cells(problem.passive)
+    passive = (
+        None
+        if problem.fields.passive is None
+        else problem.skin.gather_cells(problem.fields.passive)
+    )
     if whole is not None:
         pattern = whole.pattern
         target = None if target is None else whole.at_vertices(target)

@@ -1,0 +1,224 @@
+"""Design variables of a skin and the fields that they become, eqs. (11, 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol, Self
+
+import numpy as np
+
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import DensityError, ParameterError
+from toros_fem.base.mpi import dot, together, total
+from toros_fem.base.validation import real_numbers
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.linear import Filter
+from toros_fem.design.density.projection import Projection
+from toros_fem.mechanics.skin.designs import check_density
+from toros_fem.meshes.skin import Skin
+
+
+class Fields(Protocol):
+    """Variables x of the triangles of a rank, and the fields ρ̃ and ρ̄ that they become.
+
+    `forward` and `backward` are a pair.
+    """
+
+    @property
+    def skin(self) -> Skin:
+        """The skin whose triangles are designed."""
+
+    @property
+    def passive(self) -> Floats | None:
+        """Prescribed ρ̄ at owned triangles, NaN where it is designed; None where all are."""
+
+    @property
+    def beta(self) -> float:
+        """Steepness β of the projection."""
+
+    def with_beta(self, beta: float) -> Self:
+        """Return the same fields with another steepness; all other parts are shared."""
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest value of each variable; equal where it is prescribed."""
+
+    def checked(self, x: Floats) -> Floats:
+        """Return variables as an array (collective).
+
+        Raises:
+            DensityError: The shape is wrong, or a value is outside [0, 1].
+        """
+
+    def with_passive(self, x: Floats) -> Floats:
+        """Return variables with the prescribed values put in, so that filters see them."""
+
+    def start(self, seed: int) -> Floats:
+        """Return random variables, the same on any number of ranks (collective).
+
+        Raises:
+            ParameterError: The seed is negative.
+        """
+
+    def forward(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return ρ̃ and ρ̄ at owned triangles (collective)."""
+
+    def backward(
+        self, filtered: Floats, by_projected: Floats, by_filtered: Floats | None = None
+    ) -> Floats:
+        """Return a gradient by x from those by ρ̄ and ρ̃ (collective)."""
+
+    def reinforcement(self, projected: Floats) -> tuple[float, float]:
+        """Return volume fraction and grey level of a design, as of `Iteration` (collective)."""
+
+    def shown(self, projected: Floats) -> Floats:
+        """Return the density of owned triangles that pictures show."""
+
+
+def designed_cells(fields: Fields) -> Bools:
+    """Return whether each owned triangle is designed."""
+    if fields.passive is None:
+        return np.ones(len(fields.skin.owned_cells), dtype=bool)
+    return np.isnan(fields.passive)
+
+
+def area_fractions(fields: Fields) -> Floats:
+    """Return the fraction of the designed area of each owned triangle (collective)."""
+    skin = fields.skin
+    areas = skin.pattern.areas[skin.owned_cells] * designed_cells(fields)
+    return np.asarray(areas / total(skin.comm, areas.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Densities:
+    """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
+
+    Attributes:
+        skin: The skin.
+        filter: Filter of the densities.
+        projection: Smoothed step; the loop raises its β.
+        passive: Prescribed ρ̄ at owned triangles, NaN where it is designed; None designs all.
+        centre: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
+            added. None starts from 0.5.
+
+    Raises:
+        DensityError: The prescribed density does not fit, leaves [0, 1] or covers everything, or
+            `centre` does not fit.
+    """
+
+    skin: Skin
+    filter: Filter
+    projection: Projection = field(default_factory=Projection)
+    passive: Floats | None = None
+    centre: Floats | None = None
+
+    def __post_init__(self) -> None:
+        self._check_centre()
+        if self.passive is None:
+            return
+        skin, given = self.skin, self.passive[~np.isnan(self.passive)]
+        with together(skin.comm):
+            if self.passive.shape != skin.owned_cells.shape:
+                raise DensityError(
+                    f"passive has shape {self.passive.shape}; this rank owns "
+                    f"{len(skin.owned_cells)} triangles."
+                )
+            if len(given) and not (given.min() >= 0 and given.max() <= 1):
+                raise DensityError(
+                    f"passive holds densities from {given.min()} to {given.max()}; they must lie "
+                    "in [0, 1], or be NaN where the triangle is designed."
+                )
+        if total(skin.comm, self.designed.sum()) == 0:
+            raise DensityError(
+                "passive prescribes the density of every triangle: none is designed. Set NaN where "
+                "the density is to be designed."
+            )
+
+    def _check_centre(self) -> None:
+        if self.centre is None:
+            return
+        count = len(self.skin.pattern.panel)
+        what = "one density for each triangle of the pattern"
+        centre = real_numbers("start", self.centre, what, DensityError)
+        object.__setattr__(self, "centre", centre)
+        if centre.shape != (count,):
+            raise DensityError(f"start has shape {centre.shape}; it must be ({count},), {what}.")
+        least, largest = float(np.min(centre)), float(np.max(centre))
+        if not 0.1 <= least <= largest <= 0.9:
+            raise DensityError(
+                f"start holds densities from {least:g} to {largest:g}; they must lie in "
+                "[0.1, 0.9], since noise of 0.1 is added."
+            )
+
+    @property
+    def designed(self) -> Bools:
+        """Whether each owned triangle is designed."""
+        return designed_cells(self)
+
+    @property
+    def beta(self) -> float:
+        """Steepness β of the projection."""
+        return self.projection.beta
+
+    def with_beta(self, beta: float) -> Self:
+        """Return the same fields with another steepness; all other parts are shared."""
+        return replace(self, projection=Projection(beta, self.projection.eta))
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest ρ; equal where it is prescribed."""
+        low = self.with_passive(np.zeros(len(self.skin.owned_cells)))
+        return low, np.where(self.designed, 1.0, low)
+
+    def checked(self, x: Floats) -> Floats:
+        """Return ρ as an array (collective)."""
+        return check_density(self.skin, x)
+
+    def with_passive(self, x: Floats) -> Floats:
+        """Return ρ with the prescribed values put in."""
+        return x if self.passive is None else np.where(self.designed, x, self.passive)
+
+    def start(self, seed: int) -> Floats:
+        """Return `centre`, or 0.5, with noise of 0.1 added (collective)."""
+        drawn = random_density(self.skin, seed)
+        if self.centre is None:
+            return drawn
+        return check_density(self.skin, self.centre[self.skin.owned_cells] + drawn - 0.5)
+
+    def forward(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return ρ̃ and ρ̄ (collective)."""
+        filtered = self.filter.forward(x)
+        return filtered, self.with_passive(self.projection.forward(filtered))
+
+    def backward(
+        self, filtered: Floats, by_projected: Floats, by_filtered: Floats | None = None
+    ) -> Floats:
+        """Return the gradient by ρ from those by ρ̄ and ρ̃ (collective)."""
+        both = self.projection.backward(filtered, by_projected * self.designed)
+        if by_filtered is not None:
+            both = both + by_filtered
+        return np.asarray(self.filter.backward(both) * self.designed)
+
+    def reinforcement(self, projected: Floats) -> tuple[float, float]:
+        """Return the mean of ρ̄ and of 4 ρ̄ (1 − ρ̄) over the designed area (collective)."""
+        fractions, comm = area_fractions(self), self.skin.comm
+        grey = 4 * projected * (1 - projected)
+        return dot(comm, fractions, projected), dot(comm, fractions, grey)
+
+    def shown(self, projected: Floats) -> Floats:
+        """Return ρ̄."""
+        return projected
+
+
+def densities_of(fields: Fields) -> Densities:
+    """Return fields that are densities.
+
+    Raises:
+        ParameterError: They are others, line families for instance, which have no filter of ρ.
+    """
+    if not isinstance(fields, Densities):
+        raise ParameterError(
+            f"the design's variables are {type(fields).__name__}, not densities. Give the design "
+            "of densities, a ShapeDesign for instance."
+        )
+    return fields
