@@ -12,9 +12,9 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.fields import Densities, densities_of
+from toros_fem.design.loop.fields import DensityFields, densities_of
 from toros_fem.design.loop.physics import InflatedSkin
-from toros_fem.design.loop.problem import Term
+from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -51,7 +51,9 @@ def make_problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> Sh
     target = bend(np.radians(60), 0.06, neutral=0.01)(pattern.points)
     wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
     return ShapeProblem(
-        Densities(skin, cone_filter(skin, RADIUS), Projection(beta), np.where(wall, np.nan, 1.0)),
+        DensityFields(
+            skin, cone_filter(skin, RADIUS), Projection(beta), np.where(wall, np.nan, 1.0)
+        ),
         InflatedSkin(solver, 5e3),
         ShapeObjective(skin, target),
     )
@@ -69,8 +71,8 @@ def bounded(problem: ShapeProblem, low: float, high: float) -> ShapeProblem:
     return problem.changed(physics=physics)
 
 
-def border_term(skin: Skin, weight: float) -> Term:
-    return Term("perimeter", Perimeter(skin, RADIUS), weight / skin.pattern.size)
+def border_term(skin: Skin, weight: float) -> ObjectiveTerm:
+    return ObjectiveTerm("perimeter", Perimeter(skin, RADIUS), weight / skin.pattern.size)
 
 
 def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:

@@ -32,7 +32,7 @@ from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
-from toros_fem.design.loop.problem import DesignProblem, Term
+from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.steps import Steps
@@ -59,7 +59,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
-from toros_fem.products.tile_design.problem import TileDensities, TilePhysics, TileProblem
+from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
@@ -374,10 +374,10 @@ def tile_problem(
     passive = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
     perimeter = Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice)
     problem = TileProblem(
-        TileDensities(skin, symmetric, Projection(4.0), passive, tile=found),
+        TileFields(skin, symmetric, Projection(4.0), passive, tile=found),
         TilePhysics(solver),
         objective,
-        [Term("perimeter", perimeter, 1.0 / found.pattern.size)],
+        [ObjectiveTerm("perimeter", perimeter, 1.0 / found.pattern.size)],
     )
     asked = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
     limits = LengthScaleConstraints(skin, symmetric, asked, problem.designed)

@@ -145,7 +145,9 @@ def heads_of(path: Path) -> Iterator[str]:
     elif path.suffix == ".json":
         yield from sorted(set(keys(json.loads(path.read_text(encoding="utf-8")))))
     elif path.suffix == ".npz" and path.parent.name != "state":
-        yield from np.load(path, allow_pickle=False).files
+        with np.load(path, allow_pickle=False) as archive:
+            header = json.loads(archive["header"].tobytes())
+        yield from [*header["arrays"], *header["numbers"]]
     elif path.suffix == ".vtu":
         yield from re.findall(r'Name="([^"]+)"', path.read_bytes().decode("utf-8", "ignore"))
 

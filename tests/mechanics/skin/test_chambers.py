@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 from toros_fem.base.mpi import norm, total
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
-from toros_fem.design.loop.fields import Densities
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
@@ -182,7 +182,7 @@ def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:
 def test_gradient_by_each_pressure(grid: Skin, two: EquilibriumSolver) -> None:
     points = grid.pattern.points
     problem = ShapeProblem(
-        Densities(grid, cone_filter(grid, 8e-3)),
+        DensityFields(grid, cone_filter(grid, 8e-3)),
         InflatedSkin(two, (2e3, 5e3), (None, (1e3, 2e4))),
         ShapeObjective(grid, points * [1, 1, 1.1]),
     )

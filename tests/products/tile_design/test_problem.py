@@ -27,9 +27,9 @@ from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.problem import Term
+from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
-from toros_fem.products.tile_design.problem import TileDensities, TilePhysics, TileProblem
+from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
@@ -53,7 +53,7 @@ def make_problem(
     skin = solver.tile.skin
     inner = cone_filter(skin, RADIUS, found.lattice)
     symmetric = inner.after(group_mean(skin, found.symmetry_maps(symmetry)))
-    fields = TileDensities(skin, symmetric, Projection(beta), tile=found)
+    fields = TileFields(skin, symmetric, Projection(beta), tile=found)
     return TileProblem(fields, TilePhysics(solver), objective)
 
 
@@ -67,7 +67,7 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
     perimeter = Perimeter(skin, RADIUS, 5.0, lattice=tile_of(EDGES).lattice)
     return plain.changed(
         fields=dataclasses.replace(plain.fields, passive=given),
-        terms=[Term("perimeter", perimeter, 1.0 / skin.pattern.size)],
+        terms=[ObjectiveTerm("perimeter", perimeter, 1.0 / skin.pattern.size)],
         length_scale=LengthScaleConstraints(skin, plain.fields.filter, limits, plain.designed),
     )
 

@@ -90,7 +90,7 @@ def area_fractions(fields: Fields) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Densities:
+class DensityFields:
     """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
 
     Attributes:
@@ -210,13 +210,13 @@ class Densities:
         return projected
 
 
-def densities_of(fields: Fields) -> Densities:
+def densities_of(fields: Fields) -> DensityFields:
     """Return fields that are densities.
 
     Raises:
         ParameterError: They are others, line families for instance, which have no filter of ρ.
     """
-    if not isinstance(fields, Densities):
+    if not isinstance(fields, DensityFields):
         raise ParameterError(
             f"the design's variables are {type(fields).__name__}, not densities. Give the design "
             "of densities, a ShapeDesign for instance."

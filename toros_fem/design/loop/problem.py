@@ -33,7 +33,7 @@ class Measure(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class ObjectiveTerm:
     """A term price · measure of T.
 
     Attributes:
@@ -161,7 +161,7 @@ class DesignProblem(Generic[R]):
     fields: Fields
     physics: Physics[R]
     objective: Any
-    terms: Sequence[Term] = ()
+    terms: Sequence[ObjectiveTerm] = ()
     length_scale: LengthScaleConstraints | None = None
     robust: Variants | None = None
     metrics: Sequence[Metric] = ()

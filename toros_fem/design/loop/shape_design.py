@@ -27,9 +27,9 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.fields import Densities
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.physics import InflatedSkin
-from toros_fem.design.loop.problem import Term
+from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -57,14 +57,14 @@ class ShapeDesign(ShapeProblem):
 
     Attributes:
         case, regularisation: As given, or as they were changed by the methods of this class.
-        fields: Densities, filter and projection.
+        fields: DensityFields, filter and projection.
 
     Raises:
         TorosError: An argument does not fit the pattern or is out of its bounds; the message names
             the value, the bound and the remedy.
     """
 
-    fields: Densities
+    fields: DensityFields
 
     def __init__(
         self,
@@ -104,7 +104,7 @@ class ShapeDesign(ShapeProblem):
         passive = _given_density(case)
         passive = None if passive is None else passive[skin.owned_cells]
         super().__init__(
-            Densities(skin, density_filter, r.projection, passive, case.start),
+            DensityFields(skin, density_filter, r.projection, passive, case.start),
             physics,
             case.objective(skin),
             metrics=case.judged,
@@ -116,7 +116,9 @@ class ShapeDesign(ShapeProblem):
             window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
             perimeter = Perimeter(skin, window, r.perimeter_sharpness, whole=whole)
             size = (case.pattern if whole is None else whole.pattern).size
-            self.terms = [Term("perimeter", perimeter, r.perimeter_weight * self.parts / size)]
+            self.terms = [
+                ObjectiveTerm("perimeter", perimeter, r.perimeter_weight * self.parts / size)
+            ]
         if r.width_tolerance is not None:
 
             def variant() -> InflatedSkin:

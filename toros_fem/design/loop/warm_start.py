@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from toros_fem.base.array_types import Floats
-from toros_fem.design.loop.fields import Densities
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.pattern import Pattern
@@ -28,7 +28,7 @@ class InitialDensity:
 
 def initial_density(problem: DesignProblem, density: Floats) -> InitialDensity | None:
     """Return a density on the whole skin; None where the variables are none (collective)."""
-    if not isinstance(problem.fields, Densities):
+    if not isinstance(problem.fields, DensityFields):
         return None
     cells = problem.skin.gather_cells(problem.fields.with_passive(density))
     if problem.whole is None:

@@ -15,7 +15,7 @@ from toros_fem.base.validation import require_count
 from toros_fem.design.density.linear import Linear
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.fields import area_fractions, designed_cells
-from toros_fem.design.loop.problem import Term
+from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import Families
 from toros_fem.design.relaxed.smoothing import smoothing
@@ -176,7 +176,7 @@ def relaxed_problem(
         fields,
         replace(given, solver=given.solver.like(design=lines, log=given.solver.log)),
         design.objective,
-        [] if share_weight is None else [Term("shares", MeanShares(fields), share_weight)],
+        [] if share_weight is None else [ObjectiveTerm("shares", MeanShares(fields), share_weight)],
         metrics=design.metrics,
         whole=design.whole,
         target=design.target,

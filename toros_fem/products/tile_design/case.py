@@ -18,7 +18,7 @@ from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.design.loop.problem import Term
+from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -26,7 +26,7 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
-from toros_fem.products.tile_design.problem import TileDensities, TilePhysics, TileProblem
+from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.printability import TilePrintability
 from toros_fem.products.tiles.solver import TileSolver
@@ -186,10 +186,10 @@ def tile_problem(
         window = c.design.perimeter_window * c.design.filter_radius
         perimeter = Perimeter(skin, window, c.design.perimeter_sharpness, lattice=lattice)
         price = c.design.perimeter_weight / tile.pattern.size
-        terms = [Term("perimeter", perimeter, price)]
+        terms = [ObjectiveTerm("perimeter", perimeter, price)]
     symmetric = inner.after(group_mean(skin, tile.symmetry_maps(case.symmetry)))
     problem = TileProblem(
-        TileDensities(skin, symmetric, projection, tile=tile),
+        TileFields(skin, symmetric, projection, tile=tile),
         TilePhysics(ProfileSolver(solver, case.angles, c.pull.strain, batch)),
         case.objective,
         terms,

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.design.loop.fields import Densities
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.tile import Tile
@@ -20,7 +20,7 @@ from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
 
 
 @dataclass(frozen=True, eq=False)
-class TileDensities(Densities):
+class TileFields(DensityFields):
     """Densities of a tile, which start from long waves; its filter is that of the torus.
 
     Attributes:
@@ -103,7 +103,7 @@ class TileProblem(DesignProblem[Profile]):
             leaves the metric out. The objective may ask for another one.
     """
 
-    fields: TileDensities
+    fields: TileFields
     physics: TilePhysics
     goal: ProfileTarget | None = None
 
