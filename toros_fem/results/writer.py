@@ -182,9 +182,8 @@ def _draw(
     plot_shape(folder / "shape.png", skin, shown.positions, shown.target, regions, _title(found))
     plot_convergence(folder / "convergence.png", result.history, found.problem.metrics)
     if result.initial is not None:
-        first = (result.initial.pattern, result.initial.density)
         last = shown.fields["rho_projected"]
-        plot_design(folder / "design.png", first, skin, last, regions)
+        plot_design(folder / "design.png", result.initial, skin, last, regions)
     if field is not None:
         plot_line_field(folder / "lines.png", field, skin, regions, start)
     if shown.folds is not None:

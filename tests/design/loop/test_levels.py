@@ -56,20 +56,21 @@ def coarse(alone: MPI.Comm) -> tf.DesignResult:
 def test_first_solve_of_a_level_is_warm(alone: MPI.Comm, coarse: tf.DesignResult) -> None:
     """It takes fewer steps than a cold one, to the same equilibrium, and T changes little."""
     problem = tube(alone, 1.0)
-    start = gathered(coarse).start(problem)
-    assert start.level == 1
-    assert start.pressures == coarse.pressures
-    assert start.history == coarse.history
-    assert start.initial is coarse.initial
-    first = coarse.problem.skin.pattern
-    assert np.array_equal(start.initial.pattern.flat_points, first.flat_points)
-    assert len(start.initial.density) == len(first.panel)
-    warm = problem.simulate(start.density, start.state, start.pressures)
-    cold = problem.simulate(start.density, None, start.pressures)
+    carried = gathered(coarse)
+    assert carried.level == 1
+    assert carried.pressures == coarse.pressures
+    assert carried.history == coarse.history
+    assert carried.initial is coarse.initial
+    pattern, first = carried.initial
+    assert np.array_equal(pattern.flat_points, coarse.problem.skin.pattern.flat_points)
+    assert len(first) == len(pattern.panel)
+    density, state = carried.on(problem)
+    warm = problem.simulate(density, state, carried.pressures)
+    cold = problem.simulate(density, None, carried.pressures)
     assert warm.objective == pytest.approx(cold.objective, rel=1e-6)
     assert warm.equilibrium.steps <= 0.7 * cold.equilibrium.steps
     assert warm.equilibrium.steps <= 10
-    drawn = problem.simulate(problem.fields.start(1), None, start.pressures)
+    drawn = problem.simulate(problem.fields.start(1), None, carried.pressures)
     assert warm.objective < 0.1 * drawn.objective
 
 
@@ -165,11 +166,12 @@ def test_refined_design_goes_on(coarse: tf.DesignResult) -> None:
     problem = coarse.problem
     assert isinstance(problem, ShapeDesign)
     fine = problem.refined()
-    start = gathered(coarse).start(fine)
+    carried = gathered(coarse)
+    density, state = carried.on(fine)
     finer = refine(problem.skin.pattern)
     whole = problem.skin.gather_cells(coarse.final.projected)
-    assert np.abs(start.density - whole[finer.cell][fine.skin.owned_cells]).max() < 1e-12
-    assert fine.simulate(start.density, start.state, start.pressures).equilibrium.steps <= 10
+    assert np.abs(density - whole[finer.cell][fine.skin.owned_cells]).max() < 1e-12
+    assert fine.simulate(density, state, carried.pressures).equilibrium.steps <= 10
 
 
 @pytest.mark.parametrize("planes", [(), (1,), (1, 0)])

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,85 +13,24 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import free_dropped
 from toros_fem.base.validation import require_count, require_kind
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
-from toros_fem.design.loop.loop import Callback, DesignResult, optimize
-from toros_fem.design.loop.options import DesignOptions, Iteration
+from toros_fem.design.loop.loop import SETUP, Callback, DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.design.loop.warm_start import InitialDensity, WarmStart
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import make_transfer
-
-# Key of the wall time for meshes, problems and transfers of all levels but the first.
-SETUP = "next levels"
 
 
-@dataclass(frozen=True, eq=False)
-class GatheredDesign:
-    """A design on its whole mesh, on every rank, without the problem that it came from.
-
-    Attributes:
-        pattern: The pattern.
-        density: ρ of all triangles, (t,).
-        projected: ρ̄ of all triangles, (t,).
-        positions: Positions of all vertices, (n, 3), in m; None where a finer mesh starts from the
-            assembled shape.
-        pressures: Pressure of each chamber in Pa; empty without any.
-        history: Rows of the design so far.
-        seconds: Wall time so far by phase.
-        initial: The density that the design began with; None where it began with none.
-    """
-
-    pattern: Pattern
-    density: Floats
-    projected: Floats
-    positions: Floats | None
-    pressures: tuple[float, ...]
-    history: tuple[Iteration, ...]
-    seconds: Mapping[str, float]
-    initial: InitialDensity | None
-
-    def start(self, problem: DesignProblem) -> WarmStart:
-        """Return the start of the same design on another mesh (collective).
-
-        ρ̄ becomes the density to start from, so that the filter of the new mesh sees the lines of
-        the print with sharp borders. On the same mesh ρ stays.
-
-        Args:
-            problem: The same problem on another mesh of the same panels.
-
-        Raises:
-            PanelError: Its panels are others.
-        """
-        target = problem.skin.pattern
-        transfer = make_transfer(self.pattern, target)
-        same = np.array_equal(self.pattern.flat_triangles, target.flat_triangles) and (
-            np.array_equal(self.pattern.flat_points, target.flat_points)
-        )
-        carried = self.density if same else self.projected
-        state = None
-        if self.positions is not None:
-            state = problem.physics.state_at(transfer.positions(self.positions))
-        return WarmStart(
-            density=transfer.at_cells(carried)[problem.skin.owned_cells],
-            pressures=self.pressures,
-            state=state,
-            history=self.history,
-            seconds=self.seconds,
-            level=self.history[-1].level + 1,
-            initial=self.initial,
-        )
-
-
-def gathered(result: DesignResult) -> GatheredDesign:
-    """Gather the design of a result on every rank (collective)."""
+def gathered(result: DesignResult) -> CarriedDesign:
+    """Return the design of a result as the next mesh takes it over (collective)."""
     problem, final = result.problem, result.final
-    return GatheredDesign(
+    return CarriedDesign(
         pattern=problem.skin.pattern,
         density=np.clip(problem.skin.gather_cells(final.density), 0, 1),  # rounding
-        projected=np.clip(problem.skin.gather_cells(final.projected), 0, 1),
-        positions=problem.physics.shape_of(final.equilibrium),
         pressures=result.pressures,
+        positions=problem.physics.shape_of(final.equilibrium),
+        projected=np.clip(problem.skin.gather_cells(final.projected), 0, 1),
+        level=result.history[-1].level + 1,
         history=result.history,
         seconds=result.seconds,
         initial=result.initial,
@@ -105,7 +45,7 @@ def optimize_levels(
     seed: int = 0,
     callback: Callback | None = None,
     finish: Callable[[DesignResult], DesignResult] | None = None,
-    after: GatheredDesign | None = None,
+    after: CarriedDesign | None = None,
     journal: Journal | None = None,
 ) -> DesignResult:
     """Minimise T on one mesh after the other, from coarse to fine (collective).
@@ -143,18 +83,8 @@ def optimize_levels(
         raise ParameterError("options is empty; give DesignOptions for each level.")
     remaining, finish = iter(problems), finish or (lambda result: result)
     problem = _following(remaining, 0, len(options))
-    warm = None if after is None else after.start(problem)
-    result = finish(
-        optimize(
-            problem,
-            options[0],
-            start=start,
-            seed=seed,
-            callback=callback,
-            after=warm,
-            journal=journal,
-        )
-    )
+    run = partial(optimize, callback=callback, journal=journal)
+    result = finish(run(problem, options[0], start=start, seed=seed, after=after))
     del problem
     for level, rules in enumerate(options[1:], 1):
         begin = time.perf_counter()
@@ -162,10 +92,9 @@ def optimize_levels(
         del result
         free_dropped(comm)
         problem = _following(remaining, level, len(options))
-        warm = design.start(problem)
-        spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
-        warm = replace(warm, seconds={**warm.seconds, SETUP: spent})
-        result = finish(optimize(problem, rules, callback=callback, after=warm, journal=journal))
+        spent = design.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
+        design = replace(design, seconds={**design.seconds, SETUP: spent})
+        result = finish(run(problem, rules, after=design))
         del problem
     return result
 

@@ -18,6 +18,7 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import collective, largest, norm
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
+from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
 from toros_fem.design.loop.journal import (
     KIND,
     Journal,
@@ -34,8 +35,10 @@ from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.steps import Steps, resolution_of
 from toros_fem.design.loop.stop import reason_to_end
 from toros_fem.design.loop.variables import Variables
-from toros_fem.design.loop.warm_start import InitialDensity, WarmStart, initial_density
 from toros_fem.design.mma.optimizer import Functions
+
+# Key of the wall time for meshes, problems and transfers of all levels but the first.
+SETUP = "next levels"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class DesignResult:
             final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
-        initial: The density that the design began with; None where it began with none.
+        initial: As of `CarriedDesign`.
     """
 
     problem: DesignProblem
@@ -91,7 +94,7 @@ def optimize(
     start: Floats | None = None,
     seed: int = 0,
     callback: Callback | None = None,
-    after: DesignResult | WarmStart | None = None,
+    after: DesignResult | CarriedDesign | None = None,
     journal: Journal | None = None,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
@@ -103,8 +106,8 @@ def optimize(
             problem's own start with random noise.
         seed: Seed of that noise. The same seed gives the same start on any number of ranks.
         callback: Called after each iteration, on every rank.
-        after: A result to continue, or a start that was carried over from another mesh: pressure,
-            shape and history are taken over.
+        after: A result of this problem to continue, or a design of another mesh: pressures, shape
+            and history are taken over.
         journal: Keeps the state of the loop; if it holds that of an earlier run, the loop goes on
             from there. None keeps nothing.
 
@@ -135,16 +138,11 @@ def optimize(
             "a stage has constrained = True, but the problem has no length_scale. Give the problem "
             "a LengthScale, or leave the stage unconstrained."
         )
-    if start is None:
-        start = problem.fields.start(seed) if after is None else after.density
-    start = problem.fields.checked(start)
-    initial = initial_density(problem, start) if after is None else after.initial
     entry = None
     if journal is not None:
         entry = journal.entry(problem.comm, signature_of(problem, options))
-    run = _Run(problem, start, options, callback, entry)
-    if after is not None:
-        run.take_over(after, start)
+    run = _Run(problem, options, callback, entry)
+    run.begin_at(start, seed, after)
     first = run.history[-1].stage + 1 if run.history else 0
     try:
         saved = None if entry is None else entry.saved()
@@ -166,7 +164,7 @@ def optimize(
         history=tuple(run.history),
         reason=run.reason,
         seconds=run.phases,
-        initial=initial,
+        initial=run.initial,
     )
 
 
@@ -182,7 +180,6 @@ class _Run:
     def __init__(
         self,
         problem: DesignProblem,
-        density: Floats,
         options: DesignOptions,
         callback: Callback | None,
         entry: JournalEntry | None,
@@ -190,10 +187,9 @@ class _Run:
         self.problem, self.options, self.callback = problem, options, callback
         self.entry, self.comm = entry, problem.skin.comm
         self.variables = Variables(problem, options)
-        given = problem.fields.with_passive(density)
-        self.x = self.variables.vector(given, problem.physics.pressures)
         self.here: Evaluation | None = None
         self.start: Any = None
+        self.initial: InitialDensity | None = None
         self.level = 0
         self.history: list[Iteration] = []
         self.phases = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
@@ -202,19 +198,31 @@ class _Run:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def take_over(self, earlier: DesignResult | WarmStart, density: Floats) -> None:
-        """Take over pressure, shape and history of an earlier result, or of another mesh."""
-        if isinstance(earlier, DesignResult):
-            self.here, self.level = earlier.final, earlier.history[-1].level
-            self.start = earlier.final.equilibrium
+    def begin_at(
+        self, start: Floats | None, seed: int, after: DesignResult | CarriedDesign | None
+    ) -> None:
+        """Take variables, pressures, state and history to start from (collective)."""
+        fields, pressures = self.problem.fields, self.problem.physics.pressures
+        if isinstance(after, DesignResult):
+            given, self.here, self.start = after.density, after.final, after.final.equilibrium
+            self.level = after.history[-1].level
+        elif after is not None:
+            given, self.start = after.on(self.problem)
+            self.level = after.level
         else:
-            self.start, self.level = earlier.state, earlier.level
-        self.history = list(earlier.history)
-        self.steps_done = self.history[-1].iteration if self.history else 0
-        self.phases.update(earlier.seconds)
-        if earlier.pressures:
-            given = self.problem.fields.with_passive(density)
-            self.x = self.variables.vector(given, earlier.pressures)
+            given = fields.start(seed) if start is None else start
+        x = fields.checked(given if start is None else start)
+        if after is None:
+            self.initial = initial_density(self.problem, x)
+        else:
+            self.initial, self.history = after.initial, list(after.history)
+            self.steps_done = self.history[-1].iteration if self.history else 0
+            pressures = after.pressures or pressures
+            self.phases.update(after.seconds)
+        if isinstance(after, CarriedDesign):
+            spent = time.perf_counter() - self.begin
+            self.phases[SETUP] = self.phases.get(SETUP, 0.0) + spent
+        self.x = self.variables.vector(fields.with_passive(x), pressures)
 
     def restore(self, saved: Archive) -> int:
         """Take up a saved state, but for the design and MMA's; return its stage."""

@@ -10,8 +10,9 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import raise_together, together
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
-from toros_fem.design.loop.levels import GatheredDesign, gathered
+from toros_fem.design.loop.levels import gathered
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem
@@ -27,7 +28,7 @@ class BestStart:
         objectives: Final T of each seed; infinite without an equilibrium.
     """
 
-    design: GatheredDesign
+    design: CarriedDesign
     seed: int
     objectives: dict[int, float]
 
@@ -59,7 +60,7 @@ def best_start(
     if not seeds or len(set(seeds)) < len(seeds):
         raise ParameterError(f"seeds = {list(seeds)} must be one number or more, all different.")
     found: dict[int, tuple[bool, float]] = {}
-    best: GatheredDesign | None = None
+    best: CarriedDesign | None = None
     failure: NoEquilibriumError | None = None
     with together(comm):
         mine = seeds[comm.rank :: comm.size]

@@ -13,11 +13,11 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_count, require_kind, require_positive, shown
 from toros_fem.design.lines.field import LineField
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.fit import fitted_pair
@@ -168,18 +168,11 @@ def find_lines(
         start, variables, positions = after.start, after.variables, after.positions
         pressures, history = after.pressures, after.history
     second = relaxed_problem(design, free, radius, cost, crossing)
-    warm = WarmStart(
-        density=second.fields.with_passive(variables[skin.owned_cells].ravel()),
-        pressures=pressures,
-        state=second.physics.state_at(positions),
-        history=history,
-        seconds={},
-        level=0,
-    )
+    carried = CarriedDesign(skin.pattern, variables, pressures, positions, history=history)
     rules = options.stage(1)
     if after is not None:
         rules = replace(rules, stages=(Stage(options.more_iterations),))
-    result = optimize(second, rules, callback=callback, after=warm, journal=journal)
+    result = optimize(second, rules, callback=callback, after=carried, journal=journal)
     return _gathered(second, result, start, time.perf_counter() - begin)
 
 

@@ -15,9 +15,9 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
-from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.metrics import Metric
 from toros_fem.products.actuators.job import Job
@@ -296,18 +296,17 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
     made, history = found.made, found.best.relaxed.history
     lines, problem = made.printed.evaluation, job.problem(made.case, job.scene.density_level)
     assert lines is not None
-    # Another problem may share out the triangles otherwise.
-    density = made.problem.skin.gather_cells(lines.projected)
-    warm = WarmStart(
-        density=density[problem.skin.owned_cells],
-        pressures=lines.equilibrium.pressures,
-        state=problem.physics.state_at(made.shape[1]),
-        history=history,
+    carried = CarriedDesign(
+        made.problem.skin.pattern,
+        made.problem.skin.gather_cells(lines.projected),
+        lines.equilibrium.pressures,
+        made.shape[1],
         level=history[-1].level + 1,
+        history=history,
     )
     options = job.scene.density_options
     try:
-        return optimize(problem, options, callback=job.reporter, after=warm, journal=job.journal)
+        return optimize(problem, options, callback=job.reporter, after=carried, journal=job.journal)
     except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
         return None
 
