@@ -18,7 +18,7 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult
 from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tiles.printability import tile_cleaner, tile_printability
+from toros_fem.products.tiles.printability import RepeatedTile, tile_printability
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import (
     Profile,
@@ -83,7 +83,7 @@ class PrintSimulation:
             result,
             c.print.limits,
             island_area=c.print.island_area,
-            cleaner=tile_cleaner(self._tile, self._case.symmetry),
+            domain=RepeatedTile(self._tile, self._case.symmetry),
         )
         profile, failure = None, ""
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 import shapely
@@ -15,14 +15,11 @@ from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.making.as_printed.as_printed import Cleaner
-from toros_fem.making.print.cleaning import CleanedRegions, bridge, bridge_width
-from toros_fem.making.print.islands import PrintedPiece, find_holes
+from toros_fem.making.print.cleaning import Panels
+from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.print.smoothing import smoothed
-from toros_fem.making.print.thickness import thickened
+from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import LocalWidth, measure_widths
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.meshes.topology import edges_of, following
@@ -102,98 +99,65 @@ def tile_printability(
     )
 
 
-def tile_cleaner(tile: Tile, symmetry: str) -> Cleaner:
-    """Return what `making.print.clean` is for panels: lines and gaps go on across a tile's border.
+class RepeatedTile(Panels):
+    """`SIDE` × `SIDE` tiles, which are cleaned together, and of which the middle one is kept.
 
-    `SIDE` × `SIDE` tiles are cleaned, and the one in the middle is kept. Pieces that end inside
-    are islands: they do not reach their own periodic images.
+    Lines and gaps so go on across a tile's border. Pieces that end inside are islands: they do not
+    reach their own images.
 
     Args:
         tile: The tile.
         symmetry: Symmetry that the print keeps exactly, as for `Tile.symmetry_maps`.
     """
 
-    def cleaned(
-        pattern: Pattern,
-        regions: Sequence[BaseGeometry],
-        limits: PrintLimits,
-        island_area: float,
-        smoothing: float | None,
-    ) -> CleanedRegions:
-        sides = np.diagonal(tile.lattice)
-        sheet = shapely.box(0, 0, *(SIDE * sides))
-        shift = SIDE // 2 * sides
-        middle = shapely.box(*shift, *(shift + sides))
+    repeats = True
 
-        def made(one: BaseGeometry, length: float | None) -> BaseGeometry:
-            many = repeated(one, tile, SIDE, SIDE)
-            many = many if length is None else smoothed(many, sheet, length)
-            return thickened(many, sheet, limits.width, limits.gap, limits.hole_area)
+    def __init__(self, tile: Tile, symmetry: str) -> None:
+        self.pattern, self._tile = tile.pattern, tile
+        self._sides = np.diagonal(tile.lattice)
+        self._operations = SYMMETRIES[symmetry]
+        x, y = self._sides / 2
+        corners = {
+            "none": [(0, 0), (2 * x, 0), (2 * x, 2 * y), (0, 2 * y)],
+            "tetragonal": [(x, y), (2 * x, y), (2 * x, 2 * y)],
+        }.get(symmetry, [(x, y), (2 * x, y), (2 * x, 2 * y), (x, 2 * y)])
+        self._part = shapely.Polygon(corners)
+        self.outlines = [shapely.box(0, 0, *(SIDE * self._sides))]
 
-        def everywhere(shape: BaseGeometry) -> BaseGeometry:
-            steps = range(-SIDE, SIDE + 1)
-            return shapely.union_all(
-                [translate(shape, *(np.array(step) * sides)) for step in product(steps, repeat=2)]
-            )
+    @override
+    def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        return [repeated(region, self._tile, SIDE, SIDE) for region in regions]
 
-        def even(sheets: BaseGeometry) -> BaseGeometry:
-            one = translate(sheets & middle, *-shift)
-            return symmetric_region(one, sides, symmetry, limits.resolution)
+    @override
+    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PrintedPiece]:
+        pieces = shapely.get_parts(laid[0])
+        loose = ~shapely.dwithin(self.outlines[0].boundary, pieces, limits.resolution)
+        # Centroids of images differ by rounding; of those on two borders of the tile one counts.
+        places = shapely.get_coordinates(shapely.centroid(pieces)) + limits.resolution
+        home = np.all(places // self._sides == SIDE // 2, axis=1)
+        chosen = pieces[loose & home]
+        order = np.argsort(-shapely.area(chosen), kind="stable")
+        return [PrintedPiece(0, piece, main=False, attached=False) for piece in chosen[order]]
 
-        sheets = made(regions[0], smoothing)
-        pieces = shapely.get_parts(sheets)
-        loose = ~shapely.dwithin(sheet.boundary, pieces, limits.resolution)
-        rest = shapely.union_all(pieces[~loose])
-        width = bridge_width(limits, smoothing)
-        dropped, bridged = [], []
-        for island in pieces[loose & shapely.contains(middle, shapely.centroid(pieces))]:
-            line = bridge(island, rest, sheet, width) if island.area >= island_area else None
-            found = PrintedPiece(0, island, main=False, attached=False)
-            if line is None:
-                dropped.append(found)
-                sheets = sheets.difference(everywhere(island.buffer(limits.resolution)))
-            else:
-                bridged.append(found)
-                sheets = sheets.union(everywhere(line))
-        filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
-        one = even(sheets)
-        if bridged:  # bridges get images, which may lie close to others
-            one = even(made(one, None))
-        return CleanedRegions(list(regions), [one], tuple(dropped), tuple(bridged), filled)
+    @override
+    def images(self, shape: BaseGeometry) -> BaseGeometry:
+        steps = product(range(1 - SIDE, SIDE), repeat=2)
+        return shapely.union_all([translate(shape, *(self._sides * step)) for step in steps])
 
-    return cleaned
+    @override
+    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        shift = SIDE // 2 * self._sides
+        one = translate(laid[0], *-shift) & shapely.box(0, 0, *self._sides)
+        own = one & self._part
+        for operation in self._operations[1:]:
+            own = with_more(own, self._image(one, operation), self._part, detail)
+        images = [self._image(own, operation) for operation in self._operations]
+        return [shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))]
 
-
-def symmetric_region(
-    region: BaseGeometry, sides: Floats, symmetry: str, detail: float
-) -> BaseGeometry:
-    """Return the region of a tile made exactly symmetric.
-
-    It is that of a fundamental part of the tile, with what only one of the images has.
-
-    Args:
-        region: Region of one tile, in m, symmetric but for some pieces.
-        sides: Sides of the tile, (2,), in m.
-        symmetry: One of `SYMMETRIES`.
-        detail: Narrower differences in m count as rounding.
-    """
-    operations, (x, y) = SYMMETRIES[symmetry], sides / 2
-
-    def image(shape: BaseGeometry, operation: Ints) -> BaseGeometry:
-        offset = sides / 2 - operation @ (sides / 2)
+    def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
+        """Return a shape turned or mirrored about the tile's middle."""
+        offset = self._sides / 2 - operation @ (self._sides / 2)
         return affine_transform(shape, [*operation.ravel(), *offset])
-
-    for operation in operations[1:]:
-        there = image(region, operation)
-        more = there.difference(region).buffer(-detail / 2).buffer(detail)
-        region = region.union(more & there)
-    corners = {
-        "none": [(0, 0), (2 * x, 0), (2 * x, 2 * y), (0, 2 * y)],
-        "tetragonal": [(x, y), (2 * x, y), (2 * x, 2 * y)],
-    }.get(symmetry, [(x, y), (2 * x, y), (2 * x, 2 * y), (x, 2 * y)])
-    part = region & shapely.Polygon(corners)
-    images = [image(part, operation) for operation in operations]
-    return shapely.union_all(images, grid_size=SNAP * float(sides.max()))
 
 
 def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
