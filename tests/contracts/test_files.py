@@ -40,7 +40,7 @@ from toros_fem.making.sheets.cut_files import sheet_layers, write_cut_dxf, write
 from toros_fem.making.sheets.print_bodies import PrintBody, write_3mf, write_stl
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.materials.sheet import Knit
+from toros_fem.materials.sheet import Knit, Membrane
 from toros_fem.meshes import (
     Pattern,
     from_mesh,
@@ -164,8 +164,11 @@ def tiles(draw: st.DrawFn) -> PrintedTile:
         made.composite.fabric, young=young, c1=draw(st.none() | st.just(1.7))
     )
     knit = draw(st.none() | st.builds(Knit, st.floats(1, 5), st.floats(-1, 1)))
+    c1 = draw(st.floats(1.2, 3))
+    wrinkling = st.none() if knit or c1 > 2 else st.sampled_from([None, "tension-field"])
+    membrane = Membrane(draw(wrinkling), draw(st.floats(1e-9, 1e-2)))
     composite = dataclasses.replace(
-        made.composite, knit=knit, fabric=fabric, c1=draw(st.floats(1.2, 3))
+        made.composite, knit=knit, fabric=fabric, c1=c1, membrane=membrane
     )
     size = draw(st.tuples(*[st.floats(1e-3, 1)] * 2))
     mesh = draw(st.sampled_from(["crossed", "right", "unstructured"]))

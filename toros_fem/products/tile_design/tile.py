@@ -140,19 +140,19 @@ class TileScene(TileDesignScene):
             files: It takes none.
             verbose: Whether to print every step of the equilibrium solver.
         """
-        reporter, case = DesignReporter(comm, output), tile_case(comm, self)
+        reporter, case, skin = DesignReporter(comm, output), tile_case(comm, self), self.skin
         log = print_step(comm) if verbose else None
-        result = design_tile(comm, case, self, reporter, log, journal_of(output))
-        measured = measure_print(comm, case, self, result)
+        made = design_tile(comm, case, self, reporter, log, journal_of(output))
+        measured = measure_print(made)
         printed_tile = PrintedTile(
-            printed=result.printed.cells,
-            size=(self.skin.size, self.skin.size),
-            edge_length=self.skin.edge_length,
-            mesh=self.skin.mesh,
-            symmetry=case.symmetry,
-            composite=self.material.composite,
+            made.printed.cells,
+            (skin.size, skin.size),
+            skin.edge_length,
+            skin.mesh,
+            case.symmetry,
+            self.material.composite,
         )
-        found = TileRun(case, result, measured, printed_tile, self, dict(reporter.seconds))
+        found = TileRun(made, measured, printed_tile, dict(reporter.seconds))
         write_tile_results(comm, output, found)
         return found
 

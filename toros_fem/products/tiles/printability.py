@@ -9,8 +9,6 @@ from typing import Any, override
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
@@ -22,7 +20,7 @@ from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import LocalWidth, measure_widths
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
-from toros_fem.meshes.topology import edges_of, following
+from toros_fem.meshes.topology import edges_of, linked
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
 SIDE = 3
@@ -182,38 +180,21 @@ def island_areas(tile: Tile, printed: Bools) -> Floats:
 
     Printed triangles belong to one component if they share edges. A component that reaches its own
     image in a neighbouring tile is a line or a net through the whole sheet; any other is an island.
+    A line leads from a triangle to an image of it an odd number of tiles away along x or y, so that
+    on the torus of 2 × 2 tiles too it goes through several copies of one triangle.
 
     Args:
         tile: The tile.
         printed: Whether each triangle is printed, (t,).
     """
-    pattern = tile.pattern
-    count = len(pattern.triangles)
-    edges = edges_of(pattern.triangles)
-    # Each triangle sees an edge's first end with wraps of its own; their difference is the step
-    # from one triangle's frame to the other's.
-    starts = pattern.triangles.ravel()[edges.twins]
-    corner = np.where(starts == edges.ends[:, :1], edges.twins, following(edges.twins))
-    seen = tile.wraps.reshape(-1, 2)[corner]
-    (one, two), step = edges.sides.T, seen[:, 0] - seen[:, 1]
-    both = printed[one] & printed[two]
-    one, two, step = one[both], two[both], step[both]
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(count, count)).tocsr()
-    number, label = connected_components(graph, directed=False)
-    offset = np.zeros((count, 2), dtype=np.int64)
-    steps = {}
-    for k in range(len(one)):
-        a, b = int(one[k]), int(two[k])
-        steps[a, b], steps[b, a] = step[k], -step[k]
-    first = np.unique(label, return_index=True)[1]
-    connected = np.zeros(number, dtype=bool)
-    for component in range(number):
-        if not printed[first[component]]:
-            continue
-        cells, parent = breadth_first_order(graph, int(first[component]), directed=False)
-        for cell in cells[1:].tolist():
-            offset[cell] = offset[parent[cell]] + steps[int(parent[cell]), cell]
-    # Two ways to one triangle that differ by a lattice vector join the component to its image.
-    np.logical_or.at(connected, label[one], np.any(offset[two] - offset[one] != step, axis=1))
-    areas = np.bincount(label, pattern.areas, minlength=number)
-    return np.asarray(np.sort(areas[printed[first] & ~connected])[::-1])
+    four = tile.repeated(2, 2)
+    one, two = edges_of(four.tile.pattern.triangles).sides.T
+    on = printed[four.cell]
+    both = on[one] & on[two]
+    body = linked(one[both], two[both], len(on))[on]
+    cell = four.cell[on]
+    copies = np.bincount(np.unique(np.stack([body, cell]), axis=1)[0])
+    bodies = np.unique(body)
+    island = bodies[copies[bodies] == np.bincount(body)[bodies]]
+    areas = np.bincount(body, tile.pattern.areas[cell])[island]
+    return np.sort(areas)[::-4]  # each of them is found four times

@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
     require_positive,
     shown,
 )
-from toros_fem.materials.sheet import Composite, Knit, Material
+from toros_fem.materials.sheet import Composite, Knit, Material, Membrane
 from toros_fem.meshes.tile import KINDS, Tile, tile
 from toros_fem.meshes.tile_symmetry import check_symmetry
 
@@ -28,8 +28,11 @@ NAME = "tile.npz"
 MATERIALS = ("fabric", "reinforcement")
 PROPERTIES = ("young", "poisson", "thickness")
 BOUNDS = ("c1", "c2")  # a material's own, if it has any
-# Files of earlier versions have one entry of these for both materials.
-COMMON = ("poisson", "thickness")
+REQUIRED = (
+    "printed", "size_x", "size_y", "edge_length", "mesh", "symmetry", "c1", "c2", "wrinkling",
+    "residual_stiffness",
+)  # fmt: skip
+NEVER = "none"  # wrinkling of a sheet that takes compression
 MEMBRANE = Composite(bending=None)
 
 
@@ -116,6 +119,8 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
         "symmetry": p.symmetry,
         "c1": composite.c1,
         "c2": composite.c2,
+        "wrinkling": composite.membrane.wrinkling or NEVER,
+        "residual_stiffness": composite.membrane.residual_stiffness,
     }
     for name in MATERIALS:
         material = getattr(composite, name)
@@ -144,13 +149,9 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
             raise TileFileError(
                 f"{path} cannot be read: {reason(caught)}. Give the output folder of demos/tile.py."
             ) from None
-        for key in COMMON:
-            if key in entries:
-                entries.update({f"{name}_{key}": entries[key] for name in MATERIALS})
-        required = ("printed", "size_x", "size_y", "edge_length", "mesh", "symmetry", "c1", "c2")
         properties = tuple(f"{name}_{key}" for name in MATERIALS for key in PROPERTIES)
         knit = ("knit_grain",) if "knit_ratio" in entries else ()
-        missing = [name for name in required + properties + knit if name not in entries]
+        missing = [name for name in REQUIRED + properties + knit if name not in entries]
         if missing:
             raise TileFileError(f"{path} lacks {', '.join(missing)}. Write it by write_tile.")
         try:
@@ -173,6 +174,8 @@ def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
         for name in MATERIALS
     )
     knit = Knit(number("knit_ratio"), number("knit_grain")) if "knit_ratio" in entries else None
+    wrinkling = str(entries["wrinkling"].item())
+    membrane = Membrane(None if wrinkling == NEVER else wrinkling, number("residual_stiffness"))
     return PrintedTile(
         printed=entries["printed"],
         size=(number("size_x"), number("size_y")),
@@ -180,6 +183,12 @@ def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
         mesh=str(entries["mesh"].item()),
         symmetry=str(entries["symmetry"].item()),
         composite=Composite(
-            fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None, knit=knit
+            fabric,
+            reinforcement,
+            c1=number("c1"),
+            c2=number("c2"),
+            bending=None,
+            knit=knit,
+            membrane=membrane,
         ),
     )

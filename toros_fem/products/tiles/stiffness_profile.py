@@ -231,7 +231,7 @@ def profiles(
     strains: Sequence[float] | Floats,
     batch: MPI.Comm | None = None,
 ) -> list[Profile]:
-    """Return the profiles at strains λ − 1, each solve started from the last; as `ProfileSolver`."""
+    """Return the profiles at strains λ − 1, each solve started from the one before."""
     found: list[Profile] = []
     for strain in strains:
         near = found[-1].state if found else None
