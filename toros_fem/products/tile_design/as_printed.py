@@ -100,13 +100,7 @@ class TileResult:
 class PrintSimulation:
     """Prints designs of a tile and simulates them on its finer mesh; all methods are collective.
 
-    Attributes:
-        solver: Solver of the tile on that mesh, in the directions of the objective.
-
-    Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
+    The ranks of `batch` share the directions of the objective.
     """
 
     def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:

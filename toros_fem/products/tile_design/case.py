@@ -106,16 +106,9 @@ def tile_problem(
     config: TileDesignScene,
     log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileProblem:
-    """Build the design problem of a tile; each rank sews the whole tile (collective).
+    """Build the design problem of a tile (collective).
 
-    Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
-        log: As for `TileSolver`.
-
-    Raises:
-        TorosError: A number is out of its bounds, or the case is not valid.
+    Each rank sews the whole tile; those of `batch` share the directions.
     """
     c, tile, lattice = config, case.tile, case.tile.lattice
     skin = sew(MPI.COMM_SELF, tile.pattern)

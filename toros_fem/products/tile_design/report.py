@@ -141,14 +141,6 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
     In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
-
-    Args:
-        comm: Communicator of the whole run.
-        folder: Output folder, made if missing.
-        found: The design.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
     """
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
     printed, tile, skin = made.printed, case.tile, made.problem.skin

@@ -132,14 +132,7 @@ class TileScene(TileDesignScene):
         *,
         verbose: bool = False,
     ) -> RunResult:
-        """Design the tile and write all results (collective).
-
-        Args:
-            comm: Communicator; its ranks share the directions.
-            output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
-            files: It takes none.
-            verbose: Whether to print every step of the equilibrium solver.
-        """
+        """Design the tile and write all results into a folder (collective)."""
         reporter, case, skin = DesignReporter(comm, output), tile_case(comm, self), self.skin
         log = print_step(comm) if verbose else None
         made = design_tile(comm, case, self, reporter, log, journal_of(output))
@@ -157,11 +150,7 @@ class TileScene(TileDesignScene):
         return found
 
     def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
-        """Return the cost of the design, probed on the mesh of the starts (collective).
-
-        Raises:
-            MeshSizeError: The mesh of the prints would have more triangles than the limit.
-        """
+        """Return the cost of the design, probed on the mesh of the starts (collective)."""
         require_affordable(self.skin.size**2, self.skin.edge_length / 2)
         case, design = tile_case(comm, self), self.design
         assert case.coarse is not None

@@ -33,17 +33,10 @@ ROUND = 1e9
 
 
 def full_circle(angles: Floats, values: Floats, symmetry: str) -> tuple[Floats, Floats]:
-    """Return angles of a full circle and the values there, by the symmetry of a profile.
+    """Return sorted angles of a full circle in rad, the first again at the end, and values there.
 
-    A profile has equal values along n and −n, and along the images of n.
-
-    Args:
-        angles: Directions with known values, in rad, (k,).
-        values: Values there, (k,).
-        symmetry: Symmetry of the tile, as for `Tile.symmetry_maps`.
-
-    Returns:
-        Sorted angles from 0 to 2π, the first again at the end, and their values.
+    They are those of directions (k,) and of their images: a profile has equal values along n and
+    −n, and along what the tile's symmetry makes of them.
     """
     operations = SYMMETRIES[symmetry]
     images = np.concatenate([operations, -operations]) @ np.stack([np.cos(angles), np.sin(angles)])
@@ -62,16 +55,7 @@ def plot_profile(
     angles: Floats,
     target: ProfileTarget | None,
 ) -> None:
-    """Draw stiffness and contraction over all directions.
-
-    Args:
-        path: PNG file to write.
-        profile: Profile of the print.
-        fabric_stiffness: Stiffness of the fabric without print, in N/m.
-        symmetry: As for `full_circle`.
-        angles: Directions of the target in rad.
-        target: Target in these directions; None for none.
-    """
+    """Draw stiffness and contraction over all directions, and their target at `angles` in rad."""
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
     )
@@ -151,15 +135,9 @@ def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None
 def plot_deformed(
     path: Path, tile: Tile, printed: Bools, positions: Floats, gradient: Floats, count: int = 2
 ) -> None:
-    """Draw count × count tiles, flat and pulled, in mm.
+    """Draw count × count tiles, flat and pulled along the first axis, in mm.
 
-    Args:
-        path: PNG file to write.
-        tile: The tile.
-        printed: Whether each of its triangles is printed, (t,).
-        positions: Positions of all its vertices, pulled along the first axis, (n, 3), in m.
-        gradient: The mean deformation gradient, (3, 2).
-        count: Number of tiles along each side.
+    Positions of all vertices are (n, 3), in m; the mean deformation gradient is (3, 2).
     """
     colours = np.where(printed[:, None], PRINTED, FABRIC)
     mean = gradient[:2] @ tile.lattice.T
@@ -183,15 +161,7 @@ def plot_deformed(
 
 
 def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:
-    """Draw a sheet before and after the pull, in the same scale, in mm.
-
-    Args:
-        path: PNG file to write.
-        pattern: The sheet.
-        positions: Positions of all its vertices, (n, 3), in m.
-        printed: Whether each triangle is printed, (t,).
-        title: Title of the pulled one.
-    """
+    """Draw a sheet before and after the pull to `positions` (n, 3) in m, to scale, in mm."""
     size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
     grid = (1, 2) if size[1] > size[0] else (2, 1)
     page = LONGEST_SIDE * size / size.max() * grid[::-1] + 1.2

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, override
 
 import numpy as np
@@ -68,29 +67,18 @@ class TilePrintability:
 def tile_printability(
     tile: Tile, region: BaseGeometry, printed: Bools, limits: PrintLimits
 ) -> TilePrintability:
-    """Measure the printability of a tile among its equals.
+    """Measure the printability of a tile, its printed region in m and triangles (t,).
 
     Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles, so that they continue
     across its borders.
-
-    Args:
-        tile: The tile.
-        region: Printed region of one tile, in m.
-        printed: Whether each triangle is printed, (t,).
-        limits: Narrower lines and gaps are listed.
     """
     sides = np.diagonal(tile.lattice)
     middle = (SIDE // 2) * sides
     # Widths in the middle of a place on the border are counted on either side, not on neither.
     window = shapely.box(*(middle - limits.resolution), *(middle + sides + limits.resolution))
+    many, sheet = repeated(region, tile, SIDE, SIDE), shapely.box(0, 0, *(SIDE * sides))
     lines, gaps = measure_widths(
-        repeated(region, tile, SIDE, SIDE),
-        shapely.box(0, 0, *(SIDE * sides)),
-        0,
-        limits.width,
-        limits.gap,
-        limits.resolution,
-        window,
+        many, sheet, 0, limits.width, limits.gap, limits.resolution, window
     )
     return TilePrintability(
         island_areas(tile, printed), lines.smallest, gaps.smallest, lines.narrow, gaps.narrow
@@ -112,15 +100,13 @@ class RepeatedTile(Panels):
 
     def __init__(self, tile: Tile, symmetry: str) -> None:
         self.pattern, self._tile = tile.pattern, tile
-        self._sides = np.diagonal(tile.lattice)
+        self._sides = sides = np.diagonal(tile.lattice)
         self._operations = SYMMETRIES[symmetry]
-        x, y = self._sides / 2
-        corners = {
-            "none": [(0, 0), (2 * x, 0), (2 * x, 2 * y), (0, 2 * y)],
-            "tetragonal": [(x, y), (2 * x, y), (2 * x, 2 * y)],
-        }.get(symmetry, [(x, y), (2 * x, y), (2 * x, 2 * y), (x, 2 * y)])
-        self._part = shapely.Polygon(corners)
-        self.outlines = [shapely.box(0, 0, *(SIDE * self._sides))]
+        # Its images are the tile: all of it, a quarter, or an eighth.
+        self._part = shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)
+        if symmetry == "tetragonal":
+            self._part = shapely.Polygon([sides / 2, sides * [1, 0.5], sides])
+        self.outlines = [shapely.box(0, 0, *(SIDE * sides))]
 
     @override
     def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
@@ -139,8 +125,9 @@ class RepeatedTile(Panels):
 
     @override
     def images(self, shape: BaseGeometry) -> BaseGeometry:
-        steps = product(range(1 - SIDE, SIDE), repeat=2)
-        return shapely.union_all([translate(shape, *(self._sides * step)) for step in steps])
+        most = 2 * SIDE - 1
+        steps = self._sides * (_steps(most, most) + 1 - SIDE)
+        return shapely.union_all([translate(shape, *step) for step in steps])
 
     @override
     def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
@@ -158,34 +145,23 @@ class RepeatedTile(Panels):
         return affine_transform(shape, [*operation.ravel(), *offset])
 
 
-def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
-    """Return the union of copies of a tile's region.
+def _steps(along: int, across: int) -> Ints:
+    return np.array(list(np.ndindex(along, across)))
 
-    Args:
-        region: Region of one tile, in m.
-        tile: The tile.
-        along, across: Numbers of copies along both lattice vectors.
-    """
-    size = float(np.abs(tile.lattice).max())
-    copies = [
-        translate(region, *(i * tile.lattice[0] + j * tile.lattice[1]))
-        for i in range(along)
-        for j in range(across)
-    ]
-    return shapely.union_all(copies, grid_size=SNAP * size)
+
+def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
+    """Return the union of copies of a tile's region in m along both lattice vectors."""
+    copies = [translate(region, *(steps @ tile.lattice)) for steps in _steps(along, across)]
+    return shapely.union_all(copies, grid_size=SNAP * float(np.abs(tile.lattice).max()))
 
 
 def island_areas(tile: Tile, printed: Bools) -> Floats:
-    """Return the areas in m² of the printed islands, the largest first.
+    """Return the areas in m² of the islands of printed triangles (t,), the largest first.
 
     Printed triangles belong to one component if they share edges. A component that reaches its own
     image in a neighbouring tile is a line or a net through the whole sheet; any other is an island.
     A line leads from a triangle to an image of it an odd number of tiles away along x or y, so that
     on the torus of 2 × 2 tiles too it goes through several copies of one triangle.
-
-    Args:
-        tile: The tile.
-        printed: Whether each triangle is printed, (t,).
     """
     four = tile.repeated(2, 2)
     one, two = edges_of(four.tile.pattern.triangles).sides.T

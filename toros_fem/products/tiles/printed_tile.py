@@ -90,7 +90,6 @@ class PrintedTile:
         """Make the tile on its mesh (collective).
 
         Raises:
-            ParameterError: The mesh cannot be made.
             DensityError: The mesh and `printed` have different numbers of triangles.
         """
         meshed = tile(comm, self.size, self.edge_length, self.mesh, self.symmetry)

@@ -60,7 +60,7 @@ class PullTest:
 
     Attributes:
         curve: Stress from the forces at the clamps over the strain of their distance; contraction
-            is the lateral one of the middle over this strain.
+            is that of the middle over this strain.
         middle_strain: Strain along the pull in the middle, (k,).
         forces: Forces on the near and on the far end, (k, 2, 3), in N.
         positions: Positions of all vertices at the last strain, (n, 3), in m.
@@ -106,9 +106,6 @@ class PullMachine:
         options: Options of the equilibrium solver.
         log: Called with every row of the solver's history.
 
-    Raises:
-        ParameterError: The gauge is longer than the sheet.
-        PatternError: The skin is not a flat rectangle along x and y.
     """
 
     def __init__(
@@ -278,17 +275,18 @@ class PulledSheet:
     def rows(self) -> list[dict[str, Any]]:
         """Return the curves as rows of a table, one for each strain."""
         curve, predicted = self.test.curve, self.predicted
-        columns = {
-            "strain": curve.strain,
-            "stress_n_per_m": curve.stress,
-            "stress_predicted_n_per_m": predicted.stress,
-            "contraction": curve.contraction,
-            "contraction_predicted": predicted.contraction,
-            "middle_strain": self.test.middle_strain,
-        }
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
-        direction = {"direction": self.sheet.direction}
-        return [direction | dict(zip(columns, row, strict=True)) for row in rows]
+        return [
+            {
+                "direction": self.sheet.direction,
+                "strain": float(curve.strain[k]),
+                "stress_n_per_m": float(curve.stress[k]),
+                "stress_predicted_n_per_m": float(predicted.stress[k]),
+                "contraction": float(curve.contraction[k]),
+                "contraction_predicted": float(predicted.contraction[k]),
+                "middle_strain": float(self.test.middle_strain[k]),
+            }
+            for k in range(len(curve.strain))
+        ]
 
 
 def pull_sheet(
@@ -308,12 +306,7 @@ def pull_sheet(
         sheet: The sheet.
         tile: The tile on its mesh, `printed_tile.tile(comm)`.
         printed_tile: Its print and its materials.
-        strains: Values of λ − 1, in the order of the pull.
-        log: Called with every row of the sheet's solves.
-
-    Raises:
-        ParameterError: A strain is 0, −1 or less, or not finite.
-        NoEquilibriumError: There is no equilibrium at one of the strains.
+        strains, log: As of `pull`.
     """
     density, axis = printed_tile.printed.astype(np.float64), sheet.axis
     composite, length = printed_tile.composite, printed_tile.size[axis]

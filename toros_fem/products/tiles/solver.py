@@ -195,14 +195,8 @@ class TileSolver:
     ) -> TileState:
         """Return an equilibrium as if it had just been solved for.
 
-        Args:
-            density, angle: As of `solve`.
-            unknowns: `Patch.gather` of its state.
-            counts: Its numbers of Newton steps and factorisations.
-
-        Raises:
-            ParameterError: The unknowns are those of another tile.
-            NoEquilibriumError: It is no stable equilibrium.
+        It is given by the unknowns, `Patch.gather` of its state, and by its numbers of Newton steps
+        and factorisations. Unknowns of another tile, and states that are not stable, are refused.
         """
         state = self.model.patch.scatter(unknowns)
         if not self.stable(state, density, angle):
@@ -218,11 +212,8 @@ class TileSolver:
     def stiffness(self, at: TileState, changes: Floats) -> Floats:
         """Return the second derivative of the mean energy by F̄ in N/m, (k, k).
 
-        In the flat state, symmetric changes give the membrane stiffness of the undeformed tile.
-
-        Args:
-            at: The last equilibrium of this solver.
-            changes: Directions in the prescribed components of F̄, (k, 3, 2).
+        It is along directions in the prescribed components of F̄, (k, 3, 2). In the flat state,
+        symmetric ones give the membrane stiffness of the undeformed tile.
         """
         comm, pairs = self.skin.comm, [self._linear_response(at, change) for change in changes]
         return np.array([[dot(comm, f, q) / self.area for _, q in pairs] for f, _ in pairs])
@@ -250,11 +241,7 @@ class TileSolver:
         return self._newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
-        """Return whether an equilibrium of a flat solver is unstable out of its plane.
-
-        Raises:
-            ParameterError: This solver keeps the sheet in its plane.
-        """
+        """Return whether an equilibrium of a flat solver is unstable out of its plane."""
         if self.periodic.flat:
             raise ParameterError(
                 "this solver keeps the tile in its plane, so it cannot buckle. Make the solver "

@@ -155,12 +155,7 @@ class ProfileSolver:
         return np.stack([one[1] for one in parts]), {"counts": [one[2] for one in parts]}
 
     def restore(self, density: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
-        """Return a saved profile as if it had just been solved for.
-
-        Raises:
-            ParameterError: The unknowns are those of another tile.
-            NoEquilibriumError: A state is no stable equilibrium.
-        """
+        """Return a saved profile as if it had just been solved for."""
 
         def state(k: int) -> TileState:
             steps, factorisations = numbers["counts"][k]
@@ -204,15 +199,9 @@ class ProfileSolver:
         )
 
     def backward(self, profile: Profile, by_stress: Floats, by_contraction: Floats) -> Floats:
-        """Return dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction.
+        """Return dT/dρ̄ at owned triangles, (cells,), by dT/d stress in m/N and dT/d contraction.
 
-        Args:
-            profile: A profile with its gradients.
-            by_stress: dT/d stress in m/N, (k,), or (j, k) for j functions at once.
-            by_contraction: dT/d contraction, of the same shape.
-
-        Returns:
-            dT/dρ̄, (cells,) or (j, cells).
+        The latter are (k,) each, or (j, k) for j functions at once, which gives (j, cells).
         """
         out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
         for k, gradients in enumerate(profile.gradients):
