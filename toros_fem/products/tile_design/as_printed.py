@@ -33,10 +33,15 @@ from toros_fem.products.tiles.stiffness_profile import (
 
 # Number of strains at which the stress curves of a print are computed.
 CURVE_POINTS = 4
-# Angle in degrees between the directions of a print's whole profile, and that after which its
-# symmetry repeats them, mirrored or, after a quarter or half a turn, not.
+# Angle in degrees between the directions of a print's whole profile, and for each symmetry that
+# after which it repeats them, and whether mirrored.
 ANGLE_STEP = 7.5
-MIRRORED, TURNED = {"tetragonal": 45, "orthotropic": 90}, {"chiral": 90, "none": 180}
+PERIODS = {
+    "none": (180, False),
+    "orthotropic": (90, True),
+    "chiral": (90, False),
+    "tetragonal": (45, True),
+}
 # Directions closer than this, in rad, are the same.
 SAME_ANGLE = 1e-9
 
@@ -181,10 +186,8 @@ def measure_print(made: TileResult) -> PrintMeasurement | None:
 
 def directions(symmetry: str) -> Floats:
     """Return directions in rad that a symmetry does not repeat."""
-    period, ends = MIRRORED.get(symmetry), 1
-    if period is None:
-        period, ends = TURNED[symmetry], 0
-    return np.radians(ANGLE_STEP * np.arange(round(period / ANGLE_STEP) + ends))
+    period, mirrored = PERIODS[symmetry]
+    return np.radians(ANGLE_STEP * np.arange(round(period / ANGLE_STEP) + mirrored))
 
 
 def _buckling(made: TileResult) -> Bools | None:

@@ -54,22 +54,14 @@ class TileRun(RunResult):
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Stiffness and contraction in each direction of the objective."""
-        target, profile = self.case.target, self.made.profile
-        found = []
+        unknown, found = [None] * len(self.case.angles), []
         for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
-            goals = None if target is None else getattr(target, name)
-            values = None if profile is None else getattr(profile, name)
-            for k, angle in enumerate(np.degrees(self.case.angles)):
-                goal = None if goals is None or np.isnan(goals[k]) else float(goals[k])
-                found.append(
-                    Figure(
-                        f"{name}_at_{angle:g}_deg".replace(".", "_"),
-                        unit,
-                        None if values is None else float(values[k]),
-                        target=goal,
-                        tolerance=None if goal is None else TOLERANCE * abs(goal),
-                    )
-                )
+            values = _listed(self.made.profile, name) or unknown
+            goals = _listed(self.case.target, name) or unknown
+            for angle, value, goal in zip(self.case.angles, values, goals, strict=True):
+                key = f"{name}_at_{np.degrees(angle):g}_deg".replace(".", "_")
+                tolerance = None if goal is None else TOLERANCE * abs(goal)
+                found.append(Figure(key, unit, value, target=goal, tolerance=tolerance))
         return tuple(found)
 
     @property
@@ -192,15 +184,14 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
 
 
 def _values(of: ProfileTarget | Profile, *names: str) -> dict[str, Any]:
-    """Return values by column, None where there is none."""
-    found: dict[str, Any] = {}
-    for name in names:
-        given = getattr(of, name)
-        column = name if name == "contraction" else f"{name}_n_per_m"
-        found[column] = (
-            None if given is None else [None if np.isnan(v) else float(v) for v in given]
-        )
-    return found
+    """Return values by column."""
+    units = {name: "" if name == "contraction" else "_n_per_m" for name in names}
+    return {name + unit: _listed(of, name) for name, unit in units.items()}
+
+
+def _listed(of: ProfileTarget | Profile | None, name: str) -> list[float | None] | None:
+    values = None if of is None else getattr(of, name)
+    return None if values is None else [None if np.isnan(v) else float(v) for v in values]
 
 
 def _rows(profile: Profile) -> list[dict[str, float]]:
