@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.loop.loop import optimize
+from toros_fem.making.print.widths import Widths
 from toros_fem.products.tile_design import search
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
 from toros_fem.products.tile_design.search import design_tile
@@ -27,7 +28,7 @@ SHORT = SMALL.updated(
 def with_flaws(islands: int, narrow: int = 0) -> TilePrintability:
     """Return the printability of a print with numbers of islands and of narrow lines."""
     places: Any = narrow * (None,)
-    return TilePrintability(np.ones(islands), None, None, places, ())
+    return TilePrintability(np.ones(islands), Widths(None, places), Widths(None, ()))
 
 
 @pytest.mark.slow

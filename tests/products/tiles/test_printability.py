@@ -44,25 +44,25 @@ def test_widths_across_the_border(alone: MPI.Comm) -> None:
     sides = [shapely.box(0, y, 0.01, y + h) for y, h in ((0, 0.2e-3), (9.7e-3, 0.3e-3))]
     line = shapely.union_all(sides)
     found = measured(patch, line)
-    assert found.smallest_width.width == pytest.approx(0.5e-3, abs=2e-6)
-    assert found.smallest_gap.width == pytest.approx(9.5e-3, abs=2e-6)
-    assert found.narrow_lines
-    assert not found.narrow_gaps
+    assert found.lines.smallest.width == pytest.approx(0.5e-3, abs=2e-6)
+    assert found.gaps.smallest.width == pytest.approx(9.5e-3, abs=2e-6)
+    assert found.lines.narrow
+    assert not found.gaps.narrow
     assert not found.clean
     inverse = measured(patch, shapely.box(0, 0, 0.01, 0.01).difference(line))
-    assert inverse.smallest_gap.width == pytest.approx(0.5e-3, abs=2e-6)
-    assert inverse.narrow_gaps
-    assert not inverse.narrow_lines
+    assert inverse.gaps.smallest.width == pytest.approx(0.5e-3, abs=2e-6)
+    assert inverse.gaps.narrow
+    assert not inverse.lines.narrow
     # A single tile cuts the bar's ends to tips; in the endless sheet it has none.
     bar = shapely.LineString([(-0.01, -0.01), (0.02, 0.02)]).buffer(0.7e-3)
     copies = [translate(bar, *shift) for shift in ((0, 0), (0.01, 0), (0, 0.01))]
     box = shapely.box(0, 0, 0.01, 0.01)
     diagonal = measured(patch, shapely.intersection(shapely.union_all(copies), box))
     assert diagonal.clean
-    assert diagonal.smallest_width.width == pytest.approx(1.4e-3, abs=2e-6)
+    assert diagonal.lines.smallest.width == pytest.approx(1.4e-3, abs=2e-6)
     assert diagonal.summary() == {
         "islands": 0, "island_areas_mm2": [], "narrow_places": 0, "tight_places": 0,
-        "smallest_width_mm": 1e3 * diagonal.smallest_width.width,
+        "smallest_width_mm": 1e3 * diagonal.lines.smallest.width,
         "smallest_gap_mm": pytest.approx(10 / np.sqrt(2) - 1.4, abs=2e-3),
     }  # fmt: skip
 

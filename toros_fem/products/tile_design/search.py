@@ -126,12 +126,9 @@ class _Search:
         **begin: Any,
     ) -> DesignResult:
         """Return a design after stages of so many steps, each with a factor on β."""
+        beta, constrained = self.design.beta, self.design.constrained
         stages = tuple(
-            Stage(
-                count,
-                None if factor is None else factor * self.design.beta,
-                constrained=self.design.constrained,
-            )
+            Stage(count, factor and factor * beta, constrained=constrained)
             for count, factor in steps
         )
         enough = target_objective or self.rules.target_objective
@@ -151,8 +148,8 @@ class _Search:
         ):
             rating, made = self.rated(problem, tile, result)
             found.append((rating, seed, made.clean, result))
-            narrow = len(made.narrow_lines) + len(made.narrow_gaps)
-            trials.append(Trial(kind, result.final.objective, len(made.island_areas), narrow))
+            flaws = len(made.island_areas), made.narrow_places
+            trials.append(Trial(kind, result.final.objective, *flaws))
             if rating <= (self.rules.target_objective or -np.inf):
                 return [result], tuple(trials)
         best, *others = sorted(found, key=itemgetter(0, 1))
@@ -189,7 +186,7 @@ class _Search:
         made = tile_printability(tile, region, values[1] > eta, self.config.print.limits)
         limits, widths = problem.length_scale, result.final.length_scale
         satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
-        narrow = bool(made.narrow_lines or made.narrow_gaps) or not satisfied
+        narrow = made.narrow_places > 0 or not satisfied
         rating = max(result.final.objective, self.rules.target_objective or 0.0)
         return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
 

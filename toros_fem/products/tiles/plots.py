@@ -103,13 +103,13 @@ def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
     )
     for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
         test, predicted, name = one.test, one.predicted, one.sheet.direction
-        strain, style = 100 * test.curve.strain, {"color": colour, "lw": lw}
+        strain, style = 100 * test.strain, {"color": colour, "lw": lw}
         sheet = {"label": f"along {name}: sheet", "marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
         periodic = {"label": f"along {name}: predicted", "ls": "--"}
         middle = {"label": f"along {name}: sheet, over the strain of its middle", "ls": ":"}
-        left.plot([0, *strain], [0, *test.curve.stress], **style, **sheet)
+        left.plot([0, *strain], [0, *test.stress], **style, **sheet)
         left.plot([0, *strain], [0, *predicted.stress], **style, **periodic)
-        right.plot(strain, test.curve.contraction, **style, **sheet)
+        right.plot(strain, test.contraction, **style, **sheet)
         right.plot(strain, predicted.contraction, **style, **periodic)
         right.plot(strain, test.middle_contraction, **style, **middle)
     right.axhline(0.0, color="0.6", lw=0.8)

@@ -16,7 +16,7 @@ from toros_fem.making.print.cleaning import Panels
 from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
-from toros_fem.making.print.widths import LocalWidth, measure_widths
+from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.meshes.topology import edges_of, linked
@@ -34,33 +34,34 @@ class TilePrintability:
 
     Attributes:
         island_areas: Areas of the islands in m², the largest first, as of `island_areas`.
-        smallest_width, smallest_gap: The thinnest line and gap; None without facing sides. Their
-            ends are in m, in the tile in the middle of `SIDE` × `SIDE`.
-        narrow_lines, narrow_gaps: Places in one tile where lines, or gaps, are thinner than the
-            limit; one on the tile's border may be listed on both sides.
+        lines, gaps: Widths in the tile in the middle of `SIDE` × `SIDE`, in m; a narrow place on
+            its border may be listed on both sides.
     """
 
     island_areas: Floats
-    smallest_width: LocalWidth | None
-    smallest_gap: LocalWidth | None
-    narrow_lines: tuple[LocalWidth, ...]
-    narrow_gaps: tuple[LocalWidth, ...]
+    lines: Widths
+    gaps: Widths
 
     @property
     def clean(self) -> bool:
         """Whether there are no islands, and no lines or gaps under the limit."""
-        return not (len(self.island_areas) or self.narrow_lines or self.narrow_gaps)
+        return not (len(self.island_areas) or self.narrow_places)
+
+    @property
+    def narrow_places(self) -> int:
+        """Number of places where lines or gaps are under the limit."""
+        return len(self.lines.narrow) + len(self.gaps.narrow)
 
     def summary(self) -> dict[str, Any]:
         """Return all results as plain numbers; each key ends in its unit."""
-        line, gap = self.smallest_width, self.smallest_gap
+        line, gap = self.lines.smallest, self.gaps.smallest
         return {
             "islands": len(self.island_areas),
             "island_areas_mm2": (1e6 * self.island_areas).tolist(),
             "smallest_width_mm": line and 1e3 * line.width,
             "smallest_gap_mm": gap and 1e3 * gap.width,
-            "narrow_places": len(self.narrow_lines),
-            "tight_places": len(self.narrow_gaps),
+            "narrow_places": len(self.lines.narrow),
+            "tight_places": len(self.gaps.narrow),
         }
 
 
@@ -77,12 +78,8 @@ def tile_printability(
     # Widths in the middle of a place on the border are counted on either side, not on neither.
     window = shapely.box(*(middle - limits.resolution), *(middle + sides + limits.resolution))
     many, sheet = repeated(region, tile, SIDE, SIDE), shapely.box(0, 0, *(SIDE * sides))
-    lines, gaps = measure_widths(
-        many, sheet, 0, limits.width, limits.gap, limits.resolution, window
-    )
-    return TilePrintability(
-        island_areas(tile, printed), lines.smallest, gaps.smallest, lines.narrow, gaps.narrow
-    )
+    widths = measure_widths(many, sheet, 0, limits.width, limits.gap, limits.resolution, window)
+    return TilePrintability(island_areas(tile, printed), *widths)
 
 
 class RepeatedTile(Panels):

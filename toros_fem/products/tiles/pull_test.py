@@ -55,18 +55,17 @@ class PullCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class PullTest:
-    """The result of a pull test.
+class PullTest(PullCurve):
+    """The result of a pull test, over the strain of the clamps' distance.
+
+    The stress is that of the forces at the clamps, the contraction that of the middle.
 
     Attributes:
-        curve: Stress from the forces at the clamps over the strain of their distance; contraction
-            is that of the middle over this strain.
         middle_strain: Strain along the pull in the middle, (k,).
         forces: Forces on the near and on the far end, (k, 2, 3), in N.
         positions: Positions of all vertices at the last strain, (n, 3), in m.
     """
 
-    curve: PullCurve
     middle_strain: Floats
     forces: Floats
     positions: Floats
@@ -74,7 +73,7 @@ class PullTest:
     @property
     def middle_contraction(self) -> Floats:
         """Lateral contraction of the middle over the strain of the middle, (k,)."""
-        return np.asarray(self.curve.contraction * self.curve.strain / self.middle_strain)
+        return np.asarray(self.contraction * self.strain / self.middle_strain)
 
     @property
     def imbalance(self) -> float:
@@ -202,8 +201,8 @@ def pull(
     ends: Floats = np.array(forces)
     stretch: Floats = np.array(stretches)
     stress = np.asarray((ends[:, 1] - ends[:, 0])[:, axis] / (2 * machine.width))
-    curve = PullCurve(given, stress, (1 - stretch[:, 1 - axis]) / given, steps)
-    return PullTest(curve, stretch[:, axis] - 1, ends, positions)
+    contraction = (1 - stretch[:, 1 - axis]) / given
+    return PullTest(given, stress, contraction, steps, stretch[:, axis] - 1, ends, positions)
 
 
 def predict(
@@ -255,37 +254,37 @@ class PulledSheet:
 
     def summary(self) -> dict[str, Any]:
         """Return test and prediction at the largest strain, as summaries hold them."""
-        test, curve, predicted = self.test, self.test.curve, self.predicted
+        test, predicted = self.test, self.predicted
         return {
-            "stiffness_n_per_m": float(curve.stiffness[-1]),
+            "stiffness_n_per_m": float(test.stiffness[-1]),
             "stiffness_predicted_n_per_m": float(predicted.stiffness[-1]),
-            "stiffness_ratio": float(curve.stiffness[-1] / predicted.stiffness[-1]),
-            "contraction": float(curve.contraction[-1]),
+            "stiffness_ratio": float(test.stiffness[-1] / predicted.stiffness[-1]),
+            "contraction": float(test.contraction[-1]),
             "contraction_predicted": float(predicted.contraction[-1]),
             "middle": {
                 "strain": float(test.middle_strain[-1]),
-                "stress_ratio": float(curve.stress[-1] / self.predicted_middle.stress[-1]),
+                "stress_ratio": float(test.stress[-1] / self.predicted_middle.stress[-1]),
                 "contraction": float(test.middle_contraction[-1]),
                 "contraction_predicted": float(self.predicted_middle.contraction[-1]),
             },
             "ends_imbalance": test.imbalance,
-            "newton_steps": curve.steps,
+            "newton_steps": test.steps,
         }
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the curves as rows of a table, one for each strain."""
-        curve, predicted = self.test.curve, self.predicted
+        test, predicted = self.test, self.predicted
         return [
             {
                 "direction": self.sheet.direction,
-                "strain": float(curve.strain[k]),
-                "stress_n_per_m": float(curve.stress[k]),
+                "strain": float(test.strain[k]),
+                "stress_n_per_m": float(test.stress[k]),
                 "stress_predicted_n_per_m": float(predicted.stress[k]),
-                "contraction": float(curve.contraction[k]),
+                "contraction": float(test.contraction[k]),
                 "contraction_predicted": float(predicted.contraction[k]),
-                "middle_strain": float(self.test.middle_strain[k]),
+                "middle_strain": float(test.middle_strain[k]),
             }
-            for k in range(len(curve.strain))
+            for k in range(len(test.strain))
         ]
 
 

@@ -163,7 +163,7 @@ class SheetResult(RunResult):
             Figure(f"{name}_along_{one.sheet.direction}{word}", unit, float(getattr(of, name)[-1]))
             for one in self.pulled
             for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction"))
-            for word, of in (("", one.test.curve), ("_predicted", one.predicted))
+            for word, of in (("", one.test), ("_predicted", one.predicted))
         )
 
     def entries(self) -> dict[str, Any]:
@@ -183,7 +183,7 @@ class SheetResult(RunResult):
         """Return it in a sentence."""
         told = []
         for one in self.pulled:
-            f, strain = one.summary(), 100 * one.test.curve.strain[-1]
+            f, strain = one.summary(), 100 * one.test.strain[-1]
             middle = f["middle"]
             told.append(
                 f"along {one.sheet.direction} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, "
