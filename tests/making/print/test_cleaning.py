@@ -46,6 +46,16 @@ def test_large_islands_are_bridged() -> None:
     assert len(clean(Panels(pattern), regions, island_area=math.inf).dropped) == 2
 
 
+def test_a_mesh_sees_the_bridge_that_it_smooths() -> None:
+    """It is three smoothing lengths wide, where that is more than twice the least width."""
+    pattern = square(n=8)
+    regions = [metres(shapely.MultiPolygon([box(1, 1, 19, 6), box(4, 9, 12, 12)]))]
+    for smoothing, width in ((0.1, 1.2), (0.6, 1.8)):
+        (made,) = clean(Panels(pattern), regions, smoothing=smoothing * MM).regions
+        across = made & metres(box(0, 7.4, 20, 7.6))
+        assert across.area == pytest.approx(0.2 * width * MM**2, rel=0.02)
+
+
 def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
     """A straight bridge would leave the panel."""
     whole = square(n=8)

@@ -161,6 +161,14 @@ def test_an_island_counts_once_wherever_it_lies(
     assert [len(joined.dropped), len(joined.bridged)] == [0, 1]
 
 
+def test_gaps_between_a_bridge_and_its_image_are_closed(sheet_tile: Tile) -> None:
+    """Bridges of 1.2 mm from two teeth on either side of a mirror would leave 0.4 mm."""
+    quarter = box(0, 0, 5e-3, 1e-3) | box(3.9e-3, 0, 4.5e-3, 3e-3) | box(3e-3, 4.5e-3, 5e-3, 5e-3)
+    half = quarter | affine_transform(quarter, [-1, 0, 0, 1, SIZE, 0])
+    region = half | affine_transform(half, [1, 0, 0, -1, 0, SIZE])
+    assert cleaned(sheet_tile, region, 0.0, "orthotropic").bridged
+
+
 def test_smooth_contours_go_on_across_the_border(sheet_tile: Tile) -> None:
     steps = [box(x, 4e-3, x + 0.5e-3, 6e-3 + 0.2e-3 * (k % 2))
              for k, x in enumerate(0.5e-3 * i for i in range(20))]  # fmt: skip

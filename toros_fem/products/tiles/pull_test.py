@@ -105,6 +105,9 @@ class PullMachine:
         options: Options of the equilibrium solver.
         log: Called with every row of the solver's history.
 
+    Raises:
+        ParameterError: The gauge is longer than the sheet.
+        PatternError: The skin is not a flat rectangle along x and y.
     """
 
     def __init__(
