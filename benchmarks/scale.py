@@ -27,7 +27,7 @@ from toros_fem.design.loop.variables import Variables
 from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.print.cleaning import clean
+from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load import Load
@@ -232,7 +232,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     def made() -> Any:
         values = contour_values(problem, density)
         regions = printed_regions(pattern, *values, 0.5)
-        cleaned = clean(pattern, regions)
+        cleaned = clean(Panels(pattern), regions)
         found = printability(pattern, cleaned.regions, config.print.limits)
         return cleaned.regions, found, printed_cells(pattern, cleaned.regions)
 

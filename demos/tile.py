@@ -97,7 +97,7 @@ settings = TileDesignScene.of(
 )
 reporter = tf.DesignReporter(comm, given.output)
 result = search.design_tile(comm, case, settings, reporter)
-measured = measure_print(comm, case, settings, result)  # in all directions, and over the strain
+measured = measure_print(result)  # in all directions, and over the strain
 
 # %% [markdown]
 # ## Files
@@ -107,7 +107,7 @@ measured = measure_print(comm, case, settings, result)  # in all directions, and
 
 # %%
 printed = PrintedTile(result.printed.cells, (SIZE, SIZE), edge, MESH, SYMMETRY, composite)
-run = TileRun(case, result, measured, printed, settings, reporter.seconds)
+run = TileRun(result, measured, printed, reporter.seconds)
 write_tile_results(comm, given.output, run)
 if comm.rank == 0:
     print(f"{run.sentence()}; see {given.output}/profile.png")

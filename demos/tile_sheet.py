@@ -96,6 +96,6 @@ def write() -> None:
 write_together(comm, given.output, write)
 if comm.rank == 0:
     for one in pulled:
-        stiff = one.test.curve.stiffness[-1], one.predicted.stiffness[-1]
+        stiff = one.test.stiffness[-1], one.predicted.stiffness[-1]
         print(f"along {one.sheet.direction}: {stiff[0]:.0f} N/m, predicted {stiff[1]:.0f}")
     print(f"see {given.output}/curve.png")

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutlineError
 from toros_fem.making.panels.allowance import cut_outline
-from toros_fem.making.print.cleaning import clean
+from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
 from toros_fem.making.sheets.placement import nest
@@ -301,7 +301,7 @@ def test_cleaned_prints(seed: int) -> None:
     strips = shapely.buffer(shapely.linestrings(rng.uniform(0, 0.02, (4, 2, 2))), 3e-4)
     outline = panel_outline(pattern, 0)
     region = shapely.union_all([*spots, *strips]).intersection(outline)
-    cleaned = clean(pattern, [region], island_area=5e-6).regions
+    cleaned = clean(Panels(pattern), [region], island_area=5e-6).regions
     found = printability(pattern, cleaned)
     assert not found.narrow_lines
     assert not found.narrow_gaps
@@ -309,5 +309,5 @@ def test_cleaned_prints(seed: int) -> None:
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
     assert cleaned[0].difference(outline.buffer(1e-8)).area < 1e-12
     if not cleaned[0].is_empty:
-        again = clean(pattern, cleaned, island_area=5e-6).regions[0]
+        again = clean(Panels(pattern), cleaned, island_area=5e-6).regions[0]
         assert again.symmetric_difference(cleaned[0]).area < 0.01 * cleaned[0].area

@@ -80,7 +80,7 @@ def sheet(comm: MPI.Comm, of: Any, mesh: Any, printed: Any, strains: Any, _: Any
     numbers = {"points": of.pattern.points, "tile": mesh.pattern.points, "strains": strains}
     numbers |= {"printed": printed.printed, "cell": of.cell}
     found = pull_sheet(comm, of, mesh, printed, strains[:2])
-    return numbers, printed.composite, [*found.test.curve.stiffness, *found.predicted.stiffness]
+    return numbers, printed.composite, [*found.test.stiffness, *found.predicted.stiffness]
 
 
 def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:

@@ -25,7 +25,7 @@ from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import sewn_seams
-from toros_fem.making.print.cleaning import clean, clean_symmetric
+from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.making.print.thickness import thickened
 from toros_fem.making.sheets.cut_files import write_cut_dxf
@@ -120,7 +120,7 @@ def test_cleaning(island: float, pinned: Callable[..., None]) -> None:
     """Islands of some mm² are dropped, bridged or kept, a hole is filled."""
     pattern = square(n=80)
     limits = PrintLimits(hole_area=4e-6)
-    found = clean(pattern, regions_of(pattern, spots), limits, island * 1e-6)
+    found = clean(Panels(pattern), regions_of(pattern, spots), limits, island * 1e-6)
     pinned(f"print/cleaned_{island:g}", cleaned(found), small=1e-11)
 
 
@@ -131,8 +131,8 @@ def test_flawed_print(pinned: Callable[..., None]) -> None:
     half = cylinder(ALONE, 0.06, 0.02, 2.5e-3, planes=(1,))
     whole = mirrored(half, (1,))
     found = {
-        "cleaned": cleaned(clean(tube, flawed)),
-        "cleaned half": cleaned(clean_symmetric(half, whole, flawed_tube(whole.pattern, 60))),
+        "cleaned": cleaned(clean(Panels(tube), flawed)),
+        "cleaned half": cleaned(clean(MirroredPanels(half, whole), flawed_tube(whole.pattern, 60))),
         "printed triangles": printed_cells(tube, flawed),
         "wider": thickened(flawed[0], shapely.box(0, 0, 0.063, 0.06), 8e-4, 6e-4, 5e-7),
     }

@@ -57,6 +57,6 @@ def pulled_sheet(
     sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
     skin = sew(comm, sheet.pattern)
     density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
-    curve = pull(skin, scaled(tile.composite, factors), density, 0, strains, 2 * tile.size[0]).curve
+    curve = pull(skin, scaled(tile.composite, factors), density, 0, strains, 2 * tile.size[0])
     lateral = 1 - curve.contraction * strains
     return TensileTest(1 + strains, curve.stress, 5e-4, lateral, "sheet", "x")

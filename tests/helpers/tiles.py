@@ -12,8 +12,8 @@ from toros_fem.design.loop.options import Stage
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
-from toros_fem.products.tile_design.as_printed import PrintSimulation
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult, tile_problem
+from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tiles.objectives import Contrast, ProfileTarget
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
 from toros_fem.products.tiles.solver import TileSolver

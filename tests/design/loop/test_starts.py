@@ -56,8 +56,8 @@ def test_on_the_same_mesh_the_density_stays(alone: MPI.Comm) -> None:
     """ρ goes on there, not ρ̄: a second filter would change the design."""
     found = best_start(alone, tube, OPTIONS, [1])
     problem = tube(alone)
-    start = found.design.start(problem)
-    evaluation = problem.simulate(start.density, start.state, start.pressures)
+    density, state = found.design.on(problem)
+    evaluation = problem.simulate(density, state, found.design.pressures)
     assert evaluation.objective == pytest.approx(found.objectives[1], rel=1e-6)
 
 

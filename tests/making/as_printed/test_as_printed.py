@@ -1,23 +1,20 @@
 """From a design to what is printed: exact contours, cleaned, simulated again."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from helpers.designs import full, passive_in
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, remove_islands
-from toros_fem.making.print.cleaning import CleanedRegions
-from toros_fem.making.print.printability import PrintLimits
+from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import Pattern, Skin
+from toros_fem.meshes import Skin
 
 
 @pytest.fixture(scope="module")
@@ -71,14 +68,9 @@ def test_printed_design(
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
 
     # Contours alone are the projected density rounded.
-    def as_it_is(pattern: Pattern, regions: Sequence[BaseGeometry], *_: object) -> CleanedRegions:
-        return CleanedRegions(list(regions), list(regions), (), (), ())
-
-    bare = as_printed(problem, result, PrintLimits(), cleaner=as_it_is)
+    cells = printed_cells(printed.pattern, printed.contours)[short_tube.owned_cells]
     rounded = result.final.filtered > 0.5
-    assert np.array_equal(
-        bare.cells[short_tube.owned_cells][problem.designed], rounded[problem.designed]
-    )
+    assert np.array_equal(cells[problem.designed], rounded[problem.designed])
 
 
 def test_islands_are_taken_out_of_the_density(

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.cleaning import CleanedRegions, clean, clean_symmetric
+from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
@@ -37,13 +37,23 @@ def test_large_islands_are_bridged() -> None:
     body, island = box(1, 1, 19, 6), box(4, 9, 12, 12)
     crumb = Point(16, 14).buffer(1)
     regions = [metres(shapely.MultiPolygon([body, island, crumb]))]
-    cleaned = clean(pattern, regions, island_area=5e-6)
+    cleaned = clean(Panels(pattern), regions, island_area=5e-6)
     assert [len(cleaned.dropped), len(cleaned.bridged)] == [1, 1]
     (piece,) = shapely.get_parts(checked(pattern, cleaned)[0])
     added = piece.area - metres(body | island).area
     assert added == pytest.approx(1.2 * 3 * MM**2, rel=0.2)
-    assert len(clean(pattern, regions, island_area=0.0).bridged) == 2
-    assert len(clean(pattern, regions, island_area=math.inf).dropped) == 2
+    assert len(clean(Panels(pattern), regions, island_area=0.0).bridged) == 2
+    assert len(clean(Panels(pattern), regions, island_area=math.inf).dropped) == 2
+
+
+def test_a_mesh_sees_the_bridge_that_it_smooths() -> None:
+    """It is three smoothing lengths wide, where that is more than twice the least width."""
+    pattern = square(n=8)
+    regions = [metres(shapely.MultiPolygon([box(1, 1, 19, 6), box(4, 9, 12, 12)]))]
+    for smoothing, width in ((0.1, 1.2), (0.6, 1.8)):
+        (made,) = clean(Panels(pattern), regions, smoothing=smoothing * MM).regions
+        across = made & metres(box(0, 7.4, 20, 7.6))
+        assert across.area == pytest.approx(0.2 * width * MM**2, rel=0.02)
 
 
 def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
@@ -60,7 +70,7 @@ def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
         panel_names=whole.panel_names,
     )
     regions = [metres(shapely.MultiPolygon([box(4, 14, 9, 19), box(14, 5, 17, 9)]))]
-    cleaned = clean(pattern, regions, island_area=0.0)
+    cleaned = clean(Panels(pattern), regions, island_area=0.0)
     assert [len(cleaned.dropped), len(cleaned.bridged)] == [1, 0]
     checked(pattern, cleaned)
 
@@ -74,7 +84,7 @@ def test_pieces_that_only_touch_a_seam_are_islands(alone: MPI.Comm) -> None:
     regions[wall] = metres(shapely.MultiPolygon([box(20, 0, 40, 20), tip, foot]))
     attached = [p.attached for p in find_pieces(pattern, regions, DEFAULT_LIMITS.contact)]
     assert sorted(attached) == [False] + 4 * [True]
-    cleaned = clean(pattern, regions, island_area=20e-6)
+    cleaned = clean(Panels(pattern), regions, island_area=20e-6)
     checked(pattern, cleaned)
 
 
@@ -93,7 +103,7 @@ def test_symmetric_prints_stay_symmetric(alone: MPI.Comm) -> None:
     regions = [panel_outline(part, k) for k in range(len(part.panel_names))]
     regions[wall] = shapely.union_all(lines) & panel_outline(part, wall)
     onto = mirrored_regions(part, whole, regions)
-    after = checked(whole.pattern, clean_symmetric(part, whole, onto))
+    after = checked(whole.pattern, clean(MirroredPanels(part, whole), onto))
     again = mirrored_regions(part, whole, part_regions(part, after))
     for one, two in zip(after, again, strict=True):
         assert one.symmetric_difference(two).area < 1e-6 * one.area
@@ -112,7 +122,7 @@ def test_bridges_get_mirror_images(alone: MPI.Comm) -> None:
     arms = [box(x - 1e-3, low, x + 1e-3, top - 15e-3) for x in at]
     island = box(middle - 10e-3, top - 13e-3, middle + 10e-3, top - 9e-3)
     regions[wall] = shapely.union_all([body, *arms, island])
-    cleaned = clean_symmetric(part, whole, regions)
+    cleaned = clean(MirroredPanels(part, whole), regions)
     assert len(cleaned.bridged) == 1
     after = checked(whole.pattern, cleaned)[wall]
     assert len(after.interiors) == 1, "two bridges enclose fabric"

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.cleaning import clean
+from toros_fem.making.print.cleaning import Panels, clean
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import find_holes, find_pieces
 from toros_fem.making.print.printability import printability
@@ -68,4 +68,4 @@ def test_cut_outs_are_no_holes() -> None:
     region = panel_outline(pattern, 0)
     assert len(region.interiors) == 1
     assert not find_holes(pattern, [region])
-    assert clean(pattern, [region], island_area=1.0).regions[0].equals(region)
+    assert clean(Panels(pattern), [region], island_area=1.0).regions[0].equals(region)

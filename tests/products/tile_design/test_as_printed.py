@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
-from toros_fem.products.tile_design.as_printed import PrintSimulation, measure_print
+from toros_fem.products.tile_design.as_printed import PrintSimulation, directions, measure_print
+from toros_fem.products.tiles.plots import full_circle
 from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
@@ -29,9 +30,21 @@ def test_print_on_the_finer_mesh(alone: MPI.Comm) -> None:
     assert result.printability.island_areas == pytest.approx(areas)
 
 
-def test_measured_print(alone: MPI.Comm) -> None:
-    case, result = small_result()
-    measured = measure_print(alone, case, SMALL, result)
+@pytest.mark.parametrize(
+    ("symmetry", "last", "count"),
+    [("none", 172.5, 24), ("orthotropic", 90, 13), ("chiral", 82.5, 12), ("tetragonal", 45, 7)],
+)
+def test_directions_that_a_symmetry_does_not_repeat(symmetry: str, last: float, count: int) -> None:
+    """They and their images are the full circle in equal steps."""
+    angles = directions(symmetry)
+    assert [np.degrees(angles[-1]), len(angles)] == pytest.approx([last, count])
+    turn, _ = full_circle(angles, angles, symmetry)
+    assert np.degrees(turn) == pytest.approx(np.arange(0, 361, 7.5))
+
+
+def test_measured_print() -> None:
+    _, result = small_result()
+    measured = measure_print(result)
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
     fabric = Composite().fabric
@@ -45,7 +58,7 @@ def test_measured_print(alone: MPI.Comm) -> None:
 def test_print_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """On the finer mesh; on the design's it has one."""
     case, result = small_result()
-    assert measure_print(alone, case, SMALL, replace(result, profile=None)) is None
+    assert measure_print(replace(result, profile=None)) is None
     simulation = PrintSimulation(alone, case, SMALL)
 
     def fails(*_: object, **__: object) -> None:

@@ -10,8 +10,7 @@ import pytest
 from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
-from toros_fem.products.tile_design.as_printed import PrintMeasurement
-from toros_fem.products.tile_design.case import Trial
+from toros_fem.products.tile_design.as_printed import PrintMeasurement, PrintSimulation, Trial
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tiles.objectives import Contrast
 from toros_fem.products.tiles.printed_tile import PrintedTile
@@ -22,11 +21,11 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 @pytest.mark.slow
 def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     folder = tmp_path / "tile"
-    case, result = small_result()
+    _, result = small_result()
     result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
     measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3, symmetry="tetragonal")
-    write_tile_results(alone, folder, TileRun(case, result, measured, made, SMALL, {}))
+    write_tile_results(alone, folder, TileRun(result, measured, made, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
     assert written["target"]["stiffness_n_per_m"] == [2000, 1000, 500, 400]
@@ -55,9 +54,14 @@ def test_failed_print(alone: MPI.Comm, tmp_path: Path) -> None:
     case, result = small_result()
     some = np.array([True, False, False, False])
     case = replace(case, objective=Contrast(~some, some))
-    result = replace(result, profile=None, failure="made to fail")
+    result = replace(
+        result,
+        simulation=PrintSimulation(alone, case, SMALL),
+        profile=None,
+        failure="made to fail",
+    )
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3)
-    found = TileRun(case, result, None, made, SMALL, {})
+    found = TileRun(result, None, made, {})
     write_tile_results(alone, folder, found)
     summary = found.entries()
     for key in ("printed", "objective_printed", "worst_percent", "target", "blank_n_per_m",

@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.loop.loop import optimize
+from toros_fem.making.print.widths import Widths
 from toros_fem.products.tile_design import search
-from toros_fem.products.tile_design.as_printed import PrintSimulation
-from toros_fem.products.tile_design.case import TileResult, Trial
+from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tile_design.starts import random_lines
 from toros_fem.products.tiles.objectives import Contrast
@@ -28,7 +28,7 @@ SHORT = SMALL.updated(
 def with_flaws(islands: int, narrow: int = 0) -> TilePrintability:
     """Return the printability of a print with numbers of islands and of narrow lines."""
     places: Any = narrow * (None,)
-    return TilePrintability(np.ones(islands), None, None, places, ())
+    return TilePrintability(np.ones(islands), Widths(None, places), Widths(None, ()))
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
         stress = 0.1 * (1 + off) * target.stiffness
         profile = Profile(case.angles, 0.1, stress, ones, ones, ones, nothing, nothing, 0, 0)
         made = None if np.isinf(off) else profile
-        return TileResult(problem, result, printed, made, "", with_flaws(islands))  # type: ignore[arg-type]
+        return TileResult(self, problem, result, printed, made, "", with_flaws(islands))  # type: ignore[arg-type]
 
     monkeypatch.setattr(search, "optimize", once)
     monkeypatch.setattr(PrintSimulation, "simulate", simulate)

@@ -21,10 +21,17 @@ def test_orthotropic_circle() -> None:
     assert values == pytest.approx([3, 2, 1, 2] * 2 + [3])
 
 
-@pytest.mark.parametrize("symmetry", ["none", "chiral"])
-def test_circle_without_mirrors(symmetry: str) -> None:
+def test_chiral_circle() -> None:
+    """Quarter turns repeat directions; there are no mirrors."""
+    angles = np.radians([0.0, 30.0, 60.0])
+    turn, values = full_circle(angles, np.array([3.0, 2.0, 1.0]), "chiral")
+    assert turn == pytest.approx(np.arange(13) * np.pi / 6)
+    assert values == pytest.approx([3, 2, 1] * 4 + [3])
+
+
+def test_circle_without_symmetry() -> None:
     """Only n and −n have equal values."""
     angles = np.radians([0.0, 60.0, 120.0])
-    turn, values = full_circle(angles, np.array([3.0, 2.0, 1.0]), symmetry)
+    turn, values = full_circle(angles, np.array([3.0, 2.0, 1.0]), "none")
     assert turn == pytest.approx(np.arange(7) * np.pi / 3)
     assert values == pytest.approx([3, 2, 1] * 2 + [3])

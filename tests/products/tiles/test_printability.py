@@ -1,5 +1,7 @@
 """Printability of a tile in the endless sheet."""
 
+import math
+
 import numpy as np
 import pytest
 import shapely
@@ -8,14 +10,14 @@ from shapely.affinity import affine_transform, translate
 from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.print.cleaning import CleanedRegions
+from toros_fem.making.print.cleaning import CleanedRegions, clean
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.meshes import Tile, tile
 from toros_fem.products.tiles.printability import (
+    RepeatedTile,
     TilePrintability,
     island_areas,
     repeated,
-    tile_cleaner,
     tile_printability,
 )
 
@@ -42,25 +44,25 @@ def test_widths_across_the_border(alone: MPI.Comm) -> None:
     sides = [shapely.box(0, y, 0.01, y + h) for y, h in ((0, 0.2e-3), (9.7e-3, 0.3e-3))]
     line = shapely.union_all(sides)
     found = measured(patch, line)
-    assert found.smallest_width.width == pytest.approx(0.5e-3, abs=2e-6)
-    assert found.smallest_gap.width == pytest.approx(9.5e-3, abs=2e-6)
-    assert found.narrow_lines
-    assert not found.narrow_gaps
+    assert found.lines.smallest.width == pytest.approx(0.5e-3, abs=2e-6)
+    assert found.gaps.smallest.width == pytest.approx(9.5e-3, abs=2e-6)
+    assert found.lines.narrow
+    assert not found.gaps.narrow
     assert not found.clean
     inverse = measured(patch, shapely.box(0, 0, 0.01, 0.01).difference(line))
-    assert inverse.smallest_gap.width == pytest.approx(0.5e-3, abs=2e-6)
-    assert inverse.narrow_gaps
-    assert not inverse.narrow_lines
+    assert inverse.gaps.smallest.width == pytest.approx(0.5e-3, abs=2e-6)
+    assert inverse.gaps.narrow
+    assert not inverse.lines.narrow
     # A single tile cuts the bar's ends to tips; in the endless sheet it has none.
     bar = shapely.LineString([(-0.01, -0.01), (0.02, 0.02)]).buffer(0.7e-3)
     copies = [translate(bar, *shift) for shift in ((0, 0), (0.01, 0), (0, 0.01))]
     box = shapely.box(0, 0, 0.01, 0.01)
     diagonal = measured(patch, shapely.intersection(shapely.union_all(copies), box))
     assert diagonal.clean
-    assert diagonal.smallest_width.width == pytest.approx(1.4e-3, abs=2e-6)
+    assert diagonal.lines.smallest.width == pytest.approx(1.4e-3, abs=2e-6)
     assert diagonal.summary() == {
         "islands": 0, "island_areas_mm2": [], "narrow_places": 0, "tight_places": 0,
-        "smallest_width_mm": 1e3 * diagonal.smallest_width.width,
+        "smallest_width_mm": 1e3 * diagonal.lines.smallest.width,
         "smallest_gap_mm": pytest.approx(10 / np.sqrt(2) - 1.4, abs=2e-3),
     }  # fmt: skip
 
@@ -105,7 +107,7 @@ def cleaned(
     patch: Tile, region: BaseGeometry, island_area: float = 1e-6, symmetry: str = "none"
 ) -> CleanedRegions:
     """The print of a region; checked to keep all limits among its equals."""
-    made = tile_cleaner(patch, symmetry)(patch.pattern, [region], PrintLimits(), island_area, None)
+    made = clean(RepeatedTile(patch, symmetry), [region], PrintLimits(), island_area)
     (one,) = made.regions
     found = tile_printability(patch, one, printed_cells(patch.pattern, [one]), PrintLimits())
     assert found.clean
@@ -141,11 +143,37 @@ def test_islands_are_removed_or_joined_everywhere(sheet_tile: Tile) -> None:
     assert joined.regions[0].area == pytest.approx((line | here).area + 1.2e-3 * 3e-3, rel=0.03)
 
 
+@pytest.mark.parametrize("side", [8.0, 9.0, 9.5, 10.0, 11.0, 12.5])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.0, 0.6), (0.5, 0.0), (0.5, 0.6)])
+def test_an_island_counts_once_wherever_it_lies(
+    alone: MPI.Comm, side: float, place: tuple[float, float]
+) -> None:
+    """Of a spot on the tile's border each copy is removed, or joined by one line."""
+    size = side * 1e-3
+    patch = tile(alone, size, size / 20)
+    line, (x, y) = box(0, 0.25 * size, size, 0.25 * size + 1e-3), np.multiply(place, size)
+    spots = [Point(x + i * size, y + j * size).buffer(0.8e-3) for i in (0, 1) for j in (0, 1)]
+    region = shapely.union_all([line, *spots]) & box(0, 0, size, size)
+    gone = cleaned(patch, region, island_area=math.inf)
+    assert [len(gone.dropped), len(gone.bridged)] == [1, 0]
+    assert gone.regions[0].area == pytest.approx(line.area, rel=1e-2)
+    joined = cleaned(patch, region, island_area=0.0)
+    assert [len(joined.dropped), len(joined.bridged)] == [0, 1]
+
+
+def test_gaps_between_a_bridge_and_its_image_are_closed(sheet_tile: Tile) -> None:
+    """Bridges of 1.2 mm from two teeth on either side of a mirror would leave 0.4 mm."""
+    quarter = box(0, 0, 5e-3, 1e-3) | box(3.9e-3, 0, 4.5e-3, 3e-3) | box(3e-3, 4.5e-3, 5e-3, 5e-3)
+    half = quarter | affine_transform(quarter, [-1, 0, 0, 1, SIZE, 0])
+    region = half | affine_transform(half, [1, 0, 0, -1, 0, SIZE])
+    assert cleaned(sheet_tile, region, 0.0, "orthotropic").bridged
+
+
 def test_smooth_contours_go_on_across_the_border(sheet_tile: Tile) -> None:
     steps = [box(x, 4e-3, x + 0.5e-3, 6e-3 + 0.2e-3 * (k % 2))
              for k, x in enumerate(0.5e-3 * i for i in range(20))]  # fmt: skip
     region = shapely.union_all(steps)
-    made = tile_cleaner(sheet_tile, "none")(sheet_tile.pattern, [region], PrintLimits(), 0.0, 1e-3)
+    made = clean(RepeatedTile(sheet_tile, "none"), [region], PrintLimits(), 0.0, 1e-3)
     left, right = (made.regions[0] & box(x, 0, x + 1e-4, SIZE) for x in (0, SIZE - 1e-4))
     assert left.bounds[3] == pytest.approx(right.bounds[3], abs=1e-5)
     assert left.bounds[3] == pytest.approx(6.1e-3, abs=2e-5)

@@ -51,15 +51,15 @@ def test_plain_fabric_lies_between_uniaxial_and_clamped(alone: MPI.Comm, axis: i
     excess = []
     for ratio in (1, 4, 8):
         test = pulled_fabric(alone, ratio, axis)
-        assert free < test.curve.stress[-1] < clamped
+        assert free < test.stress[-1] < clamped
         assert test.imbalance < 1e-8
-        excess.append(test.curve.stress[-1] / free - 1)
+        excess.append(test.stress[-1] / free - 1)
     assert excess[0] > 0.04
     assert excess[2] == pytest.approx(excess[1] / 2, rel=0.05)
     # Far from the clamps the state is uniaxial.
     assert test.middle_contraction[-1] == pytest.approx(contraction, rel=1e-4)
     assert test.middle_strain[-1] > STRAIN
-    assert test.curve.contraction[-1] > contraction
+    assert test.contraction[-1] > contraction
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -92,7 +92,7 @@ def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
         assert 0 < summary["middle"]["contraction"] < summary["contraction"]
         assert summary["middle"]["strain"] > STRAIN
     assert along_x.predicted.stress == pytest.approx(along_y.predicted.stress, rel=1e-8)
-    assert along_x.test.curve.stress == pytest.approx(along_y.test.curve.stress, rel=1e-8)
+    assert along_x.test.stress == pytest.approx(along_y.test.stress, rel=1e-8)
     assert along_x.test.middle_contraction == pytest.approx(
         along_y.test.middle_contraction, rel=1e-8
     )

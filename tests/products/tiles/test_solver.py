@@ -20,7 +20,7 @@ from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterErr
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, UNIAXIAL, Periodic
 from toros_fem.products.tiles.solver import TileSolver, TileState
-from toros_fem.products.tiles.stiffness_profile import ALONG, effective_tensor
+from toros_fem.products.tiles.stiffness_profile import ALONG
 
 # Sides of an oblong tile.
 WIDE = (1.5, 1.0)
@@ -225,5 +225,3 @@ def test_bad_deformations_and_states() -> None:
     assert solver.stable(second.state, density, 0.0)
     with pytest.raises(ParameterError, match="the solver has been used since"):
         solver.state_derivative(second, ALONG)
-    with pytest.raises(ParameterError, match=r"Periodic\(tile, ALL_PRESCRIBED\)"):
-        effective_tensor(solver, density)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,9 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
+    Panels,
     clean,
-    clean_symmetric,
+    panels_of,
     require_island_area,
 )
 from toros_fem.making.print.contours import printed_regions
@@ -35,10 +36,6 @@ from toros_fem.meshes.pattern import Pattern
 
 # Smoothing length of contours, over the edge length of the mesh.
 SMOOTHING = 0.5
-
-Cleaner = Callable[
-    [Pattern, Sequence[BaseGeometry], PrintLimits, float, float | None], CleanedRegions
-]
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +167,7 @@ def as_printed(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    cleaner: Cleaner = clean,
+    domain: Panels | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
@@ -180,7 +177,7 @@ def as_printed(
         result: Result of the design loop.
         limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
-        cleaner: Cleans the contours; one of its own for patterns that go on beyond their border.
+        domain: What is cleaned, for a pattern that goes on beyond its border; None: its panels.
         journal: Keeps the simulation; None keeps nothing.
 
     Raises:
@@ -203,11 +200,8 @@ def as_printed(
 
     def cleaning() -> CleanedRegions:
         contours = printed_regions(pattern, at_points, at_centroids, eta)
-        if whole is None:
-            return cleaner(pattern, contours, limits, island_area, smoothing)
-        return clean_symmetric(
-            skin.pattern, whole, contours, limits, island_area=island_area, smoothing=smoothing
-        )
+        onto = domain or panels_of(skin.pattern, whole)
+        return clean(onto, contours, limits, island_area, smoothing)
 
     def simulate(cells: Bools) -> Evaluation:
         return kept_evaluation(

@@ -15,7 +15,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign, print_regions
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
     clean,
-    clean_symmetric,
+    panels_of,
     require_island_area,
 )
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
@@ -104,7 +104,5 @@ def clean_print(
     Raises:
         ParameterError: The area is negative.
     """
-    if whole is None:
-        return clean(part, regions, limits, island_area)
-    onto = mirrored_regions(part, whole, regions)
-    return clean_symmetric(part, whole, onto, limits, island_area=island_area)
+    onto = regions if whole is None else mirrored_regions(part, whole, regions)
+    return clean(panels_of(part, whole), onto, limits, island_area)

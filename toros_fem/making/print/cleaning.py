@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import override
 
 import numpy as np
 import shapely
@@ -61,8 +62,64 @@ def require_island_area(pattern: Pattern, island_area: float) -> None:
         )
 
 
+class Panels:
+    """What a print is cleaned on: all panels of a pattern, whose print ends at their outlines.
+
+    Attributes:
+        pattern: The pattern.
+        outlines: Outline of each panel, polygons in m.
+        repeats: Whether a piece has images, so that what joins it gets them too.
+    """
+
+    repeats = False
+
+    def __init__(self, pattern: Pattern) -> None:
+        self.pattern = pattern
+        self.outlines = [panel_outline(pattern, k) for k in range(len(pattern.panel_names))]
+
+    def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        """Return the print inside each outline, of the print on each panel."""
+        return list(regions)
+
+    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PrintedPiece]:
+        """Return the free islands, the largest first; of those that repeat one."""
+        return [p for p in find_pieces(self.pattern, laid, limits.contact) if not p.attached]
+
+    def images(self, shape: BaseGeometry) -> BaseGeometry:
+        """Return a piece of print with all its copies."""
+        return shape
+
+    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        """Return the print on each panel; `detail` as of `symmetric_regions`."""
+        return list(laid)
+
+
+class MirroredPanels(Panels):
+    """All panels of a whole skin, whose print is exactly symmetric.
+
+    Args:
+        part: The part that is designed.
+        whole: The whole, by `meshes.mirrored`.
+    """
+
+    repeats = True
+
+    def __init__(self, part: Pattern, whole: Mirrored) -> None:
+        super().__init__(whole.pattern)
+        self._part, self._whole = part, whole
+
+    @override
+    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        return symmetric_regions(self._part, self._whole, laid, detail)
+
+
+def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
+    """Return the panels that are cleaned: of a skin, or of the whole that it is a part of."""
+    return Panels(part) if whole is None else MirroredPanels(part, whole)
+
+
 def clean(
-    pattern: Pattern,
+    domain: Panels,
     regions: Sequence[BaseGeometry],
     limits: PrintLimits = DEFAULT_LIMITS,
     island_area: float = 0.0,
@@ -71,7 +128,7 @@ def clean(
     """Return regions that can be printed: no thin line or gap, no small hole, no free island.
 
     Args:
-        pattern: The pattern.
+        domain: What is printed on.
         regions: Print on each panel, polygons in m.
         limits: Limits of the printer.
         island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
@@ -86,67 +143,57 @@ def clean(
         raise ParameterError(
             f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
         )
-    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    found = _clean(domain, regions, limits, island_area, smoothing)
+    if found.bridged and domain.repeats:  # bridges get images, which may lie close to others
+        again = _clean(domain, found.regions, limits, island_area, None)
+        return replace(found, regions=again.regions)
+    return found
+
+
+def _clean(
+    domain: Panels,
+    regions: Sequence[BaseGeometry],
+    limits: PrintLimits,
+    island_area: float,
+    smoothing: float | None,
+) -> CleanedRegions:
+    outlines, images = domain.outlines, domain.images
     made = [
         _cleaned(region, outline, limits, smoothing)
-        for region, outline in zip(regions, outlines, strict=True)
+        for region, outline in zip(domain.laid(regions), outlines, strict=True)
     ]
-    filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
-    width = bridge_width(limits, smoothing)
+    width = BRIDGE * limits.width
+    if smoothing is not None:
+        width = max(width, SEEN * smoothing)
     dropped, bridged = [], []
-    islands = [p for p in find_pieces(pattern, made, limits.contact) if not p.attached]
+    islands = domain.islands(made, limits)
     bridges: list[list[BaseGeometry]] = [[] for _ in made]
-    for island in islands:  # the largest first
+    for island in islands:
         line = None
         if island.area >= island_area:
-            others = shapely.union_all([p.polygon for p in islands if p.panel == island.panel])
-            rest = made[island.panel].difference(others.buffer(limits.resolution))
-            rest = shapely.union_all([rest, *bridges[island.panel]])
-            line = bridge(island.polygon, rest, outlines[island.panel], width)
+            others = [images(p.polygon) for p in islands if p.panel == island.panel]
+            others = shapely.union_all(others).buffer(limits.resolution)
+            rest = [made[island.panel].difference(others), *bridges[island.panel]]
+            line = _bridge(island.polygon, shapely.union_all(rest), outlines[island.panel], width)
         if line is None:
             dropped.append(island)
         else:
             bridged.append(island)
-            bridges[island.panel] += [island.polygon, line]
+            bridges[island.panel] += [images(island.polygon), images(line)]
     for panel in sorted({island.panel for island in islands}):
-        gone = [p.polygon for p in dropped if p.panel == panel]
-        left = made[panel].difference(shapely.union_all(gone).buffer(limits.resolution))
-        made[panel] = left
+        gone = [images(p.polygon) for p in dropped if p.panel == panel]
+        made[panel] = made[panel].difference(shapely.union_all(gone).buffer(limits.resolution))
         if bridges[panel]:
-            joined = shapely.union_all([left, *bridges[panel]])
+            joined = shapely.union_all([made[panel], *bridges[panel]])
             made[panel] = _cleaned(joined, outlines[panel], limits, None)
-    return CleanedRegions(list(regions), made, tuple(dropped), tuple(bridged), filled)
-
-
-def clean_symmetric(
-    part: Pattern,
-    whole: Mirrored,
-    regions: Sequence[BaseGeometry],
-    limits: PrintLimits = DEFAULT_LIMITS,
-    *,
-    island_area: float = 0.0,
-    smoothing: float | None = None,
-) -> CleanedRegions:
-    """Return regions of a symmetric skin that can be printed, exactly symmetric.
-
-    Args:
-        part: The part that is designed.
-        whole: The whole, by `meshes.mirrored`.
-        regions: Print on each panel of the whole, polygons in m.
-        limits, island_area, smoothing: As of `clean`.
-
-    Raises:
-        ParameterError: The area is negative.
-    """
-
-    def even(made: CleanedRegions) -> list[BaseGeometry]:
-        return symmetric_regions(part, whole, made.regions, limits.resolution)
-
-    found = clean(whole.pattern, regions, limits, island_area, smoothing)
-    made = even(found)
-    if found.bridged:  # bridges get images, which may lie close to others
-        made = even(clean(whole.pattern, made, limits, island_area))
-    return replace(found, regions=made)
+    filled = tuple(h for h in find_holes(domain.pattern, regions) if h.area < limits.hole_area)
+    return CleanedRegions(
+        contours=list(regions),
+        regions=domain.cut(made, limits.resolution),
+        dropped=tuple(dropped),
+        bridged=tuple(bridged),
+        filled=filled,
+    )
 
 
 def _cleaned(
@@ -162,22 +209,10 @@ def _cleaned(
     return thickened(region, outline, limits.width, limits.gap, limits.hole_area)
 
 
-def bridge_width(limits: PrintLimits, smoothing: float | None) -> float:
-    """Return the width in m of a line that joins an island; arguments as of `clean`."""
-    return max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
-
-
-def bridge(
+def _bridge(
     island: BaseGeometry, rest: BaseGeometry, outline: BaseGeometry, width: float
 ) -> BaseGeometry | None:
-    """Return a line from an island to the rest of its panel; None where the panel has no room.
-
-    Args:
-        island: A polygon in m.
-        rest: Other print.
-        outline: Outline of the panel.
-        width: Width of the line in m.
-    """
+    """Return a line from an island to the rest of its panel; None where the panel has no room."""
     if rest.is_empty:
         return None
     ends = shapely.get_coordinates(shapely.shortest_line(island, rest))

@@ -112,11 +112,16 @@ def symmetric_regions(
     own = part_regions(part, regions)
     for panel, image, map_ in _images(part, whole):
         there = affinity.affine_transform(regions[image], _inverse(map_))
-        more = (there & panel_outline(part, panel)).difference(own[panel])
-        more = more.buffer(-detail / 2).buffer(detail)
-        if not more.is_empty:
-            own[panel] = own[panel].union(more & there) & panel_outline(part, panel)
+        own[panel] = with_more(own[panel], there, panel_outline(part, panel), detail)
     return mirrored_regions(part, whole, own)
+
+
+def with_more(
+    own: BaseGeometry, other: BaseGeometry, outline: BaseGeometry, detail: float
+) -> BaseGeometry:
+    """Return a region with what only its image has inside an outline, but for narrow pieces."""
+    more = (other & outline).difference(own).buffer(-detail / 2).buffer(detail)
+    return own if more.is_empty else own.union(more & other) & outline
 
 
 def _affine(source: Floats, target: Floats) -> list[float]:

@@ -71,8 +71,8 @@ class PrintedSheet:
         self._clamp = np.zeros(self._base.size_local)
         self._base.positions(self._clamp)[machine.far[skin.owned_vertices], axis] = 1.0
         self._mean = np.zeros(self._base.size_local)
-        weights = machine.lateral_weights()[skin.owned_vertices]
-        self._base.positions(self._mean)[:] = weights
+        across, owned = 1 - axis, skin.owned_vertices
+        self._base.positions(self._mean)[:, across] = machine.stretch_weights[owned, across]
 
     def _machine(self, factors: Floats) -> PullMachine:
         composite = scaled(self.composite, factors)

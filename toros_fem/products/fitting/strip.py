@@ -84,7 +84,7 @@ class ClampedStrip:
         knit = Knit(knit_ratio, grain) if knit_ratio > 1 else None
         composite = Composite(material, material, bending=None, knit=knit)
         gauge = self.gauge or min(self.width, self.length / 2)
-        curve = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge).curve
+        curve = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge)
         free, lateral = uniaxial_curve(material, 1 + at, knit_ratio=knit_ratio, direction=direction)
         factor, shift = curve.stress / free, 1 - curve.contraction * at - lateral
         # At rest the factor is that of the smallest strain, and nothing is shifted.

@@ -16,9 +16,13 @@ from toros_fem.making.print.printability import printed_cells
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene
 from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tiles.printability import tile_cleaner, tile_printability
+from toros_fem.products.tiles.printability import (
+    RepeatedTile,
+    TilePrintability,
+    tile_printability,
+)
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import (
     Profile,
@@ -29,10 +33,107 @@ from toros_fem.products.tiles.stiffness_profile import (
 
 # Number of strains at which the stress curves of a print are computed.
 CURVE_POINTS = 4
-# Angle in rad between the directions of a print's whole profile.
-ANGLE_STEP = np.radians(7.5)
+# Angle in degrees between the directions of a print's whole profile, and for each symmetry that
+# after which it repeats them, and whether mirrored.
+ANGLE_STEP = 7.5
+PERIODS = {
+    "none": (180, False),
+    "orthotropic": (90, True),
+    "chiral": (90, False),
+    "tetragonal": (45, True),
+}
 # Directions closer than this, in rad, are the same.
 SAME_ANGLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A random start after its first steps.
+
+    Attributes:
+        start: What it started from, "lines" or "waves".
+        objective: T.
+        islands: Number of islands of its print.
+        narrow: Number of places where its lines or gaps are under the printer's limit.
+    """
+
+    start: str
+    objective: float
+    islands: int
+    narrow: int
+
+
+@dataclass(frozen=True, eq=False)
+class TileResult:
+    """A design of a tile and its print.
+
+    Attributes:
+        simulation: What simulated the print.
+        problem: The design problem, with the objective of the case.
+        result: Result of the design loop: density, history and the reason why it ended.
+        printed: The print of this density.
+        profile: Profile of the print on the finer mesh, in the directions of the objective; None
+            if it has no equilibrium.
+        failure: Why there is no profile; empty if there is one.
+        printability: Islands, lines and gaps of the print in the endless sheet.
+        trials: The random starts after their trial.
+        deviations: That of each print, before and after each correction; empty without a target.
+    """
+
+    simulation: PrintSimulation
+    problem: TileProblem
+    result: DesignResult
+    printed: PrintedDesign
+    profile: Profile | None
+    failure: str
+    printability: TilePrintability
+    trials: tuple[Trial, ...] = ()
+    deviations: tuple[float, ...] = ()
+
+    @property
+    def deviation(self) -> float:
+        """Largest relative deviation of this print from the target, 0 without one.
+
+        Without an equilibrium it is infinite.
+        """
+        target = self.problem.goal
+        if self.profile is None:
+            return np.inf
+        return 0.0 if target is None else target.largest_deviation(self.profile)
+
+
+class PrintSimulation:
+    """Prints designs of a tile and simulates them on its finer mesh; all methods are collective.
+
+    The ranks of `batch` share the directions of the objective.
+    """
+
+    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:
+        self.case, self.config = case, config
+        self._fine = case.fine or case.tile
+        skin = sew(MPI.COMM_SELF, self._fine.pattern)
+        solver = TileSolver(skin, config.material.composite, Periodic(self._fine))
+        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, batch)
+
+    def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
+        """Print a design and simulate the print."""
+        tile, print_ = self.case.tile, self.config.print
+        domain = RepeatedTile(tile, self.case.symmetry)
+        printed = as_printed(
+            problem, result, print_.limits, island_area=print_.island_area, domain=domain
+        )
+        profile, failure = None, ""
+        try:
+            profile = self.solver.solve(self.density(printed), gradients=False)
+        except NoEquilibriumError as caught:  # raised by all ranks or by none
+            failure = str(caught)
+        widths = tile_printability(tile, printed.regions[0], printed.cells, printed.limits)
+        return TileResult(self, problem, result, printed, profile, failure, widths)
+
+    def density(self, printed: PrintedDesign) -> Floats:
+        """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
+        cells = printed_cells(self._fine.pattern, printed.regions)
+        return cells[self.solver.tile.skin.owned_cells].astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,106 +157,49 @@ class PrintMeasurement:
     buckling: Bools | None
 
 
-class PrintSimulation:
-    """Print of a tile's design and its simulation on the finer mesh.
-
-    Attributes:
-        solver: Solver of the tile on that mesh, in the directions of the objective.
-
-    Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
-    """
-
-    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:
-        self._case, self._tile, self._config = case, case.tile, config
-        self._fine = case.fine or case.tile
-        skin = sew(MPI.COMM_SELF, self._fine.pattern)
-        solver = TileSolver(skin, config.material.composite, Periodic(self._fine))
-        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, batch)
-
-    def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
-        """Print a design and simulate the print (collective)."""
-        c = self._config
-        printed = as_printed(
-            problem,
-            result,
-            c.print.limits,
-            island_area=c.print.island_area,
-            cleaner=tile_cleaner(self._tile, self._case.symmetry),
-        )
-        profile, failure = None, ""
-        try:
-            profile = self.solver.solve(self.density(printed), gradients=False)
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
-            failure = str(caught)
-        widths = tile_printability(self._tile, printed.regions[0], printed.cells, printed.limits)
-        return TileResult(problem, result, printed, profile, failure, widths)
-
-    def density(self, printed: PrintedDesign) -> Floats:
-        """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
-        cells = printed_cells(self._fine.pattern, printed.regions)
-        return cells[self.solver.tile.skin.owned_cells].astype(np.float64)
-
-
-def measure_print(
-    batch: MPI.Comm, case: TileCase, config: TileDesignScene, result: TileResult
-) -> PrintMeasurement | None:
+def measure_print(made: TileResult) -> PrintMeasurement | None:
     """Compute profile, stress curves and buckling of a print (collective).
-
-    Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
-        result: Result of the design.
 
     Returns:
         None if the print has no equilibrium in one of the directions.
     """
-    designed = profile = result.profile
+    designed = profile = made.profile
     if designed is None or profile is None:
         return None
-    known = np.abs(_angles(case.symmetry)[:, None] - profile.angles).min(axis=1) < SAME_ANGLE
-    others = _angles(case.symmetry)[~known]
-    simulation = PrintSimulation(batch, case, config)
-    tile, density = simulation.solver.tile, simulation.density(result.printed)
+    simulation, strain = made.simulation, designed.strain
+    tile, batch = simulation.solver.tile, simulation.solver.batch
+    density, angles = simulation.density(made.printed), directions(simulation.case.symmetry)
+    others = angles[np.abs(angles[:, None] - designed.angles).min(axis=1) >= SAME_ANGLE]
     try:
         if len(others):
-            solver = ProfileSolver(tile, others, config.pull.strain, batch)
+            solver = ProfileSolver(tile, others, strain, batch)
             profile = merge_profiles(profile, solver.solve(density, gradients=False))
-        fabric = ProfileSolver(tile, [0.0], config.pull.strain, batch)
+        fabric = ProfileSolver(tile, [0.0], strain, batch)
         unprinted = fabric.solve(np.zeros_like(density), gradients=False)
-        strains = config.pull.strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
-        curves = profiles(tile, density, case.angles, strains, batch)
+        strains = strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
+        curves = profiles(tile, density, designed.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
-    return PrintMeasurement(
-        profile=profile,
-        curves=(*curves, designed),
-        fabric_stiffness=float(unprinted.stiffness[0]),
-        buckling=_buckling(batch, case, config, result),
-    )
+    stiffness = float(unprinted.stiffness[0])
+    return PrintMeasurement(profile, (*curves, designed), stiffness, _buckling(made))
 
 
-def _angles(symmetry: str) -> Floats:
-    """Return directions in rad that the symmetry does not repeat; mirrors are included."""
-    period = {"tetragonal": np.pi / 4, "orthotropic": np.pi / 2}.get(symmetry, np.pi)
-    angles: Floats = np.asarray(np.linspace(0, period, round(period / ANGLE_STEP) + 1))
-    return angles if period < np.pi else angles[:-1]
+def directions(symmetry: str) -> Floats:
+    """Return directions in rad that a symmetry does not repeat."""
+    period, mirrored = PERIODS[symmetry]
+    return np.radians(ANGLE_STEP * np.arange(round(period / ANGLE_STEP) + mirrored))
 
 
-def _buckling(
-    batch: MPI.Comm, case: TileCase, config: TileDesignScene, result: TileResult
-) -> Bools | None:
+def _buckling(made: TileResult) -> Bools | None:
     """Return whether the print, on the design's mesh, buckles in each direction."""
-    evaluation = result.printed.evaluation
+    evaluation, simulation = made.printed.evaluation, made.simulation
     if evaluation is None:
         return None
+    case, batch = simulation.case, simulation.solver.batch
     found = np.zeros(len(case.angles), dtype=bool)
     with together(batch):
-        composite = replace(config.material.composite, bending=Bending())
-        solver = TileSolver(result.problem.skin, composite, Periodic(case.tile, flat=False))
+        composite = replace(simulation.config.material.composite, bending=Bending())
+        solver = TileSolver(made.problem.skin, composite, Periodic(case.tile, flat=False))
         for k, state in enumerate(evaluation.equilibrium.state):
             if state is not None:
                 found[k] = solver.buckles(state, evaluation.projected)

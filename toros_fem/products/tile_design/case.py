@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
@@ -17,9 +16,7 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.problem import ObjectiveTerm
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
@@ -28,9 +25,8 @@ from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
 from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
-from toros_fem.products.tiles.printability import TilePrintability
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 
 @dataclass(frozen=True)
@@ -105,76 +101,15 @@ class TileCase:
         return self.objective if isinstance(self.objective, ProfileTarget) else None
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A random start after its first steps.
-
-    Attributes:
-        start: What it started from, "lines" or "waves".
-        objective: T.
-        islands: Number of islands of its print.
-        narrow: Number of places where its lines or gaps are under the printer's limit.
-    """
-
-    start: str
-    objective: float
-    islands: int
-    narrow: int
-
-
-@dataclass(frozen=True, eq=False)
-class TileResult:
-    """The result of a tile design.
-
-    Attributes:
-        problem: The design problem, with the objective of the case.
-        result: Result of the design loop: density, history and the reason why it ended.
-        printed: The print of this density.
-        profile: Profile of the print on the finer mesh, in the directions of the objective; None
-            if it has no equilibrium.
-        failure: Why there is no profile; empty if there is one.
-        printability: Islands, lines and gaps of the print in the endless sheet.
-        trials: The random starts after their trial.
-        deviations: That of each print, before and after each correction; empty without a target.
-    """
-
-    problem: TileProblem
-    result: DesignResult
-    printed: PrintedDesign
-    profile: Profile | None
-    failure: str
-    printability: TilePrintability
-    trials: tuple[Trial, ...] = ()
-    deviations: tuple[float, ...] = ()
-
-    @property
-    def deviation(self) -> float:
-        """Largest relative deviation of this print from the target, 0 without one.
-
-        Without an equilibrium it is infinite.
-        """
-        target = self.problem.goal
-        if self.profile is None:
-            return np.inf
-        return 0.0 if target is None else target.largest_deviation(self.profile)
-
-
 def tile_problem(
     batch: MPI.Comm,
     case: TileCase,
     config: TileDesignScene,
     log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileProblem:
-    """Build the design problem of a tile; each rank sews the whole tile (collective).
+    """Build the design problem of a tile (collective).
 
-    Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
-        log: As for `TileSolver`.
-
-    Raises:
-        TorosError: A number is out of its bounds, or the case is not valid.
+    Each rank sews the whole tile; those of `batch` share the directions.
     """
     c, tile, lattice = config, case.tile, case.tile.lattice
     skin = sew(MPI.COMM_SELF, tile.pattern)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,12 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.files import write_table, write_together
-from toros_fem.base.scene import Scene
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
-from toros_fem.products.tile_design.as_printed import PrintMeasurement
-from toros_fem.products.tile_design.case import TileCase, TileResult
+from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
+from toros_fem.products.tile_design.case import TileCase
 from toros_fem.products.tiles.objectives import ProfileTarget
 from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile, write_tile
@@ -27,55 +26,49 @@ from toros_fem.results.files import write_fields
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
 
+# What files and summaries hold of a profile.
+PROFILE = ("stiffness", "tangent", "contraction")
+
 
 @dataclass(frozen=True, eq=False)
 class TileRun(RunResult):
     """The design of a tile, and what is measured of its print.
 
     Attributes:
-        case: The tile and its target.
         made: Result of the design.
         measured: Measurement of the print; None if it has no equilibrium.
         printed_tile: The printed tile for `write_tile`.
-        config: Configuration of the run.
         seconds: Wall times in s.
     """
 
-    case: TileCase
     made: TileResult
     measured: PrintMeasurement | None
     printed_tile: PrintedTile
-    config: Scene
     seconds: Mapping[str, float]
+
+    @property
+    def case(self) -> TileCase:
+        """The tile and its target."""
+        return self.made.simulation.case
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Stiffness and contraction in each direction of the objective."""
-        target, profile = self.case.target, self.made.profile
-        found = []
+        unknown, found = [None] * len(self.case.angles), []
         for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
-            goals = None if target is None else getattr(target, name)
-            values = None if profile is None else getattr(profile, name)
-            for k, angle in enumerate(np.degrees(self.case.angles)):
-                goal = None if goals is None or np.isnan(goals[k]) else float(goals[k])
-                found.append(
-                    Figure(
-                        f"{name}_at_{angle:g}_deg".replace(".", "_"),
-                        unit,
-                        None if values is None else float(values[k]),
-                        target=goal,
-                        tolerance=None if goal is None else TOLERANCE * abs(goal),
-                    )
-                )
+            values = _listed(self.made.profile, name) or unknown
+            goals = _listed(self.case.target, name) or unknown
+            for angle, value, goal in zip(self.case.angles, values, goals, strict=True):
+                key = f"{name}_at_{np.degrees(angle):g}_deg".replace(".", "_")
+                tolerance = None if goal is None else TOLERANCE * abs(goal)
+                found.append(Figure(key, unit, value, target=goal, tolerance=tolerance))
         return tuple(found)
 
     @property
     def worst(self) -> float | None:
         """Largest deviation from the target in per cent; None without target or equilibrium."""
-        target, profile = self.case.target, self.made.profile
-        if target is None or profile is None:
-            return None
-        return 100 * target.largest_deviation(profile)
+        known = self.case.target is not None and self.made.profile is not None
+        return 100 * self.made.deviation if known else None
 
     def entries(self) -> dict[str, Any]:
         """Return print, design, search and cost."""
@@ -90,9 +83,9 @@ class TileRun(RunResult):
             "worst_percent": self.worst,
             "angles_deg": np.degrees(case.angles).tolist(),
             "strain": designed.strain,
-            "target": target and _target_values(target),
-            "printed": profile and _profile_values(profile),
-            "design": _profile_values(designed),
+            "target": target and _values(target, "stiffness", "contraction"),
+            "printed": profile and _values(profile, *PROFILE),
+            "design": _values(designed, *PROFILE),
             "blank_n_per_m": self.measured and self.measured.fabric_stiffness,
             "buckling": None if buckling is None else buckling.tolist(),
             "printed_failure": made.failure or made.printed.failure or None,
@@ -107,7 +100,7 @@ class TileRun(RunResult):
             "reason": design.reason,
             "manufacture": made.printability.summary(),
             "seconds": {**design.seconds, **self.seconds},
-            "inputs": self.config.as_dict(),
+            "inputs": made.simulation.config.as_dict(),
         }
 
     def sentence(self) -> str:
@@ -120,11 +113,10 @@ class TileRun(RunResult):
         stiffness = ", ".join(f"{s:.0f}" for s in profile.stiffness)
         deviation = "" if self.worst is None else f", at most {self.worst:.1f} % from the target"
         flat = None if self.measured is None else self.measured.buckling
-        angles = zip(np.degrees(self.case.angles), () if flat is None else flat, strict=False)
-        buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
-        wrinkles = (
-            f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
-        )
+        wrinkles = ""
+        if flat is not None and flat.any():
+            at = ", ".join(f"{angle:.0f}°" for angle in np.degrees(self.case.angles[flat]))
+            wrinkles = f"; a sheet that is not kept flat buckles when pulled at {at}"
         widths = "".join(
             f", {name} from {made[key]:.2f} mm"
             for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
@@ -141,45 +133,37 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
     In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
-
-    Args:
-        comm: Communicator of the whole run.
-        folder: Output folder, made if missing.
-        found: The design.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
     """
-    folder, case, result, measured = Path(folder), found.case, found.made, found.measured
-    printed, tile, skin = result.printed, case.tile, result.problem.skin
-    printed_tile = found.printed_tile
+    folder, case, made, measured = Path(folder), found.case, found.made, found.measured
+    printed, tile, skin = made.printed, case.tile, made.problem.skin
     summary = write_summary(comm, folder, found)
     fields = {
-        "rho": skin.gather_cells(result.result.density),
-        "rho_projected": skin.gather_cells(result.result.final.projected),
+        "rho": skin.gather_cells(made.result.density),
+        "rho_projected": skin.gather_cells(made.result.final.projected),
         "printed": printed.cells.astype(np.float64),
     }
 
     def write() -> None:
         write_svg(folder / "pattern.svg", tile.pattern, printed.regions)
         write_fields(folder / "tile.vtu", tile.pattern, tile.pattern.points, fields)
-        write_tile(folder, printed_tile)
+        write_tile(folder, found.printed_tile)
         if measured is not None:
             write_table(folder / "profile.csv", _rows(measured.profile))
             rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
         cloth, region = swatch(tile, printed.regions[0], printed.cells)
-        high = ManufactureOptions(layer_height=printed_tile.composite.reinforcement.thickness)
+        high = ManufactureOptions(layer_height=found.printed_tile.composite.reinforcement.thickness)
         place = folder / FOLDER
         if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
 
     def draw() -> None:
         from toros_fem.products.tiles import plots
+        from toros_fem.results.pictures.curve_plot import plot_convergence
 
         region = repeated(printed.regions[0], tile, SIDE, SIDE)
         plots.plot_tiles(folder / "pattern.png", tile, region, SIDE)
-        plots.plot_history(folder / "convergence.png", result.result.history)
+        plot_convergence(folder / "convergence.png", made.result.history, ())
         if measured is not None:
             plots.plot_curves(folder / "curves.png", measured.curves)
             plots.plot_profile(
@@ -192,44 +176,28 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
             )
         if printed.evaluation is not None:
             state = printed.evaluation.equilibrium.state[0]
-            plots.plot_deformed(
-                folder / "deformed.png",
-                tile,
-                printed.cells,
-                skin.gather_vertices(state.positions),
-                state.gradient,
-            )
+            positions = skin.gather_vertices(state.positions)
+            path = folder / "deformed.png"
+            plots.plot_deformed(path, tile, printed.cells, positions, state.gradient)
 
     write_together(comm, folder, write)
 
 
-def _target_values(target: ProfileTarget) -> dict[str, Any]:
-    return {
-        name: None if values is None else [None if np.isnan(v) else float(v) for v in values]
-        for name, values in (
-            ("stiffness_n_per_m", target.stiffness),
-            ("contraction", target.contraction),
-        )
+def _values(of: ProfileTarget | Profile, *names: str) -> dict[str, Any]:
+    """Return values by column."""
+    units = {name: "" if name == "contraction" else "_n_per_m" for name in names}
+    return {name + unit: _listed(of, name) for name, unit in units.items()}
+
+
+def _listed(of: ProfileTarget | Profile | None, name: str) -> list[float | None] | None:
+    values = None if of is None else getattr(of, name)
+    return None if values is None else [None if np.isnan(v) else float(v) for v in values]
+
+
+def _rows(profile: Profile) -> list[dict[str, float]]:
+    columns = {
+        "angle_deg": np.degrees(profile.angles).tolist(),
+        "strain": [profile.strain] * len(profile.angles),
+        **_values(profile, "stress", *PROFILE),
     }
-
-
-def _profile_values(profile: Profile) -> dict[str, Any]:
-    return {
-        "stiffness_n_per_m": profile.stiffness.tolist(),
-        "tangent_n_per_m": profile.tangent.tolist(),
-        "contraction": profile.contraction.tolist(),
-    }
-
-
-def _rows(profile: Profile) -> Sequence[dict[str, float]]:
-    return [
-        {
-            "angle_deg": float(np.degrees(profile.angles[k])),
-            "strain": profile.strain,
-            "stress_n_per_m": float(profile.stress[k]),
-            "stiffness_n_per_m": float(profile.stiffness[k]),
-            "tangent_n_per_m": float(profile.tangent[k]),
-            "contraction": float(profile.contraction[k]),
-        }
-        for k in range(len(profile.angles))
-    ]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]

@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from operator import itemgetter
+from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.levels import gathered
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.warm_start import WarmStart
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.meshes.tile import Tile
-from toros_fem.products.tile_design.as_printed import PrintSimulation
-from toros_fem.products.tile_design.case import (
-    TileCase,
-    TileDesignScene,
-    TileResult,
-    Trial,
-    tile_problem,
-)
+from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tile_design.starts import random_lines
 from toros_fem.products.tiles.objectives import ProfileTarget
@@ -50,6 +46,8 @@ MIN_DECREASE = 0.05
 # makes the fabric several times as stiff: with more of it beside a line the print would be much
 # softer than the design.
 DRAFT_BETA, FINAL_BETAS = 4, (4, 8)
+
+A = TypeVar("A")
 
 
 def design_tile(
@@ -81,201 +79,169 @@ def design_tile(
         NoEquilibriumError: There is no equilibrium for any start, or, on the design's mesh, for
             any draft.
     """
-    c = config
-    coarse = replace(case, tile=case.coarse or case.tile)
-    problem = tile_problem(batch, coarse, c, log)
-    rules = _rules(case, config)
-    trial = tuple(
-        Stage(c.design.trial_iterations, k * c.design.beta, constrained=c.design.constrained)
-        for k in (1, DRAFT_BETA)
-    )
-    options = replace(rules, stages=trial)
-    finalists, trials = _best_starts(problem, coarse, c, options, callback, journal)
-    longer = Stage(
-        c.design.draft_iterations, DRAFT_BETA * c.design.beta, constrained=c.design.constrained
-    )
-    options = replace(rules, stages=(longer,))
-    drafts = [
-        optimize(problem, options, callback=callback, after=one, journal=journal)
-        for one in finalists
-    ]
-    drafts.sort(key=lambda one: _rated(problem, coarse.tile, c, rules, one)[0])
+    search, design = _Search(case, config, callback, journal), config.design
+    coarse = case.coarse or case.tile
+    problem = tile_problem(batch, replace(case, tile=coarse), config, log)
+    finalists, trials = search.best_starts(problem, coarse)
+    longer = [(design.draft_iterations, DRAFT_BETA)]
+    drafts = [search.optimized(problem, longer, after=one) for one in finalists]
+    drafts.sort(key=lambda one: search.rated(problem, coarse, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
-    problem = tile_problem(batch, case, c, log)
-    simulation = PrintSimulation(batch, case, c)
-    found: list[TileResult] = []
-    failure: NoEquilibriumError | None = None
-    for design in designs:
-        try:
-            result = _finished(
-                problem, design.start(problem), c, rules, simulation, callback, journal
-            )
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
-            failure = caught
-            continue
-        found.append(replace(result, trials=trials))
-        if result.printability.clean and result.deviation <= ACCEPTABLE * c.design.tolerance:
+    problem = tile_problem(batch, case, config, log)
+    simulation = PrintSimulation(batch, case, config)
+    found = []
+    for made in _solved(partial(search.finished, problem, one, simulation) for one in designs):
+        found.append(replace(made, trials=trials))
+        if made.printability.clean and made.deviation <= ACCEPTABLE * design.tolerance:
             break
-    if not found:
-        assert failure is not None
-        raise failure
-    return min(found, key=lambda one: _badness(one, c))
+    return min(found, key=search.badness)
 
 
-def _rules(case: TileCase, config: TileDesignScene) -> DesignOptions:
-    """Return the stop rules and the step control of all stages."""
-    mma = MMAOptions(move=config.design.move_limit)
-    if case.target is None:
-        return DesignOptions(mma=mma)
-    return DesignOptions(
-        target_objective=(config.design.tolerance / 2) ** 2,
-        min_relative_decrease=MIN_DECREASE,
-        mma=mma,
-    )
+class _Search:
+    """The steps of a search, with what they share; all are collective."""
 
-
-def _finished(
-    problem: TileProblem,
-    draft: WarmStart,
-    config: TileDesignScene,
-    rules: DesignOptions,
-    simulation: PrintSimulation,
-    callback: Callback | None,
-    journal: Journal | None,
-) -> TileResult:
-    """Continue a draft on the design's own mesh and correct the design for its print."""
-    c, target = config, problem.goal
-    last = tuple(
-        Stage(c.design.finish_iterations, k * c.design.beta, constrained=c.design.constrained)
-        for k in FINAL_BETAS
-    )
-    result = optimize(
-        problem, replace(rules, stages=last), callback=callback, after=draft, journal=journal
-    )
-    problem = problem.changed(fields=problem.fields.with_beta(FINAL_BETAS[-1] * c.design.beta))
-    if target is None:
-        return simulation.simulate(problem, result)
-    assert rules.target_objective is not None
-    # No direction may deviate by more than the tolerance: a mean over directions is a weaker rule.
-    again = replace(
-        rules,
-        stages=(Stage(c.design.correction_iterations, constrained=c.design.constrained),),
-        target_objective=rules.target_objective / len(problem.physics.solver.angles),
-    )
-
-    def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
-        last = prints[-1]
-        if last.profile is None:
-            return None
-        objective = _corrected(target, last.result.final.equilibrium, last.profile)
-        asking = problem.changed(objective=objective)
-        found = optimize(asking, again, callback=callback, after=last.result, journal=journal)
-        return simulation.simulate(problem, found)
-
-    def badness(print_: TileResult) -> float:
-        return _badness(print_, c)
-
-    def enough(prints: Sequence[TileResult]) -> bool:
-        return min(map(badness, prints)) <= c.design.tolerance
-
-    prints = correct(
-        simulation.simulate(problem, result), asked_again, enough, c.design.corrections
-    )
-    return replace(min(prints, key=badness), deviations=tuple(one.deviation for one in prints))
-
-
-def _best_starts(
-    problem: TileProblem,
-    case: TileCase,
-    config: TileDesignScene,
-    options: DesignOptions,
-    callback: Callback | None,
-    journal: Journal | None,
-) -> tuple[list[DesignResult], tuple[Trial, ...]]:
-    """Return the two best starts and all trials; one that reaches the target ends the search."""
-    found: list[tuple[float, int, bool, DesignResult]] = []
-    trials: list[Trial] = []
-    failure: NoEquilibriumError | None = None
-    for seed in range(config.design.seed, config.design.seed + config.design.starts):
-        of_lines = (seed - config.design.seed) % 2 == 0
-        try:
-            start = _lines(problem, case, seed) if of_lines else None
-            result = optimize(
-                problem, options, start=start, seed=seed, callback=callback, journal=journal
+    def __init__(
+        self,
+        case: TileCase,
+        config: TileDesignScene,
+        callback: Callback | None,
+        journal: Journal | None,
+    ) -> None:
+        self.case, self.config, self.design = case, config, config.design
+        self._run = partial(optimize, callback=callback, journal=journal)
+        self.rules = DesignOptions(mma=MMAOptions(move=self.design.move_limit))
+        if case.target is not None:
+            self.rules = replace(
+                self.rules,
+                target_objective=(self.design.tolerance / 2) ** 2,
+                min_relative_decrease=MIN_DECREASE,
             )
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
-            failure = caught
-            continue
-        rating, made = _rated(problem, case.tile, config, options, result)
-        found.append((rating, seed, made.clean, result))
-        trials.append(
-            Trial(
-                "lines" if of_lines else "waves",
-                result.final.objective,
-                len(made.island_areas),
-                len(made.narrow_lines) + len(made.narrow_gaps),
-            )
+
+    def optimized(
+        self,
+        problem: TileProblem,
+        steps: Sequence[tuple[int, float | None]],
+        target_objective: float | None = None,
+        **begin: Any,
+    ) -> DesignResult:
+        """Return a design after stages of so many steps, each with a factor on β."""
+        beta, constrained = self.design.beta, self.design.constrained
+        stages = tuple(
+            Stage(count, factor and factor * beta, constrained=constrained)
+            for count, factor in steps
         )
-        if options.target_objective is not None and rating <= options.target_objective:
-            return [result], tuple(trials)
-    if not found:
-        assert failure is not None
-        raise failure
-    best, *others = sorted(found, key=lambda one: one[:2])
-    # The profile of islands depends on narrow gaps. If that fails, a design without them is needed.
-    others.sort(key=lambda one: not one[2])
-    return [one[-1] for one in (best, *others[:1])], tuple(trials)
+        enough = target_objective or self.rules.target_objective
+        rules = replace(self.rules, stages=stages, target_objective=enough)
+        return self._run(problem, rules, **begin)
+
+    def best_starts(
+        self, problem: TileProblem, tile: Tile
+    ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
+        """Return the two best starts and all trials; one that reaches the target is the last."""
+        first = self.design.seed
+        found, trials = [], []
+        seeds = range(first, first + self.design.starts)
+        for seed, kind, result in _solved(
+            partial(self._tried, problem, tile, seed, ("lines", "waves")[(seed - first) % 2])
+            for seed in seeds
+        ):
+            rating, made = self.rated(problem, tile, result)
+            found.append((rating, seed, made.clean, result))
+            flaws = len(made.island_areas), made.narrow_places
+            trials.append(Trial(kind, result.final.objective, *flaws))
+            if rating <= (self.rules.target_objective or -np.inf):
+                return [result], tuple(trials)
+        best, *others = sorted(found, key=itemgetter(0, 1))
+        # The profile of islands depends on narrow gaps. If that fails, a design without is needed.
+        others.sort(key=lambda one: not one[2])
+        return [one[-1] for one in (best, *others[:1])], tuple(trials)
+
+    def _tried(
+        self, problem: TileProblem, tile: Tile, seed: int, kind: str
+    ) -> tuple[int, str, DesignResult]:
+        start = None if kind == "waves" else self._lines(problem, tile, seed)
+        count = self.design.trial_iterations
+        steps = [(count, 1), (count, DRAFT_BETA)]
+        return seed, kind, self.optimized(problem, steps, start=start, seed=seed)
+
+    def _lines(self, problem: TileProblem, tile: Tile, seed: int) -> Floats:
+        """Return the best of several random pairs of families of lines at owned triangles."""
+        rng = np.random.default_rng(seed)
+
+        def tried() -> tuple[float, Floats]:
+            every = random_lines(tile, rng, self.case.symmetry, problem.fields.filter.radius)
+            density = every[problem.skin.owned_cells]
+            return problem.simulate(density, trial=True).objective, density
+
+        return min(_solved([tried] * PAIRS_A_START), key=itemgetter(0))[1]
+
+    def rated(
+        self, problem: TileProblem, tile: Tile, result: DesignResult
+    ) -> tuple[float, TilePrintability]:
+        """Return T, at least its target, times the factors for flaws; and the printability."""
+        eta = problem.fields.projection.eta
+        values = contour_values(problem, result.density)
+        region = printed_regions(tile.pattern, *values, eta)[0]
+        made = tile_printability(tile, region, values[1] > eta, self.config.print.limits)
+        limits, widths = problem.length_scale, result.final.length_scale
+        satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
+        narrow = made.narrow_places > 0 or not satisfied
+        rating = max(result.final.objective, self.rules.target_objective or 0.0)
+        return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
+
+    def finished(
+        self, problem: TileProblem, draft: CarriedDesign, simulation: PrintSimulation
+    ) -> TileResult:
+        """Continue a draft on the design's own mesh and correct the design for its print."""
+        design, target = self.design, problem.goal
+        last = [(design.finish_iterations, factor) for factor in FINAL_BETAS]
+        result = self.optimized(problem, last, after=draft)
+        problem = problem.changed(fields=problem.fields.with_beta(FINAL_BETAS[-1] * design.beta))
+        first = simulation.simulate(problem, result)
+        if target is None:
+            return first
+        # No direction may deviate by more than the tolerance: a mean over them is a weaker rule.
+        goal = (design.tolerance / 2) ** 2 / len(problem.physics.solver.angles)
+
+        def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
+            last = prints[-1]
+            if last.profile is None:
+                return None
+            asked = _corrected(target, last.result.final.equilibrium, last.profile)
+            asking, steps = (
+                problem.changed(objective=asked),
+                [(design.correction_iterations, None)],
+            )
+            found = self.optimized(asking, steps, goal, after=last.result)
+            return simulation.simulate(problem, found)
+
+        def enough(prints: Sequence[TileResult]) -> bool:
+            return min(map(self.badness, prints)) <= design.tolerance
+
+        prints = correct(first, asked_again, enough, design.corrections)
+        deviations = tuple(one.deviation for one in prints)
+        return replace(min(prints, key=self.badness), deviations=deviations)
+
+    def badness(self, made: TileResult) -> float:
+        """Return the deviation of a print, more by `ACCEPTABLE` tolerances if it has flaws."""
+        flaws = 0.0 if made.printability.clean else ACCEPTABLE * self.design.tolerance
+        return made.deviation + flaws
 
 
-def _lines(problem: TileProblem, case: TileCase, seed: int) -> Floats:
-    """Return the best of several random pairs of families of lines at owned triangles.
-
-    Raises:
-        NoEquilibriumError: There is no equilibrium for any pair.
-    """
-    best, least = None, np.inf
-    failure: NoEquilibriumError | None = None
-    rng = np.random.default_rng(seed)
-    for _ in range(PAIRS_A_START):
-        every = random_lines(case.tile, rng, case.symmetry, problem.fields.filter.radius)
-        density = every[problem.skin.owned_cells]
+def _solved(attempts: Iterable[Callable[[], A]]) -> Iterator[A]:
+    """Yield what attempts with an equilibrium return; without any raise the last failure."""
+    failure, found = None, False
+    for attempt in attempts:
         try:
-            objective = problem.simulate(density, trial=True).objective
+            result = attempt()
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
-        if objective < least:
-            best, least = density, objective
-    if best is None:
-        assert failure is not None
+        found = True
+        yield result
+    if failure is not None and not found:
         raise failure
-    return best
-
-
-def _rated(
-    problem: TileProblem,
-    tile: Tile,
-    config: TileDesignScene,
-    rules: DesignOptions,
-    result: DesignResult,
-) -> tuple[float, TilePrintability]:
-    """Return T, at least its target, times the factors for flaws; and the printability."""
-    eta = problem.fields.projection.eta
-    values = contour_values(problem, result.density)
-    region = printed_regions(tile.pattern, *values, eta)[0]
-    made = tile_printability(tile, region, values[1] > eta, config.print.limits)
-    limits, widths = problem.length_scale, result.final.length_scale
-    satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
-    narrow = bool(made.narrow_lines or made.narrow_gaps) or not satisfied
-    rating = max(result.final.objective, rules.target_objective or 0.0)
-    return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
-
-
-def _badness(print_: TileResult, config: TileDesignScene) -> float:
-    """Return the deviation of a print, more by `ACCEPTABLE` tolerances if it has flaws."""
-    flaws = 0.0 if print_.printability.clean else ACCEPTABLE * config.design.tolerance
-    return print_.deviation + flaws
 
 
 def _corrected(target: ProfileTarget, designed: Profile, printed: Profile) -> ProfileTarget:

@@ -60,12 +60,7 @@ class LineFamily:
 
 
 def random_waves(tile: Tile, seed: int) -> Floats:
-    """Return a random periodic density of long waves at all triangles, (t,), in [0.1, 0.9].
-
-    Args:
-        tile: The tile.
-        seed: Seed of amplitudes and phases.
-    """
+    """Return a random periodic density of long waves at all triangles, (t,), in [0.1, 0.9]."""
     rng = np.random.default_rng(seed)
     phase = 2 * np.pi * tile.pattern.centroids @ np.linalg.inv(tile.lattice)
     density = np.full(len(phase), 0.5)
@@ -79,11 +74,7 @@ def random_waves(tile: Tile, seed: int) -> Floats:
 def random_lines(tile: Tile, rng: np.random.Generator, symmetry: str, narrowest: float) -> Floats:
     """Return the density of two random families of lines and their images, (t,), in [0.1, 0.9].
 
-    Args:
-        tile: The tile.
-        rng: Generator of directions, waves and widths.
-        symmetry: Symmetry of the design, as for `Tile.symmetry_maps`.
-        narrowest: Width of the narrowest lines in m; density falls over this distance.
+    It falls over the width in m of the narrowest lines.
     """
     depths = [family.depth(tile) for family in random_families(rng, symmetry, narrowest)]
     images = np.max(depths, axis=0)[tile.symmetry_maps(symmetry)]
@@ -93,10 +84,7 @@ def random_lines(tile: Tile, rng: np.random.Generator, symmetry: str, narrowest:
 def random_families(
     rng: np.random.Generator, symmetry: str, narrowest: float
 ) -> tuple[LineFamily, LineFamily]:
-    """Return two random families that cross each other; arguments as of `random_lines`.
-
-    The lines of a family do not cross their own images by the symmetry, so the family stays one.
-    """
+    """Return two random families that cross each other, and not their own images."""
     one, other = PAIRS[int(rng.random() < DIAGONAL)]
     first = _random_family(rng, one, symmetry, narrowest)
     return first, _random_family(rng, other, symmetry, narrowest)

@@ -132,36 +132,25 @@ class TileScene(TileDesignScene):
         *,
         verbose: bool = False,
     ) -> RunResult:
-        """Design the tile and write all results (collective).
-
-        Args:
-            comm: Communicator; its ranks share the directions.
-            output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
-            files: It takes none.
-            verbose: Whether to print every step of the equilibrium solver.
-        """
-        reporter, case = DesignReporter(comm, output), tile_case(comm, self)
+        """Design the tile and write all results into a folder (collective)."""
+        reporter, case, skin = DesignReporter(comm, output), tile_case(comm, self), self.skin
         log = print_step(comm) if verbose else None
-        result = design_tile(comm, case, self, reporter, log, journal_of(output))
-        measured = measure_print(comm, case, self, result)
+        made = design_tile(comm, case, self, reporter, log, journal_of(output))
+        measured = measure_print(made)
         printed_tile = PrintedTile(
-            printed=result.printed.cells,
-            size=(self.skin.size, self.skin.size),
-            edge_length=self.skin.edge_length,
-            mesh=self.skin.mesh,
-            symmetry=case.symmetry,
-            composite=self.material.composite,
+            made.printed.cells,
+            (skin.size, skin.size),
+            skin.edge_length,
+            skin.mesh,
+            case.symmetry,
+            self.material.composite,
         )
-        found = TileRun(case, result, measured, printed_tile, self, dict(reporter.seconds))
+        found = TileRun(made, measured, printed_tile, dict(reporter.seconds))
         write_tile_results(comm, output, found)
         return found
 
     def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
-        """Return the cost of the design, probed on the mesh of the starts (collective).
-
-        Raises:
-            MeshSizeError: The mesh of the prints would have more triangles than the limit.
-        """
+        """Return the cost of the design, probed on the mesh of the starts (collective)."""
         require_affordable(self.skin.size**2, self.skin.edge_length / 2)
         case, design = tile_case(comm, self), self.design
         assert case.coarse is not None

@@ -93,29 +93,27 @@ class ProfileTarget:
 
     def residuals(self, profile: Profile) -> Floats:
         """Return the signed roots of the terms of T: those of stiffness, then of contraction."""
-        fraction, stiffness, contraction, _ = self._deviations(profile)
-        roots = np.sqrt([fraction, self.contraction_weight * fraction])
-        return np.asarray((roots * np.stack([stiffness, contraction]))[self._counts(fraction)])
+        goals, roots = self._goals_and_roots(profile)
+        return np.asarray((roots * _deviations(profile, goals))[roots > 0])
 
     def residuals_backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Return the residuals' derivatives by stress in m/N and by contraction, (j, k) each."""
-        fraction, _, _, inverse = self._deviations(profile)
-        unit = np.eye(len(fraction))
-        by_stress = np.sqrt(fraction) * inverse / profile.strain * unit
-        by_contraction = np.sqrt(self.contraction_weight * fraction) * unit
-        zero, counts = np.zeros_like(unit), self._counts(fraction)
-        return (
-            np.concatenate([by_stress[counts[0]], zero[counts[1]]]),
-            np.concatenate([zero[counts[0]], by_contraction[counts[1]]]),
-        )
+        goals, roots = self._goals_and_roots(profile)
+        slopes = roots * [1 / goals[0] / profile.strain, np.ones_like(goals[0])]
+        by_stress, by_contraction = np.split(np.diag(slopes.ravel())[roots.ravel() > 0], 2, axis=1)
+        return by_stress, by_contraction
 
     def largest_deviation(self, profile: Profile) -> float:
         """Return the largest |s/s* − 1| or |c − c*| of the directions with a positive weight."""
-        fraction, stiffness, contraction, _ = self._deviations(profile)
-        return float(np.max(np.abs(np.stack([stiffness, contraction])) * (fraction > 0)))
+        goals, _ = self._goals_and_roots(profile)
+        counts = np.ones(len(goals[0])) if self.weights is None else self.weights
+        return float(np.nan_to_num(np.abs(_deviations(profile, goals)))[:, counts > 0].max())
 
-    def _deviations(self, profile: Profile) -> tuple[Floats, Floats, Floats, Floats]:
-        """Return w/Σw, s/s* − 1, c − c* and 1/s*, each (k,), 0 where there is no target."""
+    def _goals_and_roots(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Return the targets, (2, k), NaN where there is none, and the factors of deviations.
+
+        The factors are the roots of those of the terms of T, 0 where there is no target.
+        """
         count = len(profile.angles)
         for given in (self.stiffness, self.contraction, self.weights):
             if given is not None and len(given) != count:
@@ -124,22 +122,15 @@ class ProfileTarget:
                     "same directions."
                 )
         none = np.full(count, np.nan)
-        stiffness = none if self.stiffness is None else self.stiffness
-        contraction = none if self.contraction is None else self.contraction
+        goals = np.stack([none if a is None else a for a in (self.stiffness, self.contraction)])
         weights = np.ones(count) if self.weights is None else self.weights
-        return (
-            weights / weights.sum(),
-            np.nan_to_num(profile.stiffness / stiffness - 1),
-            np.nan_to_num(profile.contraction - contraction),
-            np.nan_to_num(1 / stiffness),
-        )
+        shares = np.outer([1.0, self.contraction_weight], weights / weights.sum())
+        return goals, np.where(np.isnan(goals), 0.0, np.sqrt(shares))
 
-    def _counts(self, fraction: Floats) -> Bools:
-        """Return whether stiffness and contraction count in each direction, (2, k)."""
-        none = np.full(len(fraction), np.nan)
-        both = [none if a is None else a for a in (self.stiffness, self.contraction)]
-        weights = np.stack([fraction, self.contraction_weight * fraction])
-        return np.asarray(~np.isnan(both) & (weights > 0))
+
+def _deviations(profile: Profile, goals: Floats) -> Floats:
+    """Return s/s* − 1 and c − c*, (2, k), NaN where there is no target."""
+    return np.stack([profile.stiffness / goals[0] - 1, profile.contraction - goals[1]])
 
 
 @dataclass(frozen=True, eq=False)

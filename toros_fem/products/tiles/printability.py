@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.making.as_printed.as_printed import Cleaner
-from toros_fem.making.print.cleaning import CleanedRegions, bridge, bridge_width
-from toros_fem.making.print.islands import PrintedPiece, find_holes
+from toros_fem.making.print.cleaning import Panels
+from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.print.smoothing import smoothed
-from toros_fem.making.print.thickness import thickened
-from toros_fem.making.print.widths import LocalWidth, measure_widths
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.making.print.regions import with_more
+from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
-from toros_fem.meshes.topology import edges_of, following
+from toros_fem.meshes.topology import edges_of, linked
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
 SIDE = 3
@@ -40,216 +34,140 @@ class TilePrintability:
 
     Attributes:
         island_areas: Areas of the islands in m², the largest first, as of `island_areas`.
-        smallest_width, smallest_gap: The thinnest line and gap; None without facing sides. Their
-            ends are in m, in the tile in the middle of `SIDE` × `SIDE`.
-        narrow_lines, narrow_gaps: Places in one tile where lines, or gaps, are thinner than the
-            limit; one on the tile's border may be listed on both sides.
+        lines, gaps: Widths in the tile in the middle of `SIDE` × `SIDE`, in m; a narrow place on
+            its border may be listed on both sides.
     """
 
     island_areas: Floats
-    smallest_width: LocalWidth | None
-    smallest_gap: LocalWidth | None
-    narrow_lines: tuple[LocalWidth, ...]
-    narrow_gaps: tuple[LocalWidth, ...]
+    lines: Widths
+    gaps: Widths
 
     @property
     def clean(self) -> bool:
         """Whether there are no islands, and no lines or gaps under the limit."""
-        return not (len(self.island_areas) or self.narrow_lines or self.narrow_gaps)
+        return not (len(self.island_areas) or self.narrow_places)
+
+    @property
+    def narrow_places(self) -> int:
+        """Number of places where lines or gaps are under the limit."""
+        return len(self.lines.narrow) + len(self.gaps.narrow)
 
     def summary(self) -> dict[str, Any]:
         """Return all results as plain numbers; each key ends in its unit."""
-        line, gap = self.smallest_width, self.smallest_gap
+        line, gap = self.lines.smallest, self.gaps.smallest
         return {
             "islands": len(self.island_areas),
             "island_areas_mm2": (1e6 * self.island_areas).tolist(),
             "smallest_width_mm": line and 1e3 * line.width,
             "smallest_gap_mm": gap and 1e3 * gap.width,
-            "narrow_places": len(self.narrow_lines),
-            "tight_places": len(self.narrow_gaps),
+            "narrow_places": len(self.lines.narrow),
+            "tight_places": len(self.gaps.narrow),
         }
 
 
 def tile_printability(
     tile: Tile, region: BaseGeometry, printed: Bools, limits: PrintLimits
 ) -> TilePrintability:
-    """Measure the printability of a tile among its equals.
+    """Measure the printability of a tile, its printed region in m and triangles (t,).
 
     Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles, so that they continue
     across its borders.
-
-    Args:
-        tile: The tile.
-        region: Printed region of one tile, in m.
-        printed: Whether each triangle is printed, (t,).
-        limits: Narrower lines and gaps are listed.
     """
     sides = np.diagonal(tile.lattice)
     middle = (SIDE // 2) * sides
     # Widths in the middle of a place on the border are counted on either side, not on neither.
     window = shapely.box(*(middle - limits.resolution), *(middle + sides + limits.resolution))
-    lines, gaps = measure_widths(
-        repeated(region, tile, SIDE, SIDE),
-        shapely.box(0, 0, *(SIDE * sides)),
-        0,
-        limits.width,
-        limits.gap,
-        limits.resolution,
-        window,
-    )
-    return TilePrintability(
-        island_areas(tile, printed), lines.smallest, gaps.smallest, lines.narrow, gaps.narrow
-    )
+    many, sheet = repeated(region, tile, SIDE, SIDE), shapely.box(0, 0, *(SIDE * sides))
+    widths = measure_widths(many, sheet, 0, limits.width, limits.gap, limits.resolution, window)
+    return TilePrintability(island_areas(tile, printed), *widths)
 
 
-def tile_cleaner(tile: Tile, symmetry: str) -> Cleaner:
-    """Return what `making.print.clean` is for panels: lines and gaps go on across a tile's border.
+class RepeatedTile(Panels):
+    """`SIDE` × `SIDE` tiles, which are cleaned together, and of which the middle one is kept.
 
-    `SIDE` × `SIDE` tiles are cleaned, and the one in the middle is kept. Pieces that end inside
-    are islands: they do not reach their own periodic images.
+    Lines and gaps so go on across a tile's border. Pieces that end inside are islands: they do not
+    reach their own images.
 
     Args:
         tile: The tile.
         symmetry: Symmetry that the print keeps exactly, as for `Tile.symmetry_maps`.
     """
 
-    def cleaned(
-        pattern: Pattern,
-        regions: Sequence[BaseGeometry],
-        limits: PrintLimits,
-        island_area: float,
-        smoothing: float | None,
-    ) -> CleanedRegions:
-        sides = np.diagonal(tile.lattice)
-        sheet = shapely.box(0, 0, *(SIDE * sides))
-        shift = SIDE // 2 * sides
-        middle = shapely.box(*shift, *(shift + sides))
+    repeats = True
 
-        def made(one: BaseGeometry, length: float | None) -> BaseGeometry:
-            many = repeated(one, tile, SIDE, SIDE)
-            many = many if length is None else smoothed(many, sheet, length)
-            return thickened(many, sheet, limits.width, limits.gap, limits.hole_area)
+    def __init__(self, tile: Tile, symmetry: str) -> None:
+        self.pattern, self._tile = tile.pattern, tile
+        self._sides = sides = np.diagonal(tile.lattice)
+        self._operations = SYMMETRIES[symmetry]
+        # Its images are the tile: all of it, a quarter, or an eighth.
+        self._part = shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)
+        if symmetry == "tetragonal":
+            self._part = shapely.Polygon([sides / 2, sides * [1, 0.5], sides])
+        self.outlines = [shapely.box(0, 0, *(SIDE * sides))]
 
-        def everywhere(shape: BaseGeometry) -> BaseGeometry:
-            steps = range(-SIDE, SIDE + 1)
-            return shapely.union_all(
-                [translate(shape, *(np.array(step) * sides)) for step in product(steps, repeat=2)]
-            )
+    @override
+    def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        return [repeated(region, self._tile, SIDE, SIDE) for region in regions]
 
-        def even(sheets: BaseGeometry) -> BaseGeometry:
-            one = translate(sheets & middle, *-shift)
-            return symmetric_region(one, sides, symmetry, limits.resolution)
+    @override
+    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PrintedPiece]:
+        pieces = shapely.get_parts(laid[0])
+        loose = ~shapely.dwithin(self.outlines[0].boundary, pieces, limits.resolution)
+        # Centroids of images differ by rounding; of those on two borders of the tile one counts.
+        places = shapely.get_coordinates(shapely.centroid(pieces)) + limits.resolution
+        home = np.all(places // self._sides == SIDE // 2, axis=1)
+        chosen = pieces[loose & home]
+        order = np.argsort(-shapely.area(chosen), kind="stable")
+        return [PrintedPiece(0, piece, main=False, attached=False) for piece in chosen[order]]
 
-        sheets = made(regions[0], smoothing)
-        pieces = shapely.get_parts(sheets)
-        loose = ~shapely.dwithin(sheet.boundary, pieces, limits.resolution)
-        rest = shapely.union_all(pieces[~loose])
-        width = bridge_width(limits, smoothing)
-        dropped, bridged = [], []
-        for island in pieces[loose & shapely.contains(middle, shapely.centroid(pieces))]:
-            line = bridge(island, rest, sheet, width) if island.area >= island_area else None
-            found = PrintedPiece(0, island, main=False, attached=False)
-            if line is None:
-                dropped.append(found)
-                sheets = sheets.difference(everywhere(island.buffer(limits.resolution)))
-            else:
-                bridged.append(found)
-                sheets = sheets.union(everywhere(line))
-        filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
-        one = even(sheets)
-        if bridged:  # bridges get images, which may lie close to others
-            one = even(made(one, None))
-        return CleanedRegions(list(regions), [one], tuple(dropped), tuple(bridged), filled)
+    @override
+    def images(self, shape: BaseGeometry) -> BaseGeometry:
+        most = 2 * SIDE - 1
+        steps = self._sides * (_steps(most, most) + 1 - SIDE)
+        return shapely.union_all([translate(shape, *step) for step in steps])
 
-    return cleaned
+    @override
+    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        shift = SIDE // 2 * self._sides
+        one = translate(laid[0], *-shift) & shapely.box(0, 0, *self._sides)
+        own = one & self._part
+        for operation in self._operations[1:]:
+            own = with_more(own, self._image(one, operation), self._part, detail)
+        images = [self._image(own, operation) for operation in self._operations]
+        return [shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))]
 
-
-def symmetric_region(
-    region: BaseGeometry, sides: Floats, symmetry: str, detail: float
-) -> BaseGeometry:
-    """Return the region of a tile made exactly symmetric.
-
-    It is that of a fundamental part of the tile, with what only one of the images has.
-
-    Args:
-        region: Region of one tile, in m, symmetric but for some pieces.
-        sides: Sides of the tile, (2,), in m.
-        symmetry: One of `SYMMETRIES`.
-        detail: Narrower differences in m count as rounding.
-    """
-    operations, (x, y) = SYMMETRIES[symmetry], sides / 2
-
-    def image(shape: BaseGeometry, operation: Ints) -> BaseGeometry:
-        offset = sides / 2 - operation @ (sides / 2)
+    def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
+        """Return a shape turned or mirrored about the tile's middle."""
+        offset = self._sides / 2 - operation @ (self._sides / 2)
         return affine_transform(shape, [*operation.ravel(), *offset])
 
-    for operation in operations[1:]:
-        there = image(region, operation)
-        more = there.difference(region).buffer(-detail / 2).buffer(detail)
-        region = region.union(more & there)
-    corners = {
-        "none": [(0, 0), (2 * x, 0), (2 * x, 2 * y), (0, 2 * y)],
-        "tetragonal": [(x, y), (2 * x, y), (2 * x, 2 * y)],
-    }.get(symmetry, [(x, y), (2 * x, y), (2 * x, 2 * y), (x, 2 * y)])
-    part = region & shapely.Polygon(corners)
-    images = [image(part, operation) for operation in operations]
-    return shapely.union_all(images, grid_size=SNAP * float(sides.max()))
+
+def _steps(along: int, across: int) -> Ints:
+    return np.array(list(np.ndindex(along, across)))
 
 
 def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
-    """Return the union of copies of a tile's region.
-
-    Args:
-        region: Region of one tile, in m.
-        tile: The tile.
-        along, across: Numbers of copies along both lattice vectors.
-    """
-    size = float(np.abs(tile.lattice).max())
-    copies = [
-        translate(region, *(i * tile.lattice[0] + j * tile.lattice[1]))
-        for i in range(along)
-        for j in range(across)
-    ]
-    return shapely.union_all(copies, grid_size=SNAP * size)
+    """Return the union of copies of a tile's region in m along both lattice vectors."""
+    copies = [translate(region, *(steps @ tile.lattice)) for steps in _steps(along, across)]
+    return shapely.union_all(copies, grid_size=SNAP * float(np.abs(tile.lattice).max()))
 
 
 def island_areas(tile: Tile, printed: Bools) -> Floats:
-    """Return the areas in m² of the printed islands, the largest first.
+    """Return the areas in m² of the islands of printed triangles (t,), the largest first.
 
     Printed triangles belong to one component if they share edges. A component that reaches its own
     image in a neighbouring tile is a line or a net through the whole sheet; any other is an island.
-
-    Args:
-        tile: The tile.
-        printed: Whether each triangle is printed, (t,).
+    A line leads from a triangle to an image of it an odd number of tiles away along x or y, so that
+    on the torus of 2 × 2 tiles too it goes through several copies of one triangle.
     """
-    pattern = tile.pattern
-    count = len(pattern.triangles)
-    edges = edges_of(pattern.triangles)
-    # Each triangle sees an edge's first end with wraps of its own; their difference is the step
-    # from one triangle's frame to the other's.
-    starts = pattern.triangles.ravel()[edges.twins]
-    corner = np.where(starts == edges.ends[:, :1], edges.twins, following(edges.twins))
-    seen = tile.wraps.reshape(-1, 2)[corner]
-    (one, two), step = edges.sides.T, seen[:, 0] - seen[:, 1]
-    both = printed[one] & printed[two]
-    one, two, step = one[both], two[both], step[both]
-    graph = coo_array((np.ones(len(one)), (one, two)), shape=(count, count)).tocsr()
-    number, label = connected_components(graph, directed=False)
-    offset = np.zeros((count, 2), dtype=np.int64)
-    steps = {}
-    for k in range(len(one)):
-        a, b = int(one[k]), int(two[k])
-        steps[a, b], steps[b, a] = step[k], -step[k]
-    first = np.unique(label, return_index=True)[1]
-    connected = np.zeros(number, dtype=bool)
-    for component in range(number):
-        if not printed[first[component]]:
-            continue
-        cells, parent = breadth_first_order(graph, int(first[component]), directed=False)
-        for cell in cells[1:].tolist():
-            offset[cell] = offset[parent[cell]] + steps[int(parent[cell]), cell]
-    # Two ways to one triangle that differ by a lattice vector join the component to its image.
-    np.logical_or.at(connected, label[one], np.any(offset[two] - offset[one] != step, axis=1))
-    areas = np.bincount(label, pattern.areas, minlength=number)
-    return np.asarray(np.sort(areas[printed[first] & ~connected])[::-1])
+    four = tile.repeated(2, 2)
+    one, two = edges_of(four.tile.pattern.triangles).sides.T
+    on = printed[four.cell]
+    both = on[one] & on[two]
+    body = linked(one[both], two[both], len(on))[on]
+    cell = four.cell[on]
+    copies = np.bincount(np.unique(np.stack([body, cell]), axis=1)[0])
+    bodies = np.unique(body)
+    island = bodies[copies[bodies] == np.bincount(body)[bodies]]
+    areas = np.bincount(body, tile.pattern.areas[cell])[island]
+    return np.sort(areas)[::-4]  # each of them is found four times

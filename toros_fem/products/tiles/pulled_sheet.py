@@ -90,42 +90,28 @@ class TileSheetScene(Scene):
         *,
         verbose: bool = False,
     ) -> RunResult:
-        """Write the print file, and pull the sheet (collective).
-
-        Args:
-            comm: Communicator.
-            output: Folder for print file, summary, curves and pictures.
-            files: Folder of the printed "tile"; without it `cross_tile` is taken.
-            verbose: Whether to print every step of the equilibrium solver.
-        """
+        """Write the print file, and pull the sheet of the "tile" or `cross_tile` (collective)."""
         begin, folder, given = time.perf_counter(), Path(output), (files or {}).get("tile")
-        strains = np.asarray(
-            np.linspace(0.0, self.pull.strain, self.pull.strain_steps + 1), dtype=np.float64
-        )[1:]
-        directions = DIRECTIONS if self.pull.direction == "both" else (self.pull.direction,)
-        design = cross_tile(comm) if given is None else read_tile(comm, given)
-        simulated = design
-        factor, edge = self.skin.edge_factor, self.skin.edge_length
+        pull, factor, edge = self.pull, self.skin.edge_factor, self.skin.edge_length
+        strains = np.asarray(np.linspace(0.0, pull.strain, pull.strain_steps + 1)[1:], np.float64)
+        directions = DIRECTIONS if pull.direction == "both" else (pull.direction,)
+        design = simulated = cross_tile(comm) if given is None else read_tile(comm, given)
         if edge is not None or factor != 1.0:
             simulated = remesh(comm, design, edge or factor * design.edge_length)
-        designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
-        counts = (self.pull.along, self.pull.across)
-        sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
-        cloth, regions = print_layout(sheets, design.printed, self.pull.margin)
+        drawn, mesh = design.tile(comm), simulated.tile(comm)
+        sheets = [tile_sheet(drawn, name, pull.along, pull.across) for name in directions]
+        cloth, regions = print_layout(sheets, design.printed, pull.margin)
         log = print_step(comm) if verbose else None
-        pulled = [
-            pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
-            for direction in directions
-        ]
-        area = float(np.prod(design.size))
-        shares = (
-            float(designed_mesh.pattern.areas[design.printed].sum()) / area,
-            float(mesh.pattern.areas[simulated.printed].sum()) / area,
+        sheets = [tile_sheet(mesh, name, pull.along, pull.across) for name in directions]
+        pulled = [pull_sheet(comm, sheet, mesh, simulated, strains, log) for sheet in sheets]
+        shares = tuple(
+            float(on.pattern.areas[of.printed].sum()) / float(np.prod(design.size))
+            for on, of in ((drawn, design), (mesh, simulated))
         )
-        printed = [float(region.area) for region in regions]
-        total = time.perf_counter() - begin
-        where = None if given is None else str(given)
-        found = SheetResult(pulled, design.size, shares, printed, (self, where), total)
+        areas = [float(region.area) for region in regions]
+        inputs = {**self.as_dict(), "tile": None if given is None else str(given)}
+        seconds = time.perf_counter() - begin
+        found = SheetResult(pulled, design.size, shares, areas, inputs, seconds)
         summary = write_summary(comm, folder, found)
 
         def draw() -> None:
@@ -134,7 +120,7 @@ class TileSheetScene(Scene):
             plot_pulls(folder / "curve.png", pulled)
             for one in pulled:
                 direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
-                title = f"pulled by {100 * self.pull.strain:g} % along {direction}"
+                title = f"pulled by {100 * pull.strain:g} % along {direction}"
                 path = folder / f"sheet_{direction}.png"
                 plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
 
@@ -159,32 +145,29 @@ class SheetResult(RunResult):
         tile: Sides of a tile in m.
         shares: Printed part of its area, as designed and as simulated.
         printed: Printed area of each panel in m².
-        inputs: The scene, and the folder that the tile was read from, or None.
+        inputs: The scene's values, and the folder "tile" that the tile was read from, or None.
         seconds: Wall time in s.
     """
 
     pulled: Sequence[PulledSheet]
     tile: tuple[float, float]
-    shares: tuple[float, float]
+    shares: tuple[float, ...]
     printed: Sequence[float]
-    inputs: tuple[TileSheetScene, str | None]
+    inputs: Mapping[str, Any]
     seconds: float
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Stiffness and contraction at the largest strain, and as predicted."""
-        found = []
-        for one in self.pulled:
-            curve, predicted, along = one.test.curve, one.predicted, one.sheet.direction
-            for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction")):
-                for word, of in (("", curve), ("_predicted", predicted)):
-                    value = float(getattr(of, name)[-1])
-                    found.append(Figure(f"{name}_along_{along}{word}", unit, value))
-        return tuple(found)
+        return tuple(
+            Figure(f"{name}_along_{one.sheet.direction}{word}", unit, float(getattr(of, name)[-1]))
+            for one in self.pulled
+            for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction"))
+            for word, of in (("", one.test), ("_predicted", one.predicted))
+        )
 
     def entries(self) -> dict[str, Any]:
         """Return the pull in each direction, shares of print, inputs and cost."""
-        scene, tile = self.inputs
         return {
             "directions": {one.sheet.direction: one.summary() for one in self.pulled},
             "tile_m": self.tile,
@@ -193,14 +176,14 @@ class SheetResult(RunResult):
             "printed_m2": list(self.printed),
             "triangles": len(self.pulled[0].sheet.cell),
             "seconds": {"total": self.seconds},
-            "inputs": {**scene.as_dict(), "tile": tile},
+            "inputs": dict(self.inputs),
         }
 
     def sentence(self) -> str:
         """Return it in a sentence."""
-        strain, told = 100 * self.inputs[0].pull.strain, []
+        told = []
         for one in self.pulled:
-            f = one.summary()
+            f, strain = one.summary(), 100 * one.test.strain[-1]
             middle = f["middle"]
             told.append(
                 f"along {one.sheet.direction} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, "

@@ -51,12 +51,7 @@ class TileSheet:
 
 
 def tile_sheet(tile: Tile, direction: str, along: int, across: int) -> TileSheet:
-    """Return a sheet of tiles.
-
-    Args:
-        tile: The tile.
-        direction: Direction of the pull, "x" or "y".
-        along, across: Numbers of tiles along this direction and across it.
+    """Return a sheet of so many tiles along the direction of the pull, "x" or "y", and across.
 
     Raises:
         ParameterError: The direction is unknown, or a number is not whole or less than 1.
@@ -72,14 +67,9 @@ def region_of_triangles(triangles: Floats) -> BaseGeometry:
 
 
 def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> PrintedTile:
-    """Return the same print on a mesh of another edge length (collective).
+    """Return the same print on a mesh of another edge length in m (collective).
 
     A triangle of the new mesh is printed if at least half its area is.
-
-    Args:
-        comm: Communicator.
-        printed_tile: The printed tile.
-        edge_length: Edge length of the new mesh in m.
 
     Raises:
         ParameterError: The length is not positive, or too large for the tile.
@@ -104,14 +94,10 @@ def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> Pri
 def swatch(tile: Tile, region: BaseGeometry, printed: Bools) -> tuple[Pattern, BaseGeometry]:
     """Return the cloth of a piece of tiles, at least 5 cm wide each way, and the print on it.
 
-    Args:
-        tile: The tile.
-        region: Print of one tile, polygons in m.
-        printed: Whether each of the tile's triangles is printed, (t,).
+    The print of one tile is given as polygons in m and as triangles (t,).
     """
     along, across = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
-    sheet = tile_sheet(tile, "x", along, across)
-    cloth, _ = print_layout([sheet], printed, CLAMPED)
+    cloth, _ = print_layout([tile_sheet(tile, "x", along, across)], printed, CLAMPED)
     return cloth, translate(repeated(region, tile, along, across), CLAMPED, 0.0)
 
 
@@ -140,15 +126,14 @@ def print_layout(
         corners.append(size * [[0, 0], [1, 0], [1, 1], [0, 1]])
         region = region_of_triangles(sheet.pattern.corners[printed[sheet.cell]])
         regions.append(translate(region, *offset))
-    count = len(sheets)
-    flat = np.concatenate(corners)
+    flat, panel = np.concatenate(corners), np.arange(len(sheets))
     halves = np.array([[0, 1, 2], [0, 2, 3]])
     cloth = Pattern(
         flat_points=flat,
-        flat_triangles=np.concatenate([4 * k + halves for k in range(count)]),
-        panel=np.repeat(np.arange(count), 2),
+        flat_triangles=(4 * panel[:, None, None] + halves).reshape(-1, 3),
+        panel=np.repeat(panel, 2),
         sewn=np.arange(len(flat)),
-        points=np.column_stack([flat, np.repeat(np.arange(float(count)), 4)]),
+        points=np.column_stack([flat, np.repeat(panel.astype(float), 4)]),
         panel_names=tuple(f"along_{sheet.direction}" for sheet in sheets),
     )
     return cloth, regions

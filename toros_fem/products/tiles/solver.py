@@ -27,8 +27,9 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
 
 # First and smallest step of a continuation, as fractions of the mean deformation.
-FIRST_STEP = 1 / 4
-SMALLEST_STEP = 1e-3
+FIRST_STEP, SMALLEST_STEP = 1 / 4, 1e-3
+# F̄ of the flat sheet.
+FLAT = np.eye(3)[:, :2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +64,12 @@ class TileSolver:
     """Solver of equilibria x = F̄ x̄ + w of a tile, w periodic, and of their derivatives.
 
     One fixed vertex and the prescribed components of F̄ exclude rigid motions. Positions and F̄ are
-    in axes n, t, z: those of the flat sheet, rotated by the direction's angle.
+    in axes n, t, z: those of the flat sheet, rotated by the direction's angle. All methods are
+    collective.
 
-    `solve` leaves the tangent's factorisation for the derivatives of the last equilibrium. The
-    density gradients are the discrete adjoint's, by hand; tests tie them to differences.
+    `solve` leaves the tangent's factorisation for the derivatives of the last equilibrium, which
+    refuse any other state. The density gradients are the discrete adjoint's, by hand; tests tie
+    them to differences.
 
     Attributes:
         model: Energy and derivatives.
@@ -105,16 +108,14 @@ class TileSolver:
         fixed[:, 2] = periodic.flat
         fixed[0] = True
         self.skin, self.periodic = skin, periodic
-        self.options = options or NewtonOptions()
         self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
-        self._newton = Newton(self.model, self.options, log)
-        images, periodic_tangent = self.model.images, self._newton.factor.periodic
+        self._newton = Newton(self.model, options or NewtonOptions(), log)
+        images, tangent = self.model.images, self._newton.factor.periodic
         assert images is not None
-        assert periodic_tangent is not None
-        self._periodic_tangent, self._images, self._turn = periodic_tangent, images, images.turn
+        assert tangent is not None
+        self._periodic_tangent, self._images = tangent, images
         self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
-        self._flat_positions = skin.pattern.points[skin.owned_vertices, :2]
         pairs = self.model.tangent_layout[1].shape[1]
         self._entries: Floats = np.zeros(len(skin.cell) * pairs * (pairs + 1) // 2)
         self._last: TileState | None = None
@@ -129,7 +130,7 @@ class TileSolver:
         start: TileState | None = None,
         allow_continuation: bool = True,
     ) -> TileState:
-        """Return the stable equilibrium at a mean deformation (collective).
+        """Return the stable equilibrium at a mean deformation.
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
@@ -153,117 +154,80 @@ class TileSolver:
                 f"gradient = {gradient} at angle = {angle} must be (3, 2), "
                 "with finite prescribed components."
             )
-        target = np.where(self._prescribed, given, 0.0)
         if start is not None and start.angle != angle:
             raise ParameterError(
                 f"the start has angle = {start.angle:g} rad, the solve {angle:g} rad. Start from a "
                 "state of the same direction, or from None."
             )
-        self._forget()
-        self._turn(angle)
-        self.model.set_density(density)
-        attempts = Attempts(self._newton)
-        begin, state = np.eye(3)[:, :2], self._assembled(angle)
-        if start is not None:
-            begin, state = start.gradient, start.state
-        change = np.where(self._prescribed, target - begin, 0.0)
+        self._set(density, angle)
+        target, attempts = np.where(self._prescribed, given, 0.0), Attempts(self._newton)
 
-        def attempt(x: Floats, fraction: float) -> Attempt:
-            there = self._images.mean_gradient(x)
-            rest = np.where(self._prescribed, begin + fraction * change - there, 0.0)
-            return attempts(self._stretched(x, angle, rest))
-
-        first = attempt(state, 1.0)
-        found, outcome = first.state, first.outcome
-        if outcome <= 0 and allow_continuation:
-            begin, state = np.eye(3)[:, :2], self._assembled(angle)
+        def towards(begin: Floats) -> Callable[[Floats, float], Attempt]:
             change = np.where(self._prescribed, target - begin, 0.0)
-            done = run_continuation(
-                attempt, ContinuationResult(state, 0.0, 1), 1.0, FIRST_STEP, SMALLEST_STEP
-            )
-            found, outcome = done.state, done.outcome if done.load_factor == 1.0 else -1
-        if outcome <= 0:
+
+            def attempt(x: Floats, fraction: float) -> Attempt:
+                wanted = begin + fraction * change
+                rest = np.where(self._prescribed, wanted - self._images.mean_gradient(x), 0.0)
+                return attempts(self._stretched(x, angle, rest))
+
+            return attempt
+
+        assembled = self.model.assembled
+        self.model.positions(assembled)[:, :2] = self.flat_positions(angle)
+        begin, state = (FLAT, assembled) if start is None else (start.gradient, start.state)
+        first = towards(begin)(state, 1.0)
+        found, reached = first.state, first.outcome > 0
+        if not reached and allow_continuation:
+            nothing = ContinuationResult(assembled, 0.0, 1)
+            done = run_continuation(towards(FLAT), nothing, 1.0, FIRST_STEP, SMALLEST_STEP)
+            found, reached = done.state, done.load_factor == 1.0 and done.outcome > 0
+        if not reached:
             raise NoEquilibriumError(
                 f"the tile has no equilibrium at the mean deformation {target[:2].tolist()} along "
                 f"{np.degrees(angle):.4g} degrees inside the stretch bounds "
                 f"{self.model.composite.stated_bounds}. Stretch it less, "
                 "soften the print, or refine the mesh."
             )
-        self._last = self._result(found, angle, attempts.steps, attempts.factorisations)
-        return self._last
+        return self._result(found, angle, attempts.steps, attempts.factorisations)
 
     def restore(
         self, density: Floats, angle: float, unknowns: Floats, *, counts: tuple[int, int]
     ) -> TileState:
-        """Return an equilibrium as if it had just been solved for (collective).
+        """Return an equilibrium as if it had just been solved for.
 
-        Args:
-            density, angle: As of `solve`.
-            unknowns: `Patch.gather` of its state.
-            counts: Its numbers of Newton steps and factorisations.
-
-        Raises:
-            ParameterError: The unknowns are those of another tile.
-            NoEquilibriumError: It is no stable equilibrium.
+        It is given by the unknowns, `Patch.gather` of its state, and by its numbers of Newton steps
+        and factorisations. Unknowns of another tile, and states that are not stable, are refused.
         """
         state = self.model.patch.scatter(unknowns)
         if not self.stable(state, density, angle):
             raise NoEquilibriumError(
                 f"the saved state of the tile along {np.degrees(angle):.4g} degrees is not stable."
             )
-        self._last = self._result(state, angle, *counts)
-        return self._last
+        return self._result(state, angle, *counts)
 
     def state_derivative(self, at: TileState, change: Floats) -> Floats:
-        """Return dq/dF̄ : change, the derivative of the state by F̄ (collective).
-
-        Args:
-            at: The last equilibrium of this solver, whose tangent is factorised.
-            change: Direction in the prescribed components of F̄, (3, 2).
-
-        Raises:
-            ParameterError: The solver has been used since.
-        """
+        """Return dq/dF̄ : change, for a direction in the prescribed components of F̄, (3, 2)."""
         return self._linear_response(at, change)[1]
 
     def stiffness(self, at: TileState, changes: Floats) -> Floats:
-        """Return the second derivative of the mean energy by F̄ in N/m, (k, k) (collective).
+        """Return the second derivative of the mean energy by F̄ in N/m, (k, k).
 
-        Args:
-            at: As for `state_derivative`.
-            changes: Directions in the prescribed components of F̄, (k, 3, 2).
-
-        Raises:
-            ParameterError: The solver has been used since.
+        It is along directions in the prescribed components of F̄, (k, 3, 2). In the flat state,
+        symmetric ones give the membrane stiffness of the undeformed tile.
         """
         comm, pairs = self.skin.comm, [self._linear_response(at, change) for change in changes]
         return np.array([[dot(comm, f, q) / self.area for _, q in pairs] for f, _ in pairs])
 
     def stress_gradient(self, at: TileState, change: Floats) -> Floats:
-        """Return d(P̄ : change)/dρ̄ at owned triangles, in N/m, prescribed F̄ constant (collective).
+        """Return d(P̄ : change)/dρ̄ at owned triangles, in N/m, prescribed F̄ constant.
 
         The derivative of the state is its own adjoint here: no further solve is needed.
-
-        Args:
-            at: As for `state_derivative`.
-            change: Direction in the prescribed components of F̄, (3, 2).
-
-        Raises:
-            ParameterError: The solver has been used since.
         """
         sensitivity = self.model.density_sensitivity(at.state, self.state_derivative(at, change))
         return np.asarray(sensitivity / self.area)
 
     def strain_gradient(self, at: TileState, part: Floats) -> Floats:
-        """Return d(F̄ : part)/dρ̄ at owned triangles by one adjoint solve (collective).
-
-        Args:
-            at: As for `state_derivative`.
-            part: Factors on the free components of F̄, (3, 2).
-
-        Raises:
-            ParameterError: The solver has been used since.
-        """
+        """Return d(F̄ : part)/dρ̄ at owned triangles, for free components of F̄, by one solve."""
         self._require_last(at)
         rhs: Floats = np.zeros_like(at.state)
         self._images.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
@@ -272,28 +236,12 @@ class TileSolver:
         return np.asarray(-sensitivity / self.periodic.length)
 
     def stable(self, state: Floats, density: Floats, angle: float) -> bool:
-        """Return whether an equilibrium is stable (collective).
-
-        Args:
-            state: Owned unknowns of an equilibrium.
-            density: Its projected density at owned triangles.
-            angle: Its direction in rad.
-        """
-        self._forget()
-        self._turn(angle)
-        self.model.set_density(density)
+        """Return whether an equilibrium, given by its owned unknowns, is stable."""
+        self._set(density, angle)
         return self._newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
-        """Return whether a flat equilibrium is unstable out of its plane (collective).
-
-        Args:
-            flat: Equilibrium of a solver of the same skin with `flat` = True.
-            density: Its projected density at owned triangles.
-
-        Raises:
-            ParameterError: This solver keeps the sheet in its plane.
-        """
+        """Return whether an equilibrium of a flat solver is unstable out of its plane."""
         if self.periodic.flat:
             raise ParameterError(
                 "this solver keeps the tile in its plane, so it cannot buckle. Make the solver "
@@ -307,23 +255,26 @@ class TileSolver:
     def flat_positions(self, angle: float) -> Floats:
         """Return the positions of the owned nodes in the flat sheet, axes n, t, in m, (k, 2)."""
         c, s = np.cos(angle), np.sin(angle)
-        return self._flat_positions @ np.array([[c, -s], [s, c]])
+        places = self.skin.pattern.points[self.skin.owned_vertices, :2]
+        return np.asarray(places @ np.array([[c, -s], [s, c]]))
 
-    def _assembled(self, angle: float) -> Floats:
-        state = self.model.assembled
-        self.model.positions(state)[:, :2] = self.flat_positions(angle)
-        return state
+    def _set(self, density: Floats, angle: float) -> None:
+        """Set density and direction of the next solve; older states have no derivatives now."""
+        self._last = None
+        self._responses.clear()
+        self._images.turn(angle)
+        self.model.set_density(density)
 
     def _stretched(self, state: Floats, angle: float, change: Floats) -> Floats:
         """Return a state with a homogeneous deformation added."""
-        out, added = state.copy(), np.zeros_like(state)
-        self.model.positions(added)[:] = self.flat_positions(angle) @ change.T
+        added = np.zeros_like(state)
+        positions = self.model.positions(added)
+        positions[:] = self.flat_positions(angle) @ change.T
         self._images.set_mean_gradient(added, change)
         # The fixed vertex keeps its position.
-        fixed = self.model.skin.owned_vertices == 0
-        shift = self.model.positions(added)[fixed].sum(axis=0)
-        self.model.positions(added)[:] -= self.skin.comm.allreduce(shift)
-        return out + added
+        shift = positions[self.skin.owned_vertices == 0].sum(axis=0)
+        positions -= self.skin.comm.allreduce(shift)
+        return state + added
 
     def _linear_response(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
         """Return the derivatives of force and state by F̄; they are kept for further calls.
@@ -349,7 +300,7 @@ class TileSolver:
         model = self.model
         state.setflags(write=False)
         stress = self._images.mean_force(model.variation(state)) / self.area
-        return TileState(
+        self._last = TileState(
             angle=angle,
             gradient=self._images.mean_gradient(state),
             stress=np.where(self._prescribed, stress, 0.0),
@@ -360,10 +311,7 @@ class TileSolver:
             steps=steps,
             factorisations=factorisations,
         )
-
-    def _forget(self) -> None:
-        self._last = None
-        self._responses.clear()
+        return self._last
 
     def _require_last(self, at: TileState) -> None:
         if at is not self._last:

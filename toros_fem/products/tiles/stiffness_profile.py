@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Any
 
@@ -18,6 +18,8 @@ from toros_fem.products.tiles.solver import TileSolver, TileState
 
 ALONG = np.array([[1.0, 0], [0, 0], [0, 0]])
 ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
+# Of one profile, one value for each direction.
+VALUES = ("stress", "tangent", "contraction", "shear")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,17 +68,11 @@ class Profile:
 
 
 class ProfileSolver:
-    """Solver of a tile's profile.
+    """Solver of a tile's profile; all methods are collective over tile and batch.
 
     The ranks of a communicator of their own share the directions, so that a tile too small to be
     distributed is solved in several directions at once; each rank then sews the whole tile. With a
     skin that is distributed over ranks, the batch must be a communicator of one rank.
-
-    Attributes:
-        tile: Solver of the tile.
-        angles: Directions in rad, (k,).
-        strain: Strain λ − 1 along them.
-        batch: Communicator whose ranks share the directions.
 
     Args:
         tile: Solver of the tile, F̄n prescribed and F̄t free.
@@ -123,7 +119,7 @@ class ProfileSolver:
         gradients: bool = True,
         allow_continuation: bool = True,
     ) -> Profile:
-        """Return the profile of a density (collective over tile and batch).
+        """Return the profile of a density.
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
@@ -135,13 +131,12 @@ class ProfileSolver:
             DensityError: The density does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium in one of the directions.
         """
-        gradient = (1 + self.strain) * ALONG
 
         def state(k: int) -> TileState:
             return self.tile.solve(
                 density,
                 float(self.angles[k]),
-                gradient,
+                (1 + self.strain) * ALONG,
                 start=None if start is None else start[k],
                 allow_continuation=allow_continuation,
             )
@@ -149,7 +144,7 @@ class ProfileSolver:
         return self._measured(state, gradients=gradients)
 
     def save(self, profile: Profile) -> tuple[Floats, dict[str, Any]]:
-        """Return what `restore` needs: all unknowns of each direction, and counts (collective)."""
+        """Return what `restore` needs: all unknowns of each direction, and counts."""
         mine = [
             (k, self.tile.model.patch.gather(state.state), [state.steps, state.factorisations])
             for k, state in enumerate(profile.state)
@@ -160,16 +155,7 @@ class ProfileSolver:
         return np.stack([one[1] for one in parts]), {"counts": [one[2] for one in parts]}
 
     def restore(self, density: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
-        """Return a profile as if it had just been solved for (collective).
-
-        Args:
-            density: As of `solve`.
-            unknowns, numbers: As of `save`.
-
-        Raises:
-            ParameterError: The unknowns are those of another tile.
-            NoEquilibriumError: A state is no stable equilibrium.
-        """
+        """Return a saved profile as if it had just been solved for."""
 
         def state(k: int) -> TileState:
             steps, factorisations = numbers["counts"][k]
@@ -180,15 +166,15 @@ class ProfileSolver:
         return self._measured(state, gradients=True)
 
     def _measured(self, find: Callable[[int], TileState], *, gradients: bool) -> Profile:
-        """Return the profile of the states in all directions (collective)."""
+        """Return the profile of the states in all directions."""
         count, batch = len(self.angles), self.batch
         states: list[TileState | None] = [None] * count
         found: list[Floats | None] = [None] * count
-        values = np.zeros((count, 6))
+        values = np.zeros((6, count))
         with together(batch):
             for k in range(batch.rank, count, batch.size):
                 states[k] = state = find(k)
-                values[k] = [
+                values[:, k] = [
                     state.stress[0, 0],
                     self.tile.stiffness(state, ALONG[None])[0, 0],
                     (1 - state.gradient[1, 1]) / self.strain,
@@ -200,31 +186,22 @@ class ProfileSolver:
                     by_stress = self.tile.stress_gradient(state, ALONG)
                     by_contraction = self.tile.strain_gradient(state, ACROSS)
                     found[k] = np.stack([by_stress, -by_contraction / self.strain])
-        # Each row is non-zero on one rank only, so the sum is exact and equal on all ranks.
+        # Each column is non-zero on one rank only, so the sum is exact and equal on all ranks.
         values = np.asarray(batch.allreduce(values))
         return Profile(
-            angles=self.angles,
-            strain=self.strain,
-            stress=values[:, 0],
-            tangent=values[:, 1],
-            contraction=values[:, 2],
-            shear=values[:, 3],
+            self.angles,
+            self.strain,
+            **dict(zip(VALUES, values, strict=False)),
             state=tuple(states),
             gradients=tuple(found),
-            steps=int(values[:, 4].sum()),
-            factorisations=int(values[:, 5].sum()),
+            steps=int(values[4].sum()),
+            factorisations=int(values[5].sum()),
         )
 
     def backward(self, profile: Profile, by_stress: Floats, by_contraction: Floats) -> Floats:
-        """Return dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction (collective).
+        """Return dT/dρ̄ at owned triangles, (cells,), by dT/d stress in m/N and dT/d contraction.
 
-        Args:
-            profile: A profile with its gradients.
-            by_stress: dT/d stress in m/N, (k,), or (j, k) for j functions at once.
-            by_contraction: dT/d contraction, of the same shape.
-
-        Returns:
-            dT/dρ̄, (cells,) or (j, cells).
+        The latter are (k,) each, or (j, k) for j functions at once, which gives (j, cells).
         """
         out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
         for k, gradients in enumerate(profile.gradients):
@@ -243,20 +220,7 @@ def profiles(
     strains: Sequence[float] | Floats,
     batch: MPI.Comm | None = None,
 ) -> list[Profile]:
-    """Return the profiles at several strains, each solve started from the last.
-
-    Args:
-        tile: The solver.
-        density: Projected density of the owned triangles, in [0, 1].
-        angles: Directions in rad, (k,).
-        strains: Values of λ − 1, in the order of the solves.
-        batch: As for `ProfileSolver`.
-
-    Raises:
-        ParameterError: As for `ProfileSolver`.
-        DensityError: The density does not fit, or leaves [0, 1].
-        NoEquilibriumError: There is no equilibrium at one of the strains.
-    """
+    """Return the profiles at strains λ − 1, each solve started from the one before."""
     found: list[Profile] = []
     for strain in strains:
         near = found[-1].state if found else None
@@ -268,44 +232,15 @@ def profiles(
 def merge_profiles(one: Profile, other: Profile) -> Profile:
     """Return the union of two profiles of one tile and strain, sorted by direction."""
     order = np.argsort(np.concatenate([one.angles, other.angles]))
-
-    def both(name: str) -> Floats:
-        return np.asarray(np.concatenate([getattr(one, name), getattr(other, name)])[order])
-
-    return Profile(
-        angles=both("angles"),
-        strain=one.strain,
-        stress=both("stress"),
-        tangent=both("tangent"),
-        contraction=both("contraction"),
-        shear=both("shear"),
+    both = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)])[order]
+        for name in ("angles", *VALUES)
+    }
+    return replace(
+        one,
+        **both,
         state=tuple((*one.state, *other.state)[k] for k in order),
         gradients=tuple((*one.gradients, *other.gradients)[k] for k in order),
         steps=one.steps + other.steps,
         factorisations=one.factorisations + other.factorisations,
     )
-
-
-def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
-    """Return the membrane stiffness of the undeformed tile, by one factorisation (collective).
-
-    Args:
-        solver: A tile's solver with all of F̄ prescribed, `Periodic(tile, ALL_PRESCRIBED)`.
-        density: Projected density of the owned triangles.
-
-    Returns:
-        Membrane stiffness in N/m, (3, 3), of strains (xx, yy, 2xy).
-
-    Raises:
-        ParameterError: A component of F̄ is free.
-    """
-    if not np.array(solver.periodic.prescribed).all():
-        raise ParameterError(
-            "the effective tensor needs a tile with all of F̄ prescribed: make its solver of "
-            "Periodic(tile, ALL_PRESCRIBED)."
-        )
-    state = solver.solve(density, 0.0, np.eye(3)[:, :2])
-    changes = np.zeros((3, 3, 2))
-    changes[0, 0, 0] = changes[1, 1, 1] = 1.0
-    changes[2, 0, 1] = changes[2, 1, 0] = 0.5
-    return solver.stiffness(state, changes)
