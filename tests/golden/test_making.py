@@ -16,10 +16,9 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
@@ -44,10 +43,12 @@ pattern_of = shared_pattern.__wrapped__
 def lines_of(laid: LaidLines) -> dict[str, Any]:
     """Quantities of laid lines."""
     return {
-        "lines by family": [len(family) for family in laid.centre_lines],
-        "corners by line": [[len(line.points) for line in family] for family in laid.centre_lines],
+        "lines by family": [family.lines for family in laid.families],
+        "corners by line": [
+            [len(line.points) for line in family.centre_lines] for family in laid.families
+        ],
         "places in m": np.concatenate(
-            [line.points.reshape(-1) for family in laid.centre_lines for line in family]
+            [line.points.reshape(-1) for family in laid.families for line in family.centre_lines]
         ),
         "regions": list(laid.regions),
         "area in m2": laid.area,

@@ -55,7 +55,7 @@ def positions(pattern: Pattern, line: CentreLine) -> np.ndarray:
 def largest_jump(laid: LaidLines) -> float:
     """Largest distance on the skin from the end of a segment to the start of the next, in m."""
     jumps = [0.0]
-    for line in (line for family in laid.centre_lines for line in family):
+    for line in (line for family in laid.families for line in family.centre_lines):
         at = positions(laid.pattern, line)
         after, before = at[1:, 0], at[:-1, 1]
         if line.closed:
@@ -71,7 +71,7 @@ def distance_to_others(laid: LaidLines, line: CentreLine, side: int) -> float:
     own = line.points[20:] if side == 0 else line.points[:-20]
     cells = line.cell[20:] if side == 0 else line.cell[:-20]
     segments = [own[pattern.panel[cells] == panel]]
-    for other in (other for family in laid.centre_lines for other in family):
+    for other in (other for family in laid.families for other in family.centre_lines):
         if other is not line:
             segments.append(other.points[pattern.panel[other.cell] == panel])
     rest = shapely.multilinestrings(shapely.linestrings(np.concatenate(segments)))

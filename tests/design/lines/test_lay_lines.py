@@ -6,10 +6,9 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker
@@ -23,10 +22,10 @@ def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
     options = LineOptions(widths=(1e-3,))
     before = lay_lines(even_field(sheet, [0.2], [90.0]), options)
     field = even_field(sheet, [0.16], [direction])
-    assert len(lay_lines(field, options).centre_lines[0]) < 8
+    assert len(lay_lines(field, options).families[0].centre_lines) < 8
     laid = lay_lines(field, options, like=before)
     there, here = (
-        sorted(line.points[..., 0].mean() for line in each.centre_lines[0])
+        sorted(line.points[..., 0].mean() for line in each.families[0].centre_lines)
         for each in (before, laid)
     )
     assert len(here) == 8
@@ -39,7 +38,7 @@ def test_where_all_is_asked_for_gaps_are_left() -> None:
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
     options = LineOptions(widths=(2e-3,))
     laid = lay_lines(even_field(sheet, [0.97], [90.0]), options)
-    places = np.sort([line.points[..., 0].mean() for line in laid.centre_lines[0]])
+    places = np.sort([line.points[..., 0].mean() for line in laid.families[0].centre_lines])
     assert np.diff(places).min() == pytest.approx(2e-3 + options.print_width, rel=0.02)
     assert laid.families[0].laid == pytest.approx(len(places) * 2e-3 / 0.04, rel=1e-4)
 
@@ -61,10 +60,10 @@ def test_lines_run_on_across_a_seam_between_turned_charts(degrees: float) -> Non
     angle = np.radians(25.0 + degrees * pattern.panel)[:, None]
     laid = lay_lines(LineField(pattern, np.full((len(angle), 1), 0.2), angle))
     assert largest_jump(laid) < 1e-9
-    sheet = [positions(laid.pattern, line) for line in laid.centre_lines[0]]
+    sheet = [positions(laid.pattern, line) for line in laid.families[0].centre_lines]
     across = np.array([-np.sin(np.radians(25)), np.cos(np.radians(25)), 0])
     assert max(np.ptp(at @ across) for at in sheet) < 1e-9
-    both = [len(np.unique(laid.pattern.panel[line.cell])) for line in laid.centre_lines[0]]
+    both = [len(np.unique(laid.pattern.panel[line.cell])) for line in laid.families[0].centre_lines]
     assert both.count(2) > 3
     apart, whole = seam_difference(laid)
     assert whole > 3e-3
@@ -146,8 +145,8 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
     laid = lay_lines(LineField(sheet, shares, angles), LineOptions(widths=(3e-3, 0.8e-3)))
     ends = [
         line.points[0 if side == 0 else -1, side]
-        for line in laid.centre_lines[0]
-        for side, kind in enumerate(line.ends or ())
+        for line in laid.families[0].centre_lines
+        for side, kind in enumerate(line.ends)
         if kind == "line"
     ]
     assert len(ends) > 1

@@ -1,4 +1,4 @@
-from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.lines.field import LineOptions
 
 
 def test_one_width_counts_for_all_families() -> None:

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import even_field, positions
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import CentreLine
+from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.symmetry import make_symmetry
@@ -22,9 +22,9 @@ def wall_of(part: Pattern) -> np.ndarray:
 def at_plane(laid: LaidLines, family: int, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Heights at which lines of a family meet a plane, sorted, and their slopes there."""
     height, slope = [], []
-    for line in laid.centre_lines[family]:
+    for line in laid.families[family].centre_lines:
         at = positions(laid.pattern, line)
-        for side, kind in enumerate(line.ends or ()):
+        for side, kind in enumerate(line.ends):
             end = at[0 if side == 0 else -1]
             if kind == "plane" and abs(end[side, axis]) < 1e-9:
                 way = end[1 - side] - end[side]
@@ -64,10 +64,14 @@ def test_all_images_of_an_octant_return_to_it() -> None:
     values[found.whole.vertex] = places @ [1.0, 2.0, 3.0]
     own = octant.points[octant.triangles[found.part.cells]] @ [1.0, 2.0, 3.0]
     for image in range(8):
-        assert found.vertices_to_part(values, image)[found.part.vertex] == pytest.approx(own)
         cell = np.array([image])
-        line = CentreLine(cell, found.whole.corners[cell][:, :2], False)
-        (back,) = found.restricted([line], image)
+        line = CentreLine(cell, found.whole.corners[cell][:, :2])
+        angles = np.zeros(found.whole.vertex.shape)
+        family = Family([line], angles, values, 2 * values, 0.1, (0.01, 3 * values))
+        moved = found.to_part(family, image)
+        for factor, there in enumerate((moved.spacing, moved.radius, moved.bounds[1]), 1):
+            assert there[found.part.vertex] == pytest.approx(factor * own)
+        (back,) = moved.lines
         assert positions(octant, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
 
 
@@ -93,7 +97,7 @@ def test_planes_are_in_the_middle_of_lines_or_of_gaps() -> None:
     for share in (0.12, 0.15, 0.16, 0.2):
         laid = lay_lines(even_field(HALF, [share], [90]), printed=~wall, planes=(1,))
         across = laid.pattern.corners[laid.pattern.panel == 0][..., 0]
-        places = np.sort([line.points[:, :, 0].mean() for line in laid.centre_lines[0]])
+        places = np.sort([line.points[:, :, 0].mean() for line in laid.families[0].centre_lines])
         step = np.diff(places).mean()
         assert np.ptp(np.diff(places)) < 1e-7
         for off in (places[0] - across.min(), across.max() - places[-1]):

@@ -5,9 +5,9 @@ import pytest
 from helpers.lines import even_field
 from mpi4py import MPI
 
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.lines.widths import smooth_functions, width_changes, within_bounds
 from toros_fem.meshes.sheet import rectangle
 
@@ -27,7 +27,8 @@ def test_smooth_functions_are_those_of_a_square(lines: LaidLines) -> None:
     found = smooth_functions(mesh, 6)
     weight = mesh.vertex_areas / mesh.vertex_areas.sum()
     assert np.allclose(found.T @ (weight[:, None] * found), np.eye(6), atol=1e-8)
-    values = np.einsum("ij,ij->j", found, mesh.laplacian @ found) / mesh.vertex_areas.sum()
+    energy = found.T @ (mesh.laplacian(mesh.weights) @ found)
+    values = energy.diagonal() / mesh.vertex_areas.sum()
     expected = (np.pi / SIDE) ** 2 * np.array([0, 1, 1, 2, 4, 4])
     assert values == pytest.approx(expected, rel=0.03, abs=1e-6)
 
@@ -51,7 +52,7 @@ def test_densities_of_changes_are_those_under_the_lines(lines: LaidLines) -> Non
     """The first function is 1: all lines get wider by as much as their density would grow."""
     drawing = lines.drawing
     fine = rectangle(MPI.COMM_SELF, SIDE, SIDE, 0.4e-3, "unstructured")
-    changes = width_changes(drawing, fine, lines.under, 3)
+    changes = width_changes(drawing, fine, [lines.families[0].under], 3)
     cells, free = np.arange(len(fine.panel)), np.ones((1, drawing.mesh.size), dtype=bool)
     rows = changes.densities(cells, free)
     assert len(rows) == 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,15 +13,16 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.rounding import rounded
-from toros_fem.design.lines.centre_lines import CentreLine
-from toros_fem.design.lines.ends import BORDER, LINE, PRINTED, Family
-from toros_fem.design.lines.options import LineOptions
-from toros_fem.design.lines.stripes import Layout
-from toros_fem.design.lines.strips import Strip, cleaned, joints_of, ribbons
-from toros_fem.design.lines.transport import LineMesh
+from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, Family
+from toros_fem.design.lines.ends import distances, touching
+from toros_fem.design.lines.field import LineOptions
+from toros_fem.design.lines.line_mesh import LineMesh, in_plane
+from toros_fem.design.lines.ribbons import Ribbons, cleaned, joints_of
+from toros_fem.design.lines.stripes import Stripes
 from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
+from toros_fem.meshes.triangles import barycentric
 
 # Places and widths of lines are rounded to this part of the least width: the same lines then make
 # the same polygons, and these the same mesh.
@@ -47,25 +48,38 @@ class Drawing:
     options: LineOptions
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LaidFamily:
     """What became of one family of lines.
 
     Attributes:
         width: Width asked, in m.
-        lines: Number of lines.
-        length: Their total length in m.
         share: Part of the area, without that printed before, that the field asks for.
         laid: Part of it that the family covers.
-        ends: How many ends lie at what.
+        centre_lines: Its centre lines, through triangles of the lines' pattern.
+        under: Region of each panel under it, before lines and gaps that are too thin are mended.
     """
 
     width: float
-    lines: int
-    length: float
-    share: float
-    laid: float
-    ends: dict[str, int]
+    share: float = 0.0
+    laid: float = 0.0
+    centre_lines: tuple[CentreLine, ...] = ()
+    under: tuple[BaseGeometry, ...] = ()
+
+    @property
+    def lines(self) -> int:
+        """Number of lines."""
+        return len(self.centre_lines)
+
+    @property
+    def length(self) -> float:
+        """Total length of the lines in m."""
+        return float(sum(line.length for line in self.centre_lines))
+
+    @property
+    def ends(self) -> dict[str, int]:
+        """How many ends lie at what."""
+        return dict(sorted(Counter(k for line in self.centre_lines for k in line.ends).items()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,21 +89,16 @@ class LaidLines:
     Attributes:
         pattern: The pattern that they were laid on: that of the field, refined.
         regions: Printed region of each panel, polygons in its chart, in m.
-        centre_lines: Centre lines of each family, through triangles of `pattern`.
         families: What became of each family.
-        layouts: Where the stripes of families lie, by the number of the family; those of mirror
-            images are left out.
-        under: Region of each panel under each family, by family and panel, before lines and gaps
-            that are too thin are mended.
-        drawing: What they were made of; None where nothing was laid.
+        stripes: Those of families, by the number of the family; those of mirror images are left
+            out.
+        drawing: What the lines were made of; None where nothing was laid.
     """
 
     pattern: Pattern
     regions: tuple[BaseGeometry, ...]
-    centre_lines: tuple[tuple[CentreLine, ...], ...]
     families: tuple[LaidFamily, ...]
-    layouts: Mapping[int, Layout]
-    under: tuple[tuple[BaseGeometry, ...], ...]
+    stripes: Mapping[int, Stripes]
     drawing: Drawing | None
 
     @property
@@ -106,43 +115,47 @@ class LaidLines:
         Raises:
             PanelError: Its panels are others.
         """
-        flat = scaled_points(self.pattern, pattern)
+        corners = scaled_points(self.pattern, pattern)[pattern.flat_triangles]
         covered = np.zeros(len(pattern.panel))
         for name in pattern.panel_names:
-            region = self.regions[self.pattern.panel_index(name)]
             cells = pattern.cells_of(name)
-            covered[cells] = _covered(region, flat[pattern.flat_triangles[cells]])
-        return covered
+            region = self.regions[self.pattern.panel_index(name)]
+            triangle, parts = cut_by_triangles(region, corners[cells])
+            area = np.bincount(triangle, shapely.area(parts), minlength=len(cells))
+            covered[cells] = area / shapely.area(shapely.polygons(corners[cells]))
+        return np.clip(covered, 0.0, 1.0)
 
 
-def laid(drawing: Drawing, layouts: Mapping[int, Layout]) -> LaidLines:
-    """Return the printable lines of a drawing.
-
-    Args:
-        drawing: Lines and widths.
-        layouts: Where the stripes of families lie.
-    """
-    mesh, planes = drawing.mesh, drawing.planes
-    strips = _strips(mesh, drawing.families, RESOLUTION * drawing.options.print_width)
-    regions, under, shares = _regions(mesh, strips, planes, drawing.options)
-    lines = tuple(
-        tuple(replace(line, cell=mesh.cells[line.cell]) for line in family.lines)
-        for family in drawing.families
-    )
-    report = tuple(
+def laid(drawing: Drawing, stripes: Mapping[int, Stripes]) -> LaidLines:
+    """Return the printable lines of a drawing, made of these stripes."""
+    mesh, options, pattern = drawing.mesh, drawing.options, drawing.mesh.pattern
+    ribbons, joints = _ribbons(drawing), joints_of(pattern, drawing.planes)
+    free = np.isin(np.arange(len(pattern.panel)), mesh.cells)
+    regions: list[BaseGeometry] = []
+    under: list[list[BaseGeometry]] = []
+    for panel in range(len(pattern.panel_names)):
+        here = pattern.panel == panel
+        before, bare = (
+            shapely.coverage_union_all(shapely.polygons(pattern.corners[cells]))
+            for cells in (here & ~free, here & free)
+        )
+        unions = [each.on(panel, joints, options.print_width) for each in ribbons]
+        under.append([union.intersection(bare) for union in unions])
+        region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
+        regions.append(shapely.union_all([region.intersection(bare), before]))
+    families = tuple(
         LaidFamily(
             family.width,
-            len(own),
-            sum(line.length for line in own),
             float(asked),
-            float(share),
-            _ends(own),
+            sum(region.area for region in own) / float(mesh.areas.sum()),
+            tuple(replace(line, cell=mesh.cells[line.cell]) for line in family.lines),
+            own,
         )
-        for family, own, asked, share in zip(
-            drawing.families, lines, drawing.shares, shares, strict=True
+        for family, asked, own in zip(
+            drawing.families, drawing.shares, zip(*under, strict=True), strict=True
         )
     )
-    return LaidLines(mesh.pattern, regions, lines, report, layouts, under, drawing)
+    return LaidLines(pattern, tuple(regions), families, stripes, drawing)
 
 
 def widened(lines: LaidLines, factors: Floats) -> LaidLines:
@@ -169,102 +182,54 @@ def widened(lines: LaidLines, factors: Floats) -> LaidLines:
         replace(family, radius=np.clip(factor * family.radius, *family.bounds))
         for family, factor in zip(drawing.families, factors, strict=True)
     ]
-    return laid(replace(drawing, families=families), lines.layouts)
+    return laid(replace(drawing, families=families), lines.stripes)
 
 
-def _ends(lines: Sequence[CentreLine]) -> dict[str, int]:
-    """Return how many ends lie at what."""
-    return dict(sorted(Counter(end for line in lines for end in line.ends or ()).items()))
+def _ribbons(drawing: Drawing) -> list[Ribbons]:
+    """Return the ribbons of each family, their places and widths rounded."""
+    mesh, least = drawing.mesh, drawing.options.print_width
+    unit, panel = RESOLUTION * least, mesh.pattern.panel[mesh.cells]
+    found = []
+    for family in drawing.families:
+        parts = [(np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))]
+        for line in family.lines:
+            points = rounded(line.points, unit)
+            radii = rounded(_tapered(drawing, family, line), unit)
+            parts.append((panel[line.cell], points, radii))
+            # Where the panel ends, the ribbon runs on straight.
+            for side in (s for s, kind in enumerate(line.ends) if kind in (BORDER, PRINTED)):
+                end, radius = points[-side, side], radii[-side, side]
+                way = end - points[-side, 1 - side]
+                beyond = end + way / max(np.hypot(*way), 1e-300) * (4 * radius + 2 * least)
+                ends = np.array([[end, beyond]])
+                parts.append((panel[line.cell[[-side]]], ends, np.full((1, 2), radius)))
+        found.append(Ribbons(*(np.concatenate(part) for part in zip(*parts, strict=True))))
+    return found
 
 
-def _strips(mesh: LineMesh, families: list[Family], unit: float) -> list[list[Strip]]:
-    """Return the strips of the lines of each family, their places and widths rounded to a unit.
+def _tapered(drawing: Drawing, family: Family, line: CentreLine) -> Floats:
+    """Return half the width at start and end of the segments of a line, (m, 2), in m.
 
-    One that ends on a thinner line tapers to its width, so that it does not stand out behind it.
+    If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
     """
-    panel = mesh.pattern.panel[mesh.cells]
-    lines = [(number, line) for number, family in enumerate(families) for line in family.lines]
-    strips: list[list[Strip]] = [[] for _ in families]
-    if not lines:
-        return strips
-    own = np.repeat(np.arange(len(lines)), [len(line.cell) for _, line in lines])
-    cells = np.concatenate([line.cell for _, line in lines])
-    segments = np.concatenate([line.points for _, line in lines])
-    for k, (number, line) in enumerate(lines):
-        radii = _radii(mesh, families[number], line.cell, line.points)
-        for side, kind in enumerate(line.ends or ()):
-            if kind != LINE:
+    mesh = drawing.mesh
+    radii = _radii(mesh, family, line.cell, line.points)
+    for side in (s for s, kind in enumerate(line.ends) if kind == LINE):
+        cell, end = line.cell[[-side]], line.points[-side, side]
+        for onto, other in ((f, other) for f in drawing.families for other in f.lines):
+            there = in_plane(other.points[other.cell == cell])
+            if other is line or not np.any(
+                distances(in_plane(end), there) < touching(mesh, cell[0])
+            ):
                 continue
-            last = 0 if side == 0 else -1
-            end = line.points[last, side]
-            there = np.flatnonzero((cells == line.cell[last]) & (own != k))
-            if not len(there):
-                continue
-            other = there[np.argmin(_distances(end, segments[there]))]
-            onto = families[lines[int(own[other])][0]]
-            bound = _radii(mesh, onto, line.cell[[last]], np.repeat(end[None, None], 2, axis=1))
-            length = np.linalg.norm(line.points[:, 1] - line.points[:, 0], axis=1)
-            along = np.concatenate([[0.0], np.cumsum(length if side == 0 else length[::-1])])
-            along = along if side == 0 else along[::-1]
-            away = np.stack([along[:-1], along[1:]], axis=1)
-            radii = np.minimum(radii, bound[0, 0] + away)
-        start, end_kind = line.ends or (LINE, LINE)
-        beyond = start in (BORDER, PRINTED), end_kind in (BORDER, PRINTED)
-        places = rounded(line.points, unit), rounded(radii, unit)
-        strips[number].append(Strip(panel[line.cell], *places, beyond))
-    return strips
+            along = np.insert(np.cumsum(line.lengths), 0, 0.0)
+            along = along if side == 0 else along[-1] - along
+            bound = _radii(mesh, onto, cell, end[None, None])[0, 0]
+            radii = np.minimum(radii, bound + np.stack([along[:-1], along[1:]], axis=1))
+    return radii
 
 
 def _radii(mesh: LineMesh, family: Family, cell: Ints, points: Floats) -> Floats:
-    """Return half the width of a family at the ends of segments (m, 2, 2), (m, 2), in m."""
-    cells = np.repeat(cell, 2)
-    at = mesh.barycentric(cells, points.reshape(-1, 2))
-    radius = np.einsum("kc,kc->k", at, family.radius[mesh.vertex[cells]])
-    return np.asarray(radius).reshape(-1, 2)
-
-
-def _distances(point: Floats, segments: Floats) -> Floats:
-    """Return the distance of a point from segments (m, 2, 2), (m,)."""
-    return np.asarray(shapely.distance(shapely.linestrings(segments), shapely.Point(point)))
-
-
-def _regions(
-    mesh: LineMesh,
-    strips: list[list[Strip]],
-    planes: tuple[int, ...],
-    options: LineOptions,
-) -> tuple[tuple[BaseGeometry, ...], tuple[tuple[BaseGeometry, ...], ...], Floats]:
-    """Return the printed region of each panel, that under each family, and its part of the area."""
-    pattern = mesh.pattern
-    joints = joints_of(pattern, planes)
-    free = np.zeros(len(pattern.panel), dtype=bool)
-    free[mesh.cells] = True
-    regions: list[BaseGeometry] = []
-    under: list[list[BaseGeometry]] = [[] for _ in strips]
-    for panel in range(len(pattern.panel_names)):
-        here = pattern.panel == panel
-        before = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & ~free]))
-        if not np.any(here & free):
-            regions.append(before)
-            for own in under:
-                own.append(shapely.Polygon())
-            continue
-        bare = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & free]))
-        shapely.prepare(bare)
-        unions = [
-            shapely.union_all(ribbons(family, panel, joints, options.print_width))
-            for family in strips
-        ]
-        for own, union in zip(under, unions, strict=True):
-            own.append(union.intersection(bare))
-        region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
-        regions.append(shapely.union_all([region.intersection(bare), before]))
-    shares = np.array([sum(region.area for region in own) for own in under]) / mesh.areas.sum()
-    return tuple(regions), tuple(tuple(own) for own in under), shares
-
-
-def _covered(region: BaseGeometry, corners: Floats) -> Floats:
-    """Return the part of triangles (t, 3, 2) that a region covers, (t,)."""
-    triangle, parts = cut_by_triangles(region, corners)
-    area = np.bincount(triangle, shapely.area(parts), minlength=len(corners))
-    return np.clip(area / shapely.area(shapely.polygons(corners)), 0.0, 1.0)
+    """Return half the width of a family at points of triangles (m, k, 2), (m, k), in m."""
+    at = barycentric(mesh.corners[cell], points)
+    return np.asarray(np.einsum("mkc,mc->mk", at, family.radius[mesh.vertex[cell]]))

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_axes, require_kind
-from toros_fem.design.lines.centre_lines import CentreLine, trace
-from toros_fem.design.lines.ends import Family, close_ends
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.centre_lines import Family, trace
+from toros_fem.design.lines.ends import close_ends
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import Drawing, LaidFamily, LaidLines, laid
-from toros_fem.design.lines.options import LineOptions
-from toros_fem.design.lines.stripes import (
-    Layout,
-    Stripes,
-    Waves,
-    find_stripes,
-    fitting_spacing,
-    line_ends,
-)
-from toros_fem.design.lines.strips import EXCESS
+from toros_fem.design.lines.line_mesh import Values
+from toros_fem.design.lines.ribbons import EXCESS
+from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
@@ -84,28 +77,27 @@ def lay_lines(
             "truth values, one for each triangle."
         )
     fine, cell = _fine(field, widths, options, None if like is None else len(like.pattern.panel))
-    fine_field = LineField(fine, field.shares[cell], field.angles[cell])
+    field = LineField(fine, field.shares[cell], field.angles[cell])
     free = np.flatnonzero(~covered[cell])
     if not len(free):
-        none = (shapely.Polygon(),) * len(fine.panel_names)
-        report = tuple(LaidFamily(width, 0, 0.0, 0.0, 0.0, {}) for width in widths)
-        empty, under = ((),) * field.families, (none,) * field.families
-        return LaidLines(fine, _outlines(fine), empty, report, {}, under, None)
-    symmetry = make_symmetry(fine_field, free, planes, widths)
-    mesh = symmetry.part
-    known = {} if like is None else like.layouts
-    families, layouts = _families(symmetry, fine_field, widths, options, known)
+        outlines = [shapely.polygons(fine.corners[fine.panel == k]) for k in np.unique(fine.panel)]
+        none = (shapely.Polygon(),) * len(outlines)
+        families = tuple(LaidFamily(width, under=none) for width in widths)
+        return LaidLines(fine, tuple(map(shapely.coverage_union_all, outlines)), families, {}, None)
+    symmetry = make_symmetry(field, free, planes, widths)
+    mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
+    whole: dict[int, tuple[Family, Stripes]] = {}
+    families = []
+    for k, width in enumerate(widths):
+        own, image = symmetry.first(k)
+        if own not in whole:
+            known = None if like is None else like.stripes.get(own)
+            whole[own] = _on_whole(symmetry, field, own, width, options, smoother, known)
+        families.append(symmetry.to_part(whole[own][0], image))
     families = close_ends(mesh, families, planes)
-    asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
-    return laid(Drawing(mesh, families, asked, tuple(planes), options), layouts)
-
-
-def _outlines(pattern: Pattern) -> tuple[BaseGeometry, ...]:
-    """Return the outline of each panel."""
-    return tuple(
-        shapely.coverage_union_all(shapely.polygons(pattern.corners[pattern.panel == panel]))
-        for panel in range(len(pattern.panel_names))
-    )
+    asked = mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum()
+    drawing = Drawing(mesh, families, asked, tuple(planes), options)
+    return laid(drawing, {own: stripes for own, (_, stripes) in whole.items()})
 
 
 def _fine(
@@ -115,14 +107,12 @@ def _fine(
 
     With a number of triangles it is the one that has so many.
     """
-    pattern = field.pattern
-    cell: Ints = np.arange(len(pattern.panel), dtype=np.int64)
+    pattern, cell = field.pattern, np.arange(len(field.pattern.panel), dtype=np.int64)
     means = np.average(field.shares, axis=0, weights=pattern.areas)
-    spacings = [_spacing(share, width, options) for share, width in zip(means, widths, strict=True)]
+    least = min(_spacing(share, width, options) for share, width in zip(means, widths, strict=True))
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
         edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
-        fine = edge <= FINE * min(spacings)
-        if fine if triangles is None else len(pattern.panel) >= triangles:
+        if edge <= FINE * least if triangles is None else len(pattern.panel) >= triangles:
             break
         refined = refine(pattern)
         pattern, cell = refined.pattern, cell[refined.cell]
@@ -135,129 +125,90 @@ def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
     return np.asarray(width / np.clip(share, options.least_share, most), dtype=np.float64)
 
 
-def _least_width(width: float, options: LineOptions) -> float:
-    """Return the least local width in m of lines of which a width is asked."""
-    return max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
-
-
-def _families(
-    symmetry: Symmetry,
-    field: LineField,
-    widths: list[float],
-    options: LineOptions,
-    known: Mapping[int, Layout],
-) -> tuple[list[Family], dict[int, Layout]]:
-    """Return the lines of each family on the part, and where they lie on the whole.
-
-    Those of mirror images are found once.
-    """
-    found: dict[int, tuple[list[CentreLine], Waves, Floats, Floats]] = {}
-    layouts: dict[int, Layout] = {}
-    families = []
-    for k, width in enumerate(widths):
-        own, image = symmetry.first(k)
-        if own not in found:
-            found[own], layouts[own] = _on_whole(
-                symmetry, field, own, width, options, known.get(own)
-            )
-        lines, waves, radius, largest = found[own]
-        families.append(
-            Family(
-                symmetry.restricted(lines, image),
-                symmetry.angles_to_part(waves, image),
-                symmetry.vertices_to_part(waves.spacing, image),
-                symmetry.vertices_to_part(radius, image),
-                width,
-                (
-                    _least_width(width, options) / 2,
-                    symmetry.vertices_to_part(largest, image),
-                ),
-            )
-        )
-    return families, layouts
-
-
 def _on_whole(
     symmetry: Symmetry,
     field: LineField,
     family: int,
     width: float,
     options: LineOptions,
-    like: Layout | None,
-) -> tuple[tuple[list[CentreLine], Waves, Floats, Floats], Layout]:
-    """Return a family's lines on the whole, waves, half the width and its bound; their layout."""
+    smoother: Callable[..., Callable[[Values], Values]],
+    like: Stripes | None,
+) -> tuple[Family, Stripes]:
+    """Return a family of lines on the whole, and its stripes.
+
+    Args:
+        symmetry: Part and whole.
+        field: Shares and directions on the part.
+        family: Number of the family.
+        width: Width of the lines in m.
+        options: Widths and limits.
+        smoother: `LineMesh.smoother` of the whole, which keeps its factors.
+        like: Stripes of an earlier family, which keep their number.
+    """
     mesh, part = symmetry.whole, symmetry.part.cells
     share = symmetry.of_whole(field.shares[part], family)
     angle = symmetry.angles_of_whole(field.angles[part], family)
     at_vertices = mesh.at_vertices(share)
-    mean_share = float(np.average(at_vertices, weights=mesh.vertex_areas))
-    even = options.even
+    even, half = options.even, None
     if even is not None:  # what changes from one line to the next cannot be followed
-        even = max(even, float(_spacing(np.array(mean_share), width, options)))
-    half = None if even is None else even / 2
-    double = mesh.smooth_directions(mesh.double_angles(angle, share), half)
-    local, mean = mesh.smooth(at_vertices, half), mesh.smooth(at_vertices, even)
-    direction = np.angle(double).astype(np.float64) / 2
-    waves = Waves(mesh, direction, np.asarray(2 * np.pi / _spacing(mean, width, options)))
+        mean_share = np.average(at_vertices, weights=mesh.vertex_areas)
+        even = max(even, float(_spacing(mean_share, width, options)))
+        half = even / 2
+    double = smoother(half, turned=True)(mesh.double_angles(angle, share))
+    local, mean = smoother(half)(at_vertices), smoother(even)(at_vertices)
+    waves = Waves(mesh, np.angle(double) / 2, 2 * np.pi / _spacing(mean, width, options))
     weight = np.maximum(mean, options.least_share)
     if even is not None:
         waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
-    enough = local >= options.least_share
-    i, j = mesh.edges.ends.T
-    present = enough[i] & enough[j]
+    present = (local >= options.least_share)[mesh.edges.ends].all(axis=1)
     images, side = symmetry.images(waves, family), symmetry.side(waves, family)
 
-    def found(tried: Waves) -> Stripes:
+    def found(factor: float = 1.0) -> Stripes:
+        tried = replace(waves, number=factor * waves.number)
         return find_stripes(tried, weight, images, side, like)
 
-    # The other half of the spread is for widths that follow the share.
-    most = np.sqrt(options.spread) if even is not None else 1.0
-    if like is None:
-        waves, stripes = _with_fewest_ends(waves, weight, present, found, most)
-    else:
+    if like is not None:
         waves = replace(waves, number=like.waves.number)
-        stripes = found(waves)
+        stripes = found()
+    else:
+        # The other half of the spread is for widths that follow the share.
+        most = np.sqrt(options.spread) if even is not None else 1.0
+        across = np.sqrt(mesh.areas.sum()) / np.average(waves.spacing, weights=weight)
+        stripes = _with_fewest_ends(found, present, across, most)
+    waves = stripes.waves
     stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
-    lines = trace(mesh, stripes, present, stiffness)
+    lines = trace(stripes, present, stiffness)
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
     products = stripes.change * stripes.wanted, stripes.wanted**2
-    top, bottom = (mesh.smooth(mesh.around(product), even) for product in products)
+    top, bottom = (smoother(even)(mesh.around(each)) for each in products)
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
-    low = _least_width(width, options)
+    low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
     radius = np.clip(local * spacing, low, high) / 2
-    return (lines, waves, radius, high / 2), Layout(waves, stripes.phase)
+    bounds = low / 2, high / 2
+    angles = waves.corner_angles()
+    return Family(lines, angles, waves.spacing, radius, width, bounds), stripes
 
 
 def _with_fewest_ends(
-    waves: Waves,
-    weight: Floats,
-    present: Bools,
-    find: Callable[[Waves], Stripes],
-    most: float,
-) -> tuple[Waves, Stripes]:
-    """Return waves and their stripes, denser or wider ones if fewer lines end so.
+    find: Callable[[float], Stripes], present: Bools, across: float, most: float
+) -> Stripes:
+    """Return stripes, denser or wider ones than wanted if fewer lines end so.
 
     Args:
-        waves: The waves wanted.
-        weight: How much stripes count at each vertex, (n,).
+        find: Finds the stripes of waves that are denser by a factor.
         present: Whether there are lines at each edge, (e,).
-        find: Finds the stripes of waves.
+        across: Number of lines across the skin.
         most: Largest factor by which spacings may be changed.
     """
-    mesh = waves.mesh
-    best, stripes = waves, find(waves)
-    fewest = line_ends(mesh, stripes, present)
-    across = np.sqrt(mesh.areas.sum()) / float(np.average(waves.spacing, weights=weight))
-    for more in OTHERS:
-        factor = 1 + more / across
+    best = find(1.0)
+    fewest = best.line_ends(present)
+    for factor in (1 + more / across for more in OTHERS):
         if not 0 < fewest <= FEW:
             break
-        if not 1 / most <= factor <= most:
-            continue
-        other = replace(waves, number=factor * waves.number)
-        tried = find(other)
-        ends = line_ends(mesh, tried, present)
-        if ends < fewest:
-            best, stripes, fewest = other, tried, ends
-    return best, stripes
+        if 1 / most <= factor <= most:
+            tried = find(factor)
+            ends = tried.line_ends(present)
+            if ends < fewest:
+                best, fewest = tried, ends
+    return best

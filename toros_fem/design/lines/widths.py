@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.lines.laid_lines import Drawing
-from toros_fem.design.lines.transport import LineMesh
+from toros_fem.design.lines.line_mesh import LineMesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
 
@@ -129,7 +129,7 @@ def smooth_functions(mesh: LineMesh, number: int) -> Floats:
     area = float(mesh.vertex_areas.sum())
     start = np.random.default_rng(0).uniform(0.5, 1.5, mesh.size)  # any: results are repeatable
     _, found = eigsh(
-        mesh.laplacian,
+        mesh.laplacian(mesh.weights),
         number,
         M=csc_array(diags_array(mesh.vertex_areas)),
         sigma=SHIFT / area,

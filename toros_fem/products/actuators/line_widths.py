@@ -45,7 +45,7 @@ def mended_widths(made: LinePrint, lines: LaidLines, aims: Mapping[str, Aim]) ->
     pattern, cells = problem.skin.pattern, problem.skin.owned_cells
 
     def changes_there() -> WidthChanges:
-        under = [regions_on(lines.pattern, regions, pattern) for regions in lines.under]
+        under = [regions_on(lines.pattern, family.under, pattern) for family in lines.families]
         return width_changes(drawing, pattern, under, FUNCTIONS)
 
     changes = on_first_rank(comm, changes_there)
