@@ -41,10 +41,9 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.starts import best_start
 from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.design.relaxed.families import FixedDirections

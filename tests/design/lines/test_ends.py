@@ -8,7 +8,7 @@ from toros_fem.design.lines.ends import Net
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.line_mesh import make_line_mesh
+from toros_fem.design.lines.line_mesh import in_plane, make_line_mesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import disc, one_panel, rectangle
 
@@ -78,11 +78,10 @@ def test_a_line_meets_itself_after_three_spacings(spacing: float, end: str) -> N
     corners = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]])
     mesh = make_line_mesh(one_panel(corners, np.array([[0, 1, 2]])), np.ones(1, dtype=bool))
     nodes = np.array([[30, 0], [30, 19.9], [30, 30], [40, 30], [40, 20], [25, 20]]) * 1e-3
-    line = CentreLine(np.zeros(5, dtype=int), np.stack([nodes[:-1], nodes[1:]], axis=1))
+    line = CentreLine(np.zeros(5, dtype=int), in_plane(np.stack([nodes[:-1], nodes[1:]], axis=1)))
     even = np.full(mesh.size, spacing)
     family = Family([line], np.zeros((1, 3)), even, 0.1 * even, 1e-3, (1e-4, even))
     net = Net(mesh, [family], ())
-    net.classify()
     net.close()
     ((found,),) = (family.lines for family in net.result())
     assert found.ends == ("border", end)

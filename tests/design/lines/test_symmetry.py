@@ -65,7 +65,7 @@ def test_all_images_of_an_octant_return_to_it() -> None:
     own = octant.points[octant.triangles[found.part.cells]] @ [1.0, 2.0, 3.0]
     for image in range(8):
         cell = np.array([image])
-        line = CentreLine(cell, found.whole.corners[cell][:, :2])
+        line = CentreLine(cell, found.whole.flat[cell, :2])
         angles = np.zeros(found.whole.vertex.shape)
         family = Family([line], angles, values, 2 * values, 0.1, (0.01, 3 * values))
         moved = found.to_part(family, image)

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates, in_plane
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates
 from toros_fem.design.lines.stripes import Stripes
-from toros_fem.meshes.triangles import following, spd_factor
+from toros_fem.meshes.triangles import spd_factor
 
 # What an end of a line lies at; `PRINTED` is a printed triangle, `PLANE` one of symmetry.
 OPEN, LINE, BORDER, PRINTED, PLANE = "open", "line", "border", "printed", "plane"
@@ -29,14 +29,24 @@ class CentreLine:
 
     Attributes:
         cell: Triangle of each segment, (m,).
-        points: Start and end of each segment on the flat panel, (m, 2, 2), in m.
+        places: Start and end of each segment on the flat panel, x + iy in m, (m, 2).
         ends: What start and end lie at: "line", "border", "printed" (a printed triangle), "plane"
             (of symmetry) or "open"; none if the last segment ends where the first begins.
     """
 
     cell: Ints
-    points: Floats
+    places: Complexes
     ends: tuple[str, ...] = (OPEN, OPEN)
+
+    @property
+    def points(self) -> Floats:
+        """Start and end of each segment on the flat panel in m, (m, 2, 2)."""
+        return coordinates(self.places)
+
+    @property
+    def ways(self) -> Complexes:
+        """The way from start to end of each segment in m, (m,)."""
+        return np.asarray(self.places[:, 1] - self.places[:, 0])
 
     @property
     def closed(self) -> bool:
@@ -44,19 +54,19 @@ class CentreLine:
         return not self.ends
 
     @property
-    def lengths(self) -> Floats:
-        """Length of each segment in m, (m,)."""
-        return np.asarray(np.linalg.norm(self.points[:, 1] - self.points[:, 0], axis=1))
-
-    @property
     def length(self) -> float:
         """Length in m."""
-        return float(self.lengths.sum())
+        return float(np.abs(self.ways).sum())
+
+    @property
+    def to_end(self) -> Floats:
+        """Length in m from the start of each segment to the end of the line, (m,)."""
+        return np.cumsum(np.abs(self.ways)[::-1])[::-1]
 
     @property
     def reversed(self) -> CentreLine:
         """The same line from its end to its start."""
-        return CentreLine(self.cell[::-1], self.points[::-1, ::-1], self.ends[::-1])
+        return CentreLine(self.cell[::-1], self.places[::-1, ::-1], self.ends[::-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +112,11 @@ def trace(stripes: Stripes, present: Bools, stiffness: float | None = None) -> l
     chains = _chained(len(edge), *_links(mesh, first, count))
     if stiffness is not None and chains:
         fraction = _stiffened(mesh, edge, fraction, chains, stiffness)
-    places = coordinates(_places(mesh, edge, fraction))
-    lines = []
+    places, lines = _places(mesh, edge, fraction), []
     for nodes, cells in chains:
-        points = [places[k, _sides(mesh, edge[k], cells)] for k in (nodes[:-1], nodes[1:])]
+        own = [places[k, _sides(mesh, edge[k], cells)] for k in (nodes[:-1], nodes[1:])]
         ends = () if nodes[0] == nodes[-1] else (OPEN, OPEN)
-        lines.append(CentreLine(cells, np.stack(points, axis=1), ends))
+        lines.append(CentreLine(cells, np.stack(own, axis=1), ends))
     return lines
 
 
@@ -149,23 +158,20 @@ def _links(mesh: LineMesh, first: Ints, count: Ints) -> tuple[Ints, Ints]:
     number = around[cell, corner]
     cell, corner = np.repeat(cell, number), np.repeat(corner, number)
     k = np.arange(len(cell)) - np.repeat(np.cumsum(number) - number, number)
-    start = mesh.vertex[cell, corner]
     pairs = []
-    for side in (corner, (corner + 2) % 3):
+    for side, begins in ((corner, True), ((corner + 2) % 3, False)):
         edge = edges.of_triangle[cell, side]
         # The k-th crossing counted from the corner.
-        forward = edges.ends[edge, 0] == start
-        pairs.append(first[edge] + np.where(forward, k, count[edge] - 1 - k))
+        from_first = mesh.forward[cell, side] == begins
+        pairs.append(first[edge] + np.where(from_first, k, count[edge] - 1 - k))
     return np.stack(pairs, axis=1), cell
 
 
 def _places(mesh: LineMesh, edge: Ints, fraction: Floats) -> Complexes:
     """Return the flat place of each crossing in the charts of both triangles, (k, 2)."""
     half = mesh.edges.twins[edge]
-    flat, vertex = in_plane(mesh.corners).ravel(), mesh.vertex.ravel()
-    begin, end = flat[half], flat[following(half)]
-    forward = vertex[half] == mesh.edges.ends[edge, :1]
-    return begin + np.where(forward, fraction[:, None], 1 - fraction[:, None]) * (end - begin)
+    at = np.where(mesh.forward.ravel()[half], fraction[:, None], 1 - fraction[:, None])
+    return mesh.flat.ravel()[half] + at * mesh.sides.ravel()[half]
 
 
 def _chained(count: int, pairs: Ints, cell: Ints) -> list[Chain]:

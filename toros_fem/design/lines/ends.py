@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.design.lines.centre_lines import (
     BORDER,
     LINE,
@@ -18,9 +17,8 @@ from toros_fem.design.lines.centre_lines import (
     CentreLine,
     Family,
 )
-from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates, in_plane
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh
 from toros_fem.meshes.mirror import plane_border
-from toros_fem.meshes.triangles import barycentric
 
 # Ways to lead an end on: the angle to the family's direction in degrees, and how much longer than
 # the straight one such a way counts.
@@ -38,20 +36,17 @@ ROUNDS = 8
 # Relative distance in triangles within which points are the same.
 CLOSE = 1e-7
 
+# Key of a line, and which of its ends: 0 is its start.
+End = tuple[int, int]
+
 
 def close_ends(mesh: LineMesh, families: Sequence[Family], planes: Sequence[int]) -> list[Family]:
     """Return the families with all ends of their lines on lines or borders.
 
     An open end goes along its direction, or aside, to the next line of any family, or is cut back
-    to its last crossing, whichever is shorter.
-
-    Args:
-        mesh: The mesh of the lines.
-        families: The families.
-        planes: Symmetry planes at which the pattern is cut.
+    to its last crossing, whichever is shorter. The pattern is cut at symmetry planes.
     """
     net = Net(mesh, families, planes)
-    net.classify()
     net.straighten()
     net.drop_short()
     net.close()
@@ -62,47 +57,47 @@ class Net:
     """Lines of all families on a mesh, found by triangle.
 
     What is done at an end is done to the line that runs towards it: `towards` turns a line round
-    where the end is its start, and `put` turns it back. Places are complex numbers.
+    where the end is its start, and `put` turns it back.
     """
 
     def __init__(self, mesh: LineMesh, families: Sequence[Family], planes: Sequence[int]) -> None:
         self.mesh, self.families = mesh, families
-        self.corners = in_plane(mesh.corners)
         self.double = [np.exp(2j * family.angles) for family in families]
         self.border = _borders(mesh, planes)
+        self.lines: dict[int, CentreLine] = {}
+        self.at: defaultdict[int, set[int]] = defaultdict(set)
         every = [(k, line) for k, family in enumerate(families) for line in family.lines]
         self.family = [k for k, _ in every]
-        self.lines = {key: line for key, (_, line) in enumerate(every)}
-        self.at: defaultdict[int, set[int]] = defaultdict(set)
-        for key, line in self.lines.items():
+        for key, (_, line) in enumerate(every):
+            self.put((key, 1), line)
+        for end in self.open_ends():
+            line = self.towards(end)
+            edge = self._edge_at(int(line.cell[-1]), line.places[-1, 1])
+            if edge in self.border:
+                self.put(end, replace(line, ends=(line.ends[0], self.border[edge])))
+
+    def towards(self, end: End) -> CentreLine:
+        """Return a line as it runs towards an end."""
+        key, side = end
+        return self.lines[key] if side == 1 else self.lines[key].reversed
+
+    def put(self, end: End, line: CentreLine | None) -> None:
+        """Change a line, given as it runs towards an end, or take it away."""
+        key, side = end
+        if key in self.lines:
+            for cell in self.lines[key].cell.tolist():
+                self.at[cell].discard(key)
+        if line is None:
+            del self.lines[key]
+        else:
+            self.lines[key] = line if side == 1 else line.reversed
             for cell in line.cell.tolist():
                 self.at[cell].add(key)
 
-    def towards(self, key: int, side: int) -> CentreLine:
-        """Return a line as it runs towards its start, side 0, or its end, side 1."""
-        return self.lines[key] if side == 1 else self.lines[key].reversed
-
-    def put(self, key: int, side: int, line: CentreLine) -> None:
-        """Change a line; it is given as it runs towards a side."""
-        for cell in self.lines[key].cell.tolist():
-            self.at[cell].discard(key)
-        self.lines[key] = line if side == 1 else line.reversed
-        for cell in line.cell.tolist():
-            self.at[cell].add(key)
-
-    def drop(self, key: int) -> None:
-        """Take a line away."""
-        for cell in self.lines.pop(key).cell.tolist():
-            self.at[cell].discard(key)
-
-    def open_ends(self) -> list[tuple[int, int]]:
-        """Return line and side of each open end."""
-        return [
-            (key, side)
-            for key, line in self.lines.items()
-            for side, kind in enumerate(line.ends)
-            if kind == OPEN
-        ]
+    def open_ends(self, kind: str = OPEN) -> list[End]:
+        """Return the ends that are open, or of another kind."""
+        ends = [(key, side) for key, line in self.lines.items() for side in range(len(line.ends))]
+        return [(key, side) for key, side in ends if self.lines[key].ends[side] == kind]
 
     def result(self) -> list[Family]:
         """Return the families with their lines."""
@@ -111,181 +106,155 @@ class Net:
             for k, f in enumerate(self.families)
         ]
 
-    def spacing(self, key: int, side: int) -> float:
+    def spacing(self, end: End) -> float:
         """Return the distance between lines at an end, in m."""
-        cell = self.lines[key].cell[-side]
-        return float(self.families[self.family[key]].spacing[self.mesh.vertex[cell]].mean())
-
-    def classify(self) -> None:
-        """Find which ends lie at borders."""
-        for key, side in self.open_ends():
-            line = self.towards(key, side)
-            edge = self._edge_at(int(line.cell[-1]), in_plane(line.points[-1, 1]))
-            if edge in self.border:
-                self.put(key, side, replace(line, ends=(line.ends[0], self.border[edge])))
+        key, side = end
+        corner = self.mesh.vertex[self.lines[key].cell[-side]]
+        return float(self.families[self.family[key]].spacing[corner].mean())
 
     def straighten(self) -> None:
         """Cut hooks off: the last segments of open ends that do not follow their direction."""
-        for key, side in self.open_ends():
-            if key not in self.lines:
+        for end in self.open_ends():
+            if end[0] not in self.lines:
                 continue
-            line = self.towards(key, side)
-            way = in_plane(line.points[:, 1] - line.points[:, 0])
-            double = self.double[self.family[key]][line.cell].mean(axis=1)
-            off = np.abs(np.angle(way**2 * np.conj(double))) / 2
-            hook = (_to_end(line) <= 1.5 * self.spacing(key, side)) & (off > HOOK)
-            if hook[0]:
-                self.drop(key)
-            elif hook.any():
-                kept = int(np.argmax(hook))
-                self.put(key, side, CentreLine(line.cell[:kept], line.points[:kept], line.ends))
+            line = self.towards(end)
+            double = self.double[self.family[end[0]]][line.cell].mean(axis=1)
+            off = np.abs(np.angle(line.ways**2 * np.conj(double))) / 2
+            hook = (line.to_end <= 1.5 * self.spacing(end)) & (off > HOOK)
+            if hook.any():
+                k = int(np.argmax(hook))
+                rest = CentreLine(line.cell[:k], line.places[:k], line.ends)
+                self.put(end, rest if k > 0 else None)
 
     def drop_short(self) -> None:
         """Drop lines with an open end that are shorter than a spacing or three widths."""
         for key in {key for key, _ in self.open_ends()}:
-            least = max(self.spacing(key, 0), 3 * self.families[self.family[key]].width)
+            least = max(self.spacing((key, 0)), 3 * self.families[self.family[key]].width)
             if self.lines[key].length < least:
-                self.drop(key)
+                self.put((key, 0), None)
 
     def close(self) -> None:
         """Lead all ends to lines or borders; drop lines that cannot be."""
         for number in range(ROUNDS):
-            self._reopen()
-            for key, side in self.open_ends():
-                if key in self.lines:
-                    self._close(key, side, last=number >= ROUNDS // 2)
+            for end in self.open_ends(LINE):  # on lines that are there no more
+                line = self.towards(end)
+                if not touches(self.mesh, line, self._segments(int(line.cell[-1]), end)):
+                    self.put(end, replace(line, ends=(line.ends[0], OPEN)))
+            for end in self.open_ends():
+                if end[0] in self.lines:
+                    self._close(end, last=number >= ROUNDS // 2)
         for key in {key for key, _ in self.open_ends()}:
-            self.drop(key)
+            self.put((key, 0), None)
 
-    def _reopen(self) -> None:
-        """Find ends on lines that are there no more."""
-        for key, side in [(k, s) for k, line in self.lines.items() for s in range(len(line.ends))]:
-            line = self.towards(key, side)
-            cell, end = int(line.cell[-1]), in_plane(line.points[-1, 1])
-            if line.ends[1] == LINE and not np.any(
-                distances(end, self._segments(cell, key, side)) < touching(self.mesh, cell)
-            ):
-                self.put(key, side, replace(line, ends=(line.ends[0], OPEN)))
-
-    def _segments(self, cell: int, key: int, side: int, beyond: float = 0.0) -> Complexes:
+    def _segments(self, cell: int, end: End, beyond: float = 0.0) -> Complexes:
         """Return the segments in a triangle, (k, 2), without those of a line near one of its ends.
 
-        Args:
-            cell: The triangle.
-            key: The line.
-            side: Its end.
-            beyond: How far from its end it would be cut back.
+        The line may be cut back by a length beyond this end, in m.
         """
-        found = [np.empty((0, 2, 2))]
-        for other in sorted(self.at[cell]):
-            line = self.lines[other] if other != key else self.towards(key, side)
+        found = [np.empty((0, 2), dtype=np.complex128)]
+        for key in sorted(self.at[cell]):
+            line = self.towards((key, end[1]))
             here = line.cell == cell
-            if other == key:
-                here &= _to_end(line) > AWAY * self.spacing(key, side) + beyond
-            found.append(line.points[here])
-        return in_plane(np.concatenate(found))
+            if key == end[0]:
+                here &= line.to_end > AWAY * self.spacing(end) + beyond
+            found.append(line.places[here])
+        return np.concatenate(found)
 
-    def _close(self, key: int, side: int, last: bool) -> None:
+    def _close(self, end: End, last: bool) -> None:
         """Choose the shortest way to close an end."""
-        line, spacing = self.towards(key, side), self.spacing(key, side)
-        limit = (LAST if last else LONGEST) * spacing
+        line, limit = self.towards(end), (LAST if last else LONGEST) * self.spacing(end)
         best, least = None, np.inf
         for degrees, factor in WAYS:
-            way = self._walk(key, side, np.radians(degrees), min(limit, least / factor))
+            way = self._walk(end, np.radians(degrees), min(limit, least / factor))
             if way is not None and factor * way.length < least:
                 best, least = way, factor * way.length
-        cut, beyond = self._cut_back(key, side)
+        cut, beyond = self._cut_back(end)
         if cut is not None and beyond < least:
-            self.put(key, side, cut)
-            if cut.length < self.families[self.family[key]].width:
-                self.drop(key)
+            enough = cut.length >= self.families[self.family[end[0]]].width
+            self.put(end, cut if enough else None)
         elif best is not None:
             cell = np.concatenate([line.cell, best.cell])
-            points = np.concatenate([line.points, best.points])
-            self.put(key, side, CentreLine(cell, points, (line.ends[0], best.ends[1])))
+            places = np.concatenate([line.places, best.places])
+            self.put(end, CentreLine(cell, places, (line.ends[0], best.ends[1])))
         elif last:
-            self.drop(key)
+            self.put(end, None)
 
-    def _cut_back(self, key: int, side: int) -> tuple[CentreLine | None, float]:
+    def _cut_back(self, end: End) -> tuple[CentreLine | None, float]:
         """Return a line cut back to where its end is last crossed, and the length beyond in m."""
-        line, beyond = self.towards(key, side), 0.0
+        line, beyond = self.towards(end), 0.0
         for k in range(len(line.cell) - 1, -1, -1):
-            start, end = in_plane(line.points[k])
-            hit = _first_meeting(end, start, self._segments(int(line.cell[k]), key, side, beyond))
+            way = -line.ways[k]
+            segments = self._segments(int(line.cell[k]), end, beyond)
+            hit = _first_meeting(line.places[k, 1], way, segments)
             if hit is not None:
-                points = line.points[: k + 1].copy()
-                points[k, 1] = coordinates(end + hit * (start - end))
-                cut = CentreLine(line.cell[: k + 1], points, (line.ends[0], LINE))
-                return cut, beyond + hit * abs(start - end)
-            beyond += abs(start - end)
+                places = line.places[: k + 1].copy()
+                places[k, 1] += hit * way
+                cut = CentreLine(line.cell[: k + 1], places, (line.ends[0], LINE))
+                return cut, beyond + hit * abs(way)
+            beyond += abs(way)
         return None, beyond
 
-    def _walk(self, key: int, side: int, offset: float, limit: float) -> CentreLine | None:
+    def _walk(self, end: End, offset: float, limit: float) -> CentreLine | None:
         """Follow a family's direction, turned by an angle, to the next line or border."""
-        line, double = self.towards(key, side), self.double[self.family[key]]
-        cell, (start, point) = int(line.cell[-1]), in_plane(line.points[-1])
-        heading, turn = point - start or 1.0, np.exp(1j * offset)
-        edge = self._edge_at(cell, point)
+        line, double = self.towards(end), self.double[self.family[end[0]]]
+        cell, place = int(line.cell[-1]), line.places[-1, 1]
+        heading, turn = line.ways[-1] or 1.0, np.exp(1j * offset)
+        edge = self._edge_at(cell, place)
         if edge is not None and edge not in self.border:
             along = self._side(cell, edge)[1]
             if (np.conj(along) * heading * turn).imag <= 0:  # it leads out
-                cell, point, heading = self._across(cell, edge, point, heading)
+                cell, place, heading = self._across(cell, edge, place, heading)
         cells: list[int] = []
-        points: list[Floats] = []
+        places: list[tuple[complex, complex]] = []
         while len(cells) < MOST_TRIANGLES:
-            at = barycentric(self.mesh.corners[cell], coordinates(point)[None])[0]
-            way = np.exp(0.5j * np.angle(np.clip(at, 0, 1) @ double[cell]))
-            heading = way if (np.conj(way) * heading).real >= 0 else -way
-            edge, end = self._exit(cell, point, heading * turn)
-            hit = _first_meeting(point, end, self._segments(cell, key, side))
+            at = np.clip(self.mesh.coordinates(cell, place), 0, 1)
+            direction = np.exp(0.5j * np.angle(at @ double[cell]))
+            heading = direction if (np.conj(direction) * heading).real >= 0 else -direction
+            edge, way = self._exit(cell, place, heading * turn)
+            hit = _first_meeting(place, way, self._segments(cell, end))
             if hit is not None:
-                end = point + hit * (end - point)
-            cells.append(cell)
-            points.append(coordinates(np.array([point, end])))
-            limit -= abs(end - point)
+                way = hit * way
+            limit -= abs(way)
             if limit < 0:
                 return None
+            cells.append(cell)
+            places.append((place, place + way))
             kind = LINE if hit is not None else self.border.get(edge)
             if kind is not None:
-                return CentreLine(np.array(cells), np.array(points), (OPEN, kind))
-            cell, point, heading = self._across(cell, edge, end, heading)
+                return CentreLine(np.array(cells), np.array(places), (OPEN, kind))
+            cell, place, heading = self._across(cell, edge, place + way, heading)
         return None
 
-    def _edge_at(self, cell: int, point: complex) -> int | None:
-        """Return the edge that a point of a triangle lies on."""
-        at = np.abs(barycentric(self.mesh.corners[cell], coordinates(point)[None])[0])
-        corner = int(np.argmin(at))
-        if at[corner] > CLOSE:
-            return None
-        return int(self.mesh.edges.of_triangle[cell, (corner + 1) % 3])
+    def _edge_at(self, cell: int, place: complex) -> int | None:
+        """Return the edge of a triangle that a place lies on."""
+        at = np.abs(self.mesh.coordinates(cell, place))
+        side = (int(np.argmin(at)) + 1) % 3
+        return int(self.mesh.edges.of_triangle[cell, side]) if at.min() <= CLOSE else None
 
     def _side(self, cell: int, edge: int) -> tuple[complex, complex]:
         """Return the start of an edge of a triangle, and the way along it."""
         corner = int(np.flatnonzero(self.mesh.edges.of_triangle[cell] == edge)[0])
-        start = self.corners[cell, corner]
-        return start, self.corners[cell, (corner + 1) % 3] - start
+        return self.mesh.flat[cell, corner], self.mesh.sides[cell, corner]
 
-    def _exit(self, cell: int, point: complex, way: complex) -> tuple[int, complex]:
-        """Return the edge where a ray leaves a triangle, and the place."""
-        start = self.corners[cell]
-        outwards = -1j * (np.roll(start, -1) - start)
-        speed = (np.conj(way) * outwards).real
-        room = (np.conj(start - point) * outwards).real
+    def _exit(self, cell: int, place: complex, heading: complex) -> tuple[int, complex]:
+        """Return the edge where a ray leaves a triangle, and the way to it."""
+        outwards = 1j * np.conj(self.mesh.sides[cell])
+        speed = (outwards * heading).real
+        room = (outwards * (self.mesh.flat[cell] - place)).real
         at = np.divide(room, speed, out=np.full(3, np.inf), where=speed > 0)
         side = int(np.argmin(at))
-        return int(self.mesh.edges.of_triangle[cell, side]), point + max(at[side], 0.0) * way
+        return int(self.mesh.edges.of_triangle[cell, side]), max(at[side], 0.0) * heading
 
     def _across(
-        self, cell: int, edge: int, point: complex, heading: complex
+        self, cell: int, edge: int, place: complex, heading: complex
     ) -> tuple[int, complex, complex]:
-        """Return triangle, point and heading on the other side of an inner edge."""
-        one, two = self.mesh.edges.sides[edge]
+        """Return triangle, place and heading on the other side of an inner edge."""
+        one, two = self.mesh.edges.sides[edge].tolist()
         other, turn = (two, 1) if one == cell else (one, -1)
-        start, along = self._side(cell, edge)
-        at = float(np.clip(((point - start) / along).real, 0, 1))
-        there, back = self._side(other, edge)
+        (start, along), (there, back) = self._side(cell, edge), self._side(other, edge)
+        at = float(np.clip(((place - start) / along).real, 0, 1))
         turned = heading * np.exp(1j * turn * self.mesh.edge_turns[edge])
-        return int(other), there + (1 - at) * back, turned
+        return other, there + (1 - at) * back, turned
 
 
 def _borders(mesh: LineMesh, planes: Sequence[int]) -> dict[int | None, str]:
@@ -300,26 +269,17 @@ def _borders(mesh: LineMesh, planes: Sequence[int]) -> dict[int | None, str]:
     return dict(zip(mesh.edges.border.tolist(), kind.tolist(), strict=True))
 
 
-def _to_end(line: CentreLine) -> Floats:
-    """Return the length from the start of each segment to the end of the line in m, (m,)."""
-    return np.cumsum(line.lengths[::-1])[::-1]
-
-
-def touching(mesh: LineMesh, cell: int) -> float:
-    """Return the distance in m within which an end in a triangle lies on a line."""
-    return float(10 * CLOSE * np.sqrt(mesh.areas[cell]))
-
-
-def distances(point: complex, segments: Complexes) -> Floats:
-    """Return the distance of a point from segments (k, 2), (k,), in m."""
-    way, there = segments[:, 1] - segments[:, 0], point - segments[:, 0]
+def touches(mesh: LineMesh, line: CentreLine, segments: Complexes) -> bool:
+    """Return whether the end of a line lies on one of the segments (k, 2) in its last triangle."""
+    way, there = segments[:, 1] - segments[:, 0], line.places[-1, 1] - segments[:, 0]
     at = (np.conj(way) * there).real / np.maximum(np.abs(way) ** 2, 1e-300)
-    return np.abs(there - np.clip(at, 0, 1) * way)
+    near = 10 * CLOSE * np.sqrt(mesh.areas[line.cell[-1]])
+    return bool(np.any(np.abs(there - np.clip(at, 0, 1) * way) < near))
 
 
-def _first_meeting(a: complex, b: complex, segments: Complexes) -> float | None:
-    """Return the least fraction of the way from a to b where it meets one of the segments."""
-    way, along, there = b - a, segments[:, 1] - segments[:, 0], segments[:, 0] - a
+def _first_meeting(place: complex, way: complex, segments: Complexes) -> float | None:
+    """Return the least fraction of a way from a place where it meets one of the segments."""
+    along, there = segments[:, 1] - segments[:, 0], segments[:, 0] - place
     area = (np.conj(way) * along).imag
     crossing = np.abs(area) > 1e-14 * np.abs(way) * np.abs(along)
     area, along, there = area[crossing], along[crossing], there[crossing]

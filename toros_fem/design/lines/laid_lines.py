@@ -14,15 +14,14 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.rounding import rounded
 from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, Family
-from toros_fem.design.lines.ends import distances, touching
+from toros_fem.design.lines.ends import touches
 from toros_fem.design.lines.field import LineOptions
-from toros_fem.design.lines.line_mesh import LineMesh, in_plane
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh
 from toros_fem.design.lines.ribbons import Ribbons, cleaned, joints_of
 from toros_fem.design.lines.stripes import Stripes
 from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
-from toros_fem.meshes.triangles import barycentric
 
 # Places and widths of lines are rounded to this part of the least width: the same lines then make
 # the same polygons, and these the same mesh.
@@ -37,6 +36,8 @@ class Drawing:
         mesh: These triangles.
         families: Lines of each family, with their widths.
         shares: Part of the area that the field asks of each family.
+        stripes: Those of families on the whole, by the number of the family; those of mirror
+            images are left out.
         planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
         options: Widths and limits.
     """
@@ -44,6 +45,7 @@ class Drawing:
     mesh: LineMesh
     families: list[Family]
     shares: Floats
+    stripes: Mapping[int, Stripes]
     planes: tuple[int, ...]
     options: LineOptions
 
@@ -90,15 +92,12 @@ class LaidLines:
         pattern: The pattern that they were laid on: that of the field, refined.
         regions: Printed region of each panel, polygons in its chart, in m.
         families: What became of each family.
-        stripes: Those of families, by the number of the family; those of mirror images are left
-            out.
         drawing: What the lines were made of; None where nothing was laid.
     """
 
     pattern: Pattern
     regions: tuple[BaseGeometry, ...]
     families: tuple[LaidFamily, ...]
-    stripes: Mapping[int, Stripes]
     drawing: Drawing | None
 
     @property
@@ -126,8 +125,8 @@ class LaidLines:
         return np.clip(covered, 0.0, 1.0)
 
 
-def laid(drawing: Drawing, stripes: Mapping[int, Stripes]) -> LaidLines:
-    """Return the printable lines of a drawing, made of these stripes."""
+def laid(drawing: Drawing) -> LaidLines:
+    """Return the printable lines of a drawing."""
     mesh, options, pattern = drawing.mesh, drawing.options, drawing.mesh.pattern
     ribbons, joints = _ribbons(drawing), joints_of(pattern, drawing.planes)
     free = np.isin(np.arange(len(pattern.panel)), mesh.cells)
@@ -155,7 +154,7 @@ def laid(drawing: Drawing, stripes: Mapping[int, Stripes]) -> LaidLines:
             drawing.families, drawing.shares, zip(*under, strict=True), strict=True
         )
     )
-    return LaidLines(pattern, tuple(regions), families, stripes, drawing)
+    return LaidLines(pattern, tuple(regions), families, drawing)
 
 
 def widened(lines: LaidLines, factors: Floats) -> LaidLines:
@@ -182,7 +181,7 @@ def widened(lines: LaidLines, factors: Floats) -> LaidLines:
         replace(family, radius=np.clip(factor * family.radius, *family.bounds))
         for family, factor in zip(drawing.families, factors, strict=True)
     ]
-    return laid(replace(drawing, families=families), lines.stripes)
+    return laid(replace(drawing, families=families))
 
 
 def _ribbons(drawing: Drawing) -> list[Ribbons]:
@@ -191,7 +190,9 @@ def _ribbons(drawing: Drawing) -> list[Ribbons]:
     unit, panel = RESOLUTION * least, mesh.pattern.panel[mesh.cells]
     found = []
     for family in drawing.families:
-        parts = [(np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))]
+        parts: list[tuple[Ints, Floats, Floats]] = [
+            (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
+        ]
         for line in family.lines:
             points = rounded(line.points, unit)
             radii = rounded(_tapered(drawing, family, line), unit)
@@ -213,23 +214,20 @@ def _tapered(drawing: Drawing, family: Family, line: CentreLine) -> Floats:
     If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
     """
     mesh = drawing.mesh
-    radii = _radii(mesh, family, line.cell, line.points)
+    radii = _radii(mesh, family, line.cell, line.places)
     for side in (s for s, kind in enumerate(line.ends) if kind == LINE):
-        cell, end = line.cell[[-side]], line.points[-side, side]
+        there = line if side == 1 else line.reversed
+        away = np.stack([there.to_end, np.append(there.to_end[1:], 0.0)], axis=1)
+        away = away if side == 1 else away[::-1, ::-1]
         for onto, other in ((f, other) for f in drawing.families for other in f.lines):
-            there = in_plane(other.points[other.cell == cell])
-            if other is line or not np.any(
-                distances(in_plane(end), there) < touching(mesh, cell[0])
-            ):
-                continue
-            along = np.insert(np.cumsum(line.lengths), 0, 0.0)
-            along = along if side == 0 else along[-1] - along
-            bound = _radii(mesh, onto, cell, end[None, None])[0, 0]
-            radii = np.minimum(radii, bound + np.stack([along[:-1], along[1:]], axis=1))
+            here = other.places[other.cell == there.cell[-1]]
+            if other is not line and touches(mesh, there, here):
+                bound = _radii(mesh, onto, there.cell[-1:], there.places[-1:, 1:])
+                radii = np.minimum(radii, bound + away)
     return radii
 
 
-def _radii(mesh: LineMesh, family: Family, cell: Ints, points: Floats) -> Floats:
-    """Return half the width of a family at points of triangles (m, k, 2), (m, k), in m."""
-    at = barycentric(mesh.corners[cell], points)
+def _radii(mesh: LineMesh, family: Family, cell: Ints, places: Complexes) -> Floats:
+    """Return half the width of a family at the places (m, k) in triangles, (m, k), in m."""
+    at = mesh.coordinates(cell[:, None], places)
     return np.asarray(np.einsum("mkc,mc->mk", at, family.radius[mesh.vertex[cell]]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -76,43 +76,50 @@ def lay_lines(
             f"printed has shape {covered.shape} and type {covered.dtype}; it must be {count} "
             "truth values, one for each triangle."
         )
-    fine, cell = _fine(field, widths, options, None if like is None else len(like.pattern.panel))
+    fine, cell = _fine(field, widths, options, like)
     field = LineField(fine, field.shares[cell], field.angles[cell])
     free = np.flatnonzero(~covered[cell])
     if not len(free):
-        outlines = [shapely.polygons(fine.corners[fine.panel == k]) for k in np.unique(fine.panel)]
-        none = (shapely.Polygon(),) * len(outlines)
+        panels = [shapely.polygons(fine.corners[fine.panel == k]) for k in np.unique(fine.panel)]
+        none = (shapely.Polygon(),) * len(panels)
         families = tuple(LaidFamily(width, under=none) for width in widths)
-        return LaidLines(fine, tuple(map(shapely.coverage_union_all, outlines)), families, {}, None)
+        return LaidLines(fine, tuple(map(shapely.coverage_union_all, panels)), families, None)
     symmetry = make_symmetry(field, free, planes, widths)
-    mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
-    whole: dict[int, tuple[Family, Stripes]] = {}
-    families = []
-    for k, width in enumerate(widths):
-        own, image = symmetry.first(k)
-        if own not in whole:
-            known = None if like is None else like.stripes.get(own)
-            whole[own] = _on_whole(symmetry, field, own, width, options, smoother, known)
-        families.append(symmetry.to_part(whole[own][0], image))
-    families = close_ends(mesh, families, planes)
-    asked = mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum()
-    drawing = Drawing(mesh, families, asked, tuple(planes), options)
-    return laid(drawing, {own: stripes for own, (_, stripes) in whole.items()})
+    smoother = cache(symmetry.whole.smoother)
+    known = {} if like is None or like.drawing is None else like.drawing.stripes
+
+    @cache
+    def on_whole(family: int) -> tuple[Family, Stripes]:
+        return _on_whole(symmetry, field, family, options, smoother, known.get(family))
+
+    first = [symmetry.first(k) for k in range(field.families)]
+    mesh = symmetry.part
+    found = [symmetry.to_part(on_whole(family)[0], image) for family, image in first]
+    return laid(
+        Drawing(
+            mesh,
+            close_ends(mesh, found, planes),
+            mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum(),
+            {family: on_whole(family)[1] for family, _ in first},
+            tuple(planes),
+            options,
+        )
+    )
 
 
 def _fine(
-    field: LineField, widths: list[float], options: LineOptions, triangles: int | None
+    field: LineField, widths: list[float], options: LineOptions, like: LaidLines | None
 ) -> tuple[Pattern, Ints]:
     """Return a mesh that is fine enough for the lines, and the field's triangle of each of its.
 
-    With a number of triangles it is the one that has so many.
+    It is as fine as that of earlier lines.
     """
     pattern, cell = field.pattern, np.arange(len(field.pattern.panel), dtype=np.int64)
     means = np.average(field.shares, axis=0, weights=pattern.areas)
     least = min(_spacing(share, width, options) for share, width in zip(means, widths, strict=True))
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
         edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
-        if edge <= FINE * least if triangles is None else len(pattern.panel) >= triangles:
+        if edge <= FINE * least if like is None else len(pattern.panel) >= len(like.pattern.panel):
             break
         refined = refine(pattern)
         pattern, cell = refined.pattern, cell[refined.cell]
@@ -122,59 +129,53 @@ def _fine(
 def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
     """Return the distance in m between lines of a width that cover a share."""
     most = width / (width + options.print_width)
-    return np.asarray(width / np.clip(share, options.least_share, most), dtype=np.float64)
+    return np.asarray(width / np.clip(share, options.least_share, most))
 
 
 def _on_whole(
     symmetry: Symmetry,
     field: LineField,
     family: int,
-    width: float,
     options: LineOptions,
     smoother: Callable[..., Callable[[Values], Values]],
     like: Stripes | None,
 ) -> tuple[Family, Stripes]:
-    """Return a family of lines on the whole, and its stripes.
+    """Return a family of lines on the whole, and its stripes; like earlier ones if there are any.
 
-    Args:
-        symmetry: Part and whole.
-        field: Shares and directions on the part.
-        family: Number of the family.
-        width: Width of the lines in m.
-        options: Widths and limits.
-        smoother: `LineMesh.smoother` of the whole, which keeps its factors.
-        like: Stripes of an earlier family, which keep their number.
+    The smoother is that of the whole; it keeps its factors.
     """
     mesh, part = symmetry.whole, symmetry.part.cells
+    width = options.width_of(family, field.families)
     share = symmetry.of_whole(field.shares[part], family)
     angle = symmetry.angles_of_whole(field.angles[part], family)
     at_vertices = mesh.at_vertices(share)
-    even, half = options.even, None
+    even, half, most = options.even, None, 1.0
     if even is not None:  # what changes from one line to the next cannot be followed
-        mean_share = np.average(at_vertices, weights=mesh.vertex_areas)
+        mean_share = np.asarray(np.average(at_vertices, weights=mesh.vertex_areas))
         even = max(even, float(_spacing(mean_share, width, options)))
-        half = even / 2
+        # The other half of the spread is for widths that follow the share.
+        half, most = even / 2, float(np.sqrt(options.spread))
     double = smoother(half, turned=True)(mesh.double_angles(angle, share))
     local, mean = smoother(half)(at_vertices), smoother(even)(at_vertices)
     waves = Waves(mesh, np.angle(double) / 2, 2 * np.pi / _spacing(mean, width, options))
     weight = np.maximum(mean, options.least_share)
     if even is not None:
         waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
-    present = (local >= options.least_share)[mesh.edges.ends].all(axis=1)
-    images, side = symmetry.images(waves, family), symmetry.side(waves, family)
-
-    def found(factor: float = 1.0) -> Stripes:
-        tried = replace(waves, number=factor * waves.number)
-        return find_stripes(tried, weight, images, side, like)
-
     if like is not None:
         waves = replace(waves, number=like.waves.number)
-        stripes = found()
-    else:
-        # The other half of the spread is for widths that follow the share.
-        most = np.sqrt(options.spread) if even is not None else 1.0
+    present = (local >= options.least_share)[mesh.edges.ends].all(axis=1)
+    symmetric, side = symmetry.symmetric(waves, family), symmetry.side(waves, family)
+
+    def found(factor: float) -> Stripes:
+        tried = replace(waves, number=factor * waves.number)
+        return find_stripes(tried, weight, symmetric, side, like)
+
+    stripes = found(1.0)
+    if like is None:
         across = np.sqrt(mesh.areas.sum()) / np.average(waves.spacing, weights=weight)
-        stripes = _with_fewest_ends(found, present, across, most)
+        factors = 1 + np.array(OTHERS) / across
+        factors = factors[(factors >= 1 / most) & (factors <= most)]
+        stripes = _with_fewest_ends(stripes, map(found, factors), present)
     waves = stripes.waves
     stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
     lines = trace(stripes, present, stiffness)
@@ -184,31 +185,15 @@ def _on_whole(
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
     low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
-    radius = np.clip(local * spacing, low, high) / 2
-    bounds = low / 2, high / 2
-    angles = waves.corner_angles()
-    return Family(lines, angles, waves.spacing, radius, width, bounds), stripes
+    radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
+    return Family(lines, waves.corner_angles(), waves.spacing, radius, width, bounds), stripes
 
 
-def _with_fewest_ends(
-    find: Callable[[float], Stripes], present: Bools, across: float, most: float
-) -> Stripes:
-    """Return stripes, denser or wider ones than wanted if fewer lines end so.
-
-    Args:
-        find: Finds the stripes of waves that are denser by a factor.
-        present: Whether there are lines at each edge, (e,).
-        across: Number of lines across the skin.
-        most: Largest factor by which spacings may be changed.
-    """
-    best = find(1.0)
+def _with_fewest_ends(best: Stripes, others: Iterator[Stripes], present: Bools) -> Stripes:
+    """Return stripes, or others whose lines have fewer ends; these are made as they are needed."""
     fewest = best.line_ends(present)
-    for factor in (1 + more / across for more in OTHERS):
-        if not 0 < fewest <= FEW:
-            break
-        if 1 / most <= factor <= most:
-            tried = find(factor)
-            ends = tried.line_ends(present)
-            if ends < fewest:
-                best, fewest = tried, ends
+    while 0 < fewest <= FEW and (other := next(others, None)) is not None:
+        ends = other.line_ends(present)
+        if ends < fewest:
+            best, fewest = other, ends
     return best

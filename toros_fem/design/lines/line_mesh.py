@@ -15,6 +15,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     Edges,
+    barycentric,
     chart_turns,
     corner_angles,
     edges_of,
@@ -37,9 +38,9 @@ def in_plane(points: Floats) -> Complexes:
     return np.asarray(points[..., 0] + 1j * points[..., 1])
 
 
-def coordinates(places: Complexes) -> Floats:
+def coordinates(places: Complexes | complex) -> Floats:
     """Return complex numbers (…) as points or vectors (…, 2)."""
-    return np.stack([places.real, places.imag], axis=-1)
+    return np.stack([np.real(places), np.imag(places)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +74,16 @@ class LineMesh:
         return int(self.vertex.max()) + 1
 
     @cached_property
+    def flat(self) -> Complexes:
+        """The corners as complex numbers, (t, 3)."""
+        return in_plane(self.corners)
+
+    @cached_property
+    def sides(self) -> Complexes:
+        """The way from corner c to corner c + 1, (t, 3), in m."""
+        return np.roll(self.flat, -1, axis=1) - self.flat
+
+    @cached_property
     def areas(self) -> Floats:
         """Area of each triangle in m²."""
         return flat_areas(self.corners)
@@ -92,12 +103,13 @@ class LineMesh:
         return np.maximum(weight, LEAST_WEIGHT)
 
     @cached_property
-    def turn_along(self) -> Floats:
-        """Angle that is added to a direction from an edge's first end to its second, (e,)."""
-        half = self.edges.twins[:, 0]
-        turn, vertex = self.turn.ravel(), self.vertex.ravel()
-        change = turn[half] - turn[following(half)]
-        return np.where(vertex[half] == self.edges.ends[:, 0], change, -change)
+    def forward(self) -> Bools:
+        """Whether side c … c + 1 of each triangle runs from its edge's first end, (t, 3)."""
+        return self.vertex == self.edges.ends[self.edges.of_triangle, 0]
+
+    def coordinates(self, cell: Ints | int, place: Complexes | complex) -> Floats:
+        """Return barycentric coordinates of places in triangles, (…, 3)."""
+        return barycentric(self.corners[cell], coordinates(place)[..., None, :])[..., 0, :]
 
     def at_vertices(self, values: Floats) -> Floats:
         """Return means of values of the triangles, (t,), by area."""
@@ -127,30 +139,24 @@ class LineMesh:
     def smoother(
         self, distance: float | None, *, turned: bool = False
     ) -> Callable[[Values], Values]:
-        """Return what averages values at vertices, (n,), over a distance, as by a Gaussian.
+        """Return what averages values at vertices, (n,), as by a Gaussian of a distance in m.
 
-        Two implicit steps of diffusion take half the time each.
-
-        Args:
-            distance: Standard deviation in m; None leaves values as they are.
-            turned: Whether the values are double-angle vectors, each in the chart of the vertex's
-                first corner.
+        Two implicit steps of diffusion take half the time each. No distance leaves values as they
+        are. Double-angle vectors are `turned` from the chart of each vertex's first corner.
         """
         if distance is None:
             return lambda values: values
-        area, factors = self.vertex_areas, np.exp(2j * self.turn_along) if turned else 1.0
+        half = self.edges.twins[:, 0]
+        change = (self.turn - np.roll(self.turn, -1, axis=1)).ravel()[half]
+        along = np.where(self.forward.ravel()[half], change, -change)
+        area, factors = self.vertex_areas, np.exp(2j * along) if turned else 1.0
         diffusion = distance**2 / 4 * self.laplacian(self.weights, factors)
         factor = spd_factor(diags_array(area) + diffusion)
         return lambda values: factor.solve(area * factor.solve(area * values))
 
 
 def make_line_mesh(pattern: Pattern, active: Bools) -> LineMesh:
-    """Return the mesh that lines are laid on.
-
-    Args:
-        pattern: Any pattern.
-        active: Whether each of its triangles may carry lines, (t,); at least one does.
-    """
+    """Return the mesh of the triangles that may carry lines, (t,); at least one may."""
     cells = np.flatnonzero(active)
     whole = edges_of(pattern.triangles[cells])
     vertex = fans(pattern.triangles[cells], whole, whole.inner)

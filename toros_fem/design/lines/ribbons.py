@@ -1,4 +1,4 @@
-"""Printed ribbons along lines: polygons that fit together where the skin goes on across a border."""
+"""Printed ribbons along lines: polygons that fit together across seams and symmetry planes."""
 
 from __future__ import annotations
 
@@ -129,8 +129,10 @@ def joints_of(pattern: Pattern, planes: tuple[int, ...]) -> list[Joint]:
         part = np.flatnonzero((panel == one) & (other == two))
         begin, end = flat[there[part]].T
         chain = linked(begin, end, size)[begin]
-        for k in (part[chain == number] for number in np.unique(chain)):
-            joints.append(Joint(int(one), int(two), source[k], turn[k], shift[k]))
+        joints += [
+            Joint(int(one), int(two), source[k], turn[k], shift[k])
+            for k in (part[chain == number] for number in np.unique(chain))
+        ]
     return joints
 
 

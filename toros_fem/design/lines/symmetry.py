@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import permutations, product
 from typing import Any
@@ -17,11 +17,10 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.line_mesh import (
     Complexes,
     LineMesh,
-    coordinates,
     in_plane,
     make_line_mesh,
 )
-from toros_fem.design.lines.stripes import Image, Waves
+from toros_fem.design.lines.stripes import Waves
 from toros_fem.meshes.mirror import mirrored, plane_border
 from toros_fem.meshes.triangles import half_edges
 
@@ -71,7 +70,7 @@ class Symmetry:
         Both are (2^a, t). A vector of the part, conjugated in mirror images, is multiplied by the
         side over the part's, which has length 1, to be moved to the image.
         """
-        here = self.by_image(in_plane(self.whole.corners))
+        here = self.by_image(self.whole.flat)
         side = here[..., 1] - here[..., 0]
         turn = side / _mirrored(side[0], ODD[: len(here), None])
         return here[..., 0], turn / np.abs(turn)
@@ -99,22 +98,27 @@ class Symmetry:
         back = way * np.conj(self.frames[1])[..., None]
         return np.angle(_mirrored(back, ODD[: len(way), None, None]))
 
-    def images(self, waves: Waves, family: int) -> list[Image]:
-        """Return the symmetries of the whole that map a family to itself."""
-        found, angle = [], self._angles(waves.corner_angles())
+    def symmetric(self, waves: Waves, family: int) -> Callable[[Complexes], Complexes]:
+        """Return what averages exp(i phase) at vertices, (n,), over the images of a family."""
+        images, angle = [], self._angles(waves.corner_angles())
         for image in np.flatnonzero(self.partner[:, family] == family)[1:]:
             moved = np.arange(len(angle)) ^ image
             vertex, flips = np.empty(self.whole.size, np.int64), np.empty(self.whole.size, bool)
             vertex[self.vertex] = self.vertex[moved]
             # The normal of a line turns against its direction in a mirror.
             flips[self.vertex] = (np.cos(angle[moved] - angle) < 0) != ODD[image]
-            found.append(Image(vertex, flips))
-        return found
+            images.append((vertex, flips))
+
+        def mean(z: Complexes) -> Complexes:
+            return sum((_mirrored(z[vertex], flips) for vertex, flips in images), z) / (
+                1 + len(images)
+            )
+
+        return mean
 
     def side(self, waves: Waves, family: int) -> Floats:
         """Return the sign of a small phase, (n,), that moves a line off a plane, to image 0."""
-        corners = in_plane(self.whole.corners)
-        inward = corners.mean(axis=1, keepdims=True) - corners
+        inward = self.whole.flat.mean(axis=1, keepdims=True) - self.whole.flat
         sign = self.by_image(-np.sign((np.exp(-1j * waves.corner_angles()) * inward).imag))
         side, number = np.ones(self.whole.size), np.arange(len(sign))
         for bit in (b for b in (1, 2, 4) if b < len(sign) and self.partner[b, family] == family):
@@ -145,18 +149,18 @@ class Symmetry:
         found, count = [], len(self.part.cells)
         for line in lines:
             inside = line.cell // count == image
-            cells, places = line.cell % count, in_plane(line.points)
+            cells = line.cell % count
             origin, turn = (frame[image, cells, None] for frame in self.frames)
-            away = _mirrored((places - origin) * np.conj(turn), ODD[image])
-            points = coordinates(self.frames[0][0, cells, None] + away)
+            away = _mirrored((line.places - origin) * np.conj(turn), ODD[image])
+            places = self.frames[0][0, cells, None] + away
             if inside.all():
-                found.append(replace(line, cell=cells, points=points))
+                found.append(CentreLine(cells, places, line.ends))
                 continue
             if line.closed:
                 begin = -int(np.argmin(inside))
-                inside, cells, points = (np.roll(x, begin, axis=0) for x in (inside, cells, points))
+                inside, cells, places = (np.roll(x, begin, axis=0) for x in (inside, cells, places))
             change = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
-            found += [CentreLine(cells[a:b], points[a:b]) for a, b in change.reshape(-1, 2)]
+            found += [CentreLine(cells[a:b], places[a:b]) for a, b in change.reshape(-1, 2)]
         return found
 
 
