@@ -585,7 +585,7 @@ DESIGNS: Table = {
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
     "factors of other lines": lambda s: widened(_laid(), np.ones((2, 3))),
-    "negative factors": lambda s: widened(_laid(), -np.ones((1, _laid().drawing.mesh.size))),
+    "negative factors": lambda s: widened(_laid(), -np.ones((1, _laid().mesh.size))),
     "factors of no line": lambda s: widened(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), np.ones((1, 1))
     ),

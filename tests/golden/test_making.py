@@ -43,12 +43,12 @@ pattern_of = shared_pattern.__wrapped__
 def lines_of(laid: LaidLines) -> dict[str, Any]:
     """Quantities of laid lines."""
     return {
-        "lines by family": [family.lines for family in laid.families],
+        "lines by family": [len(family.lines) for family in laid.families],
         "corners by line": [
-            [len(line.points) for line in family.centre_lines] for family in laid.families
+            [len(line.points) for line in family.lines] for family in laid.families
         ],
         "places in m": np.concatenate(
-            [line.points.reshape(-1) for family in laid.families for line in family.centre_lines]
+            [line.points.reshape(-1) for family in laid.families for line in family.lines]
         ),
         "regions": list(laid.regions),
         "area in m2": laid.area,
@@ -92,7 +92,7 @@ def test_lines(name: str, pinned: Callable[..., None]) -> None:
     laid = lay_lines(fields()[name], LineOptions(even=5e-3) if name == "fading" else None)
     figures = lines_of(laid)
     if name == "tube":
-        factors = np.repeat(np.array([[1.2], [0.9]]), laid.drawing.mesh.size, axis=1)
+        factors = np.repeat(np.array([[1.2], [0.9]]), laid.mesh.size, axis=1)
         wider = widened(laid, factors)
         figures["other widths: area in m2"] = wider.area
     pinned(f"lines/{name}", figures, rel=1e-5, small=1e-8)

@@ -45,7 +45,7 @@ def test_hoops_around_a_tube_are_closed() -> None:
     wall = tube.panel == tube.panel_index("wall")
     laid = lay_lines(even_field(tube, [0.2], [0.0]), printed=~wall)
     perimeter = np.ptp(tube.corners[wall][..., 0])
-    assert all(line.closed for line in laid.families[0].centre_lines)
-    lengths = [line.length for line in laid.families[0].centre_lines]
+    assert all(line.closed for line in laid.families[0].lines)
+    lengths = [line.length for line in laid.families[0].lines]
     assert lengths == pytest.approx([perimeter] * 9, abs=1e-8)
     assert largest_jump(laid) < 1e-9

@@ -25,7 +25,7 @@ def check_ends(laid: LaidLines) -> None:
     pattern = laid.pattern
     border = pattern.flat_points[np.unique(pattern.free_edges)]  # one panel: not sewn
     low, high = border.min(axis=0), border.max(axis=0)
-    for line in (line for family in laid.families for line in family.centre_lines):
+    for line in (line for family in laid.families for line in family.lines):
         for side, kind in enumerate(line.ends):
             end = line.points[0 if side == 0 else -1, side]
             if kind == "line":
@@ -47,9 +47,9 @@ def test_lines_around_a_point_have_no_open_ends(turn: float | None) -> None:
     check_ends(laid)
     assert laid.families[0].laid == pytest.approx(0.2, abs=0.02)
     if turn == np.pi / 2:
-        assert all(line.closed for line in laid.families[0].centre_lines)
+        assert all(line.closed for line in laid.families[0].lines)
     elif turn is not None:
-        assert laid.families[0].ends["border"] > laid.families[0].lines / 2
+        assert laid.families[0].ends["border"] > len(laid.families[0].lines) / 2
 
 
 def test_noise_does_not_break_lines() -> None:
@@ -60,10 +60,10 @@ def test_noise_does_not_break_lines() -> None:
     laid = lay_lines(field)
     check_ends(laid)
     assert [family.ends for family in laid.families] == [
-        {"border": 2 * family.lines} for family in laid.families
+        {"border": 2 * len(family.lines)} for family in laid.families
     ]
     for family, angle in zip(laid.families, (0.6, -0.6), strict=True):
-        points = np.concatenate([line.points for line in family.centre_lines])
+        points = np.concatenate([line.points for line in family.lines])
         segments = points[:, 1] - points[:, 0]
         double = np.exp(2j * np.arctan2(segments[:, 1], segments[:, 0]))
         length = np.linalg.norm(segments, axis=1)
@@ -80,7 +80,7 @@ def test_a_line_meets_itself_after_three_spacings(spacing: float, end: str) -> N
     nodes = np.array([[30, 0], [30, 19.9], [30, 30], [40, 30], [40, 20], [25, 20]]) * 1e-3
     line = CentreLine(np.zeros(5, dtype=int), in_plane(np.stack([nodes[:-1], nodes[1:]], axis=1)))
     even = np.full(mesh.size, spacing)
-    family = Family([line], np.zeros((1, 3)), even, 0.1 * even, 1e-3, (1e-4, even))
+    family = Family(1e-3, [line], np.zeros((1, 3)), even, 0.1 * even, (1e-4, even))
     net = Net(mesh, [family], ())
     net.close()
     ((found,),) = (family.lines for family in net.result())

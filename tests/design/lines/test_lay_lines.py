@@ -22,10 +22,10 @@ def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
     options = LineOptions(widths=(1e-3,))
     before = lay_lines(even_field(sheet, [0.2], [90.0]), options)
     field = even_field(sheet, [0.16], [direction])
-    assert len(lay_lines(field, options).families[0].centre_lines) < 8
+    assert len(lay_lines(field, options).families[0].lines) < 8
     laid = lay_lines(field, options, like=before)
     there, here = (
-        sorted(line.points[..., 0].mean() for line in each.families[0].centre_lines)
+        sorted(line.points[..., 0].mean() for line in each.families[0].lines)
         for each in (before, laid)
     )
     assert len(here) == 8
@@ -38,7 +38,7 @@ def test_where_all_is_asked_for_gaps_are_left() -> None:
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
     options = LineOptions(widths=(2e-3,))
     laid = lay_lines(even_field(sheet, [0.97], [90.0]), options)
-    places = np.sort([line.points[..., 0].mean() for line in laid.families[0].centre_lines])
+    places = np.sort([line.points[..., 0].mean() for line in laid.families[0].lines])
     assert np.diff(places).min() == pytest.approx(2e-3 + options.print_width, rel=0.02)
     assert laid.families[0].laid == pytest.approx(len(places) * 2e-3 / 0.04, rel=1e-4)
 
@@ -60,10 +60,11 @@ def test_lines_run_on_across_a_seam_between_turned_charts(degrees: float) -> Non
     angle = np.radians(25.0 + degrees * pattern.panel)[:, None]
     laid = lay_lines(LineField(pattern, np.full((len(angle), 1), 0.2), angle))
     assert largest_jump(laid) < 1e-9
-    sheet = [positions(laid.pattern, line) for line in laid.families[0].centre_lines]
+    sheet = [positions(laid.mesh, line) for line in laid.families[0].lines]
     across = np.array([-np.sin(np.radians(25)), np.cos(np.radians(25)), 0])
     assert max(np.ptp(at @ across) for at in sheet) < 1e-9
-    both = [len(np.unique(laid.pattern.panel[line.cell])) for line in laid.families[0].centre_lines]
+    panels = laid.pattern.panel[laid.mesh.cells]
+    both = [len(np.unique(panels[line.cell])) for line in laid.families[0].lines]
     assert both.count(2) > 3
     apart, whole = seam_difference(laid)
     assert whole > 3e-3
@@ -133,7 +134,7 @@ def test_few_wide_lines_go_around_evenly() -> None:
         LineOptions(widths=(4e-3,)),
         printed=~wall,
     )
-    assert laid.families[0].ends == {"printed": 2 * laid.families[0].lines}
+    assert laid.families[0].ends == {"printed": 2 * len(laid.families[0].lines)}
     assert laid.families[0].laid == pytest.approx(shares[wall].mean(), rel=0.03)
 
 
@@ -145,7 +146,7 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
     laid = lay_lines(LineField(sheet, shares, angles), LineOptions(widths=(3e-3, 0.8e-3)))
     ends = [
         line.points[0 if side == 0 else -1, side]
-        for line in laid.families[0].centre_lines
+        for line in laid.families[0].lines
         for side, kind in enumerate(line.ends)
         if kind == "line"
     ]
@@ -167,7 +168,9 @@ def test_without_shares_nothing_is_laid() -> None:
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.03, 2.5e-3)
     laid = lay_lines(even_field(sheet, [0.0], [33.0]))
     assert laid.area == 0
-    assert laid.families[0].lines == 0
+    assert len(laid.families[0].lines) == 0
     assert np.all(laid.cover(sheet) == 0)
     everything = lay_lines(even_field(sheet, [0.2], [0.0]), printed=np.ones(len(sheet.panel), bool))
     assert everything.area == pytest.approx(0.04 * 0.03, rel=1e-12)
+    (family,) = everything.families
+    assert (len(family.lines), family.laid, family.under[0].area) == (0, 0, 0)

@@ -22,8 +22,8 @@ def wall_of(part: Pattern) -> np.ndarray:
 def at_plane(laid: LaidLines, family: int, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Heights at which lines of a family meet a plane, sorted, and their slopes there."""
     height, slope = [], []
-    for line in laid.families[family].centre_lines:
-        at = positions(laid.pattern, line)
+    for line in laid.families[family].lines:
+        at = positions(laid.mesh, line)
         for side, kind in enumerate(line.ends):
             end = at[0 if side == 0 else -1]
             if kind == "plane" and abs(end[side, axis]) < 1e-9:
@@ -67,12 +67,12 @@ def test_all_images_of_an_octant_return_to_it() -> None:
         cell = np.array([image])
         line = CentreLine(cell, found.whole.flat[cell, :2])
         angles = np.zeros(found.whole.vertex.shape)
-        family = Family([line], angles, values, 2 * values, 0.1, (0.01, 3 * values))
+        family = Family(0.1, [line], angles, values, 2 * values, (0.01, 3 * values))
         moved = found.to_part(family, image)
         for factor, there in enumerate((moved.spacing, moved.radius, moved.bounds[1]), 1):
             assert there[found.part.vertex] == pytest.approx(factor * own)
         (back,) = moved.lines
-        assert positions(octant, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
+        assert positions(found.part, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
 
 
 @pytest.mark.parametrize(("part", "planes"), [(HALF, (1,)), (QUARTER, (0, 1))])
@@ -97,7 +97,7 @@ def test_planes_are_in_the_middle_of_lines_or_of_gaps() -> None:
     for share in (0.12, 0.15, 0.16, 0.2):
         laid = lay_lines(even_field(HALF, [share], [90]), printed=~wall, planes=(1,))
         across = laid.pattern.corners[laid.pattern.panel == 0][..., 0]
-        places = np.sort([line.points[:, :, 0].mean() for line in laid.families[0].centre_lines])
+        places = np.sort([line.points[:, :, 0].mean() for line in laid.families[0].lines])
         step = np.diff(places).mean()
         assert np.ptp(np.diff(places)) < 1e-7
         for off in (places[0] - across.min(), across.max() - places[-1]):
@@ -111,6 +111,6 @@ def test_hoops_meet_their_own_image() -> None:
     wall = wall_of(HALF)
     field = even_field(HALF, [0.15], [20])
     laid = lay_lines(field, printed=~wall, planes=(1,))
-    assert laid.families[0].ends["plane"] >= 2 * (laid.families[0].lines - 4)
+    assert laid.families[0].ends["plane"] >= 2 * (len(laid.families[0].lines) - 4)
     _, slope = at_plane(laid, 0, 1)
     assert np.abs(slope).max() < np.sin(np.radians(10)), "bent round towards the plane"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array, diags_array
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates
@@ -28,7 +30,7 @@ class CentreLine:
     A segment starts where the one before ends: at the same place of the sewn skin.
 
     Attributes:
-        cell: Triangle of each segment, (m,).
+        cell: Triangle of each segment, in the order of the line mesh, (m,).
         places: Start and end of each segment on the flat panel, x + iy in m, (m, 2).
         ends: What start and end lie at: "line", "border", "printed" (a printed triangle), "plane"
             (of symmetry) or "open"; none if the last segment ends where the first begins.
@@ -71,23 +73,39 @@ class CentreLine:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """The lines of one family, and what leads them on.
+    """The lines of one family.
 
     Attributes:
+        width: Width asked, in m.
         lines: Centre lines.
         angles: Direction at each corner of the mesh, (t, 3), in rad, modulo π.
         spacing: Distance from line to line at each vertex, (n,), in m.
         radius: Half the width at each vertex, (n,), in m.
-        width: Width asked, in m.
         bounds: Least half width, and the largest one at each vertex, (n,), in m.
+        share: Part of the area, without that printed before, that the field asks for.
+        laid: Part of it that the lines cover.
+        under: Region of each panel under them, before lines and gaps that are too thin are mended.
     """
 
+    width: float
     lines: list[CentreLine]
     angles: Floats
     spacing: Floats
     radius: Floats
-    width: float
     bounds: tuple[float, Floats]
+    share: float = 0.0
+    laid: float = 0.0
+    under: tuple[BaseGeometry, ...] = ()
+
+    @property
+    def length(self) -> float:
+        """Total length of the lines in m."""
+        return float(sum(line.length for line in self.lines))
+
+    @property
+    def ends(self) -> dict[str, int]:
+        """How many ends lie at what."""
+        return dict(sorted(Counter(kind for line in self.lines for kind in line.ends).items()))
 
 
 # A line by its crossings with edges, (m + 1,), and the triangles between them, (m,).
@@ -177,18 +195,18 @@ def _places(mesh: LineMesh, edge: Ints, fraction: Floats) -> Complexes:
 def _chained(count: int, pairs: Ints, cell: Ints) -> list[Chain]:
     """Return chains of linked crossings; those with ends come first."""
     near: list[list[int]] = [[] for _ in range(count)]
-    for link, ends in enumerate(pairs.tolist()):
+    for link, ends in enumerate(pairs):
         for end in ends:
-            near[end].append(link)
-    total, done = pairs.sum(axis=1).tolist(), [False] * len(pairs)
+            near[int(end)].append(link)
+    total, done = pairs.sum(axis=1), np.zeros(len(pairs), dtype=bool)
     chains = []
     for start in [*(k for k, links in enumerate(near) if len(links) == 1), *range(count)]:
         nodes: list[int] = [start]
         links: list[int] = []
-        while link := [link for link in near[nodes[-1]] if not done[link]]:
-            done[link[0]] = True
-            links.append(link[0])
-            nodes.append(total[link[0]] - nodes[-1])
+        while free := [link for link in near[nodes[-1]] if not done[link]]:
+            done[free[0]] = True
+            links.append(free[0])
+            nodes.append(int(total[free[0]]) - nodes[-1])
         if links:
             chains.append((np.array(nodes), cell[links]))
     return chains

@@ -85,13 +85,13 @@ class Net:
         """Change a line, given as it runs towards an end, or take it away."""
         key, side = end
         if key in self.lines:
-            for cell in self.lines[key].cell.tolist():
+            for cell in map(int, self.lines[key].cell):
                 self.at[cell].discard(key)
         if line is None:
             del self.lines[key]
         else:
             self.lines[key] = line if side == 1 else line.reversed
-            for cell in line.cell.tolist():
+            for cell in map(int, line.cell):
                 self.at[cell].add(key)
 
     def open_ends(self, kind: str = OPEN) -> list[End]:
@@ -266,7 +266,7 @@ def _borders(mesh: LineMesh, planes: Sequence[int]) -> dict[int | None, str]:
     kind = np.where(whole.count[whole.of_triangle.ravel()[there]] == 2, PRINTED, BORDER)
     for axis in planes:
         kind[np.isin(there, plane_border(pattern, axis))] = PLANE
-    return dict(zip(mesh.edges.border.tolist(), kind.tolist(), strict=True))
+    return {int(k): str(name) for k, name in zip(mesh.edges.border, kind, strict=True)}
 
 
 def touches(mesh: LineMesh, line: CentreLine, segments: Complexes) -> bool:

@@ -11,7 +11,6 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     checked_floats,
-    real_numbers,
     require_between,
     require_kind,
     require_positive,
@@ -40,17 +39,13 @@ class LineField:
     def __post_init__(self) -> None:
         require_kind("pattern", self.pattern, Pattern, "a Pattern")
         count = len(self.pattern.panel)
+        what = f"({count}, K), a value for each triangle and each of K ≥ 1 families"
+
+        def fits(shape: tuple[int, ...]) -> bool:
+            return len(shape) == 2 and shape[0] == count and shape[1] > 0
+
         for name in ("shares", "angles"):
-            given = getattr(self, name)
-            array = real_numbers(name, given, f"({count}, K), one row for each triangle").copy()
-            if array.ndim != 2 or len(array) != count or array.shape[1] == 0:
-                raise ParameterError(
-                    f"{name} has shape {array.shape}; it must be ({count}, K), a value for each "
-                    "triangle and each of K ≥ 1 families."
-                )
-            if not np.all(np.isfinite(array)):
-                row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-                raise ParameterError(f"{name}[{row}] = {array[row]} is not finite.")
+            array = checked_floats(name, getattr(self, name), what, fits).copy()
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         if self.shares.shape != self.angles.shape:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -29,76 +28,27 @@ RESOLUTION = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """Lines on the triangles that may carry them, before they become polygons.
-
-    Attributes:
-        mesh: These triangles.
-        families: Lines of each family, with their widths.
-        shares: Part of the area that the field asks of each family.
-        stripes: Those of families on the whole, by the number of the family; those of mirror
-            images are left out.
-        planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
-        options: Widths and limits.
-    """
-
-    mesh: LineMesh
-    families: list[Family]
-    shares: Floats
-    stripes: Mapping[int, Stripes]
-    planes: tuple[int, ...]
-    options: LineOptions
-
-
-@dataclass(frozen=True, eq=False)
-class LaidFamily:
-    """What became of one family of lines.
-
-    Attributes:
-        width: Width asked, in m.
-        share: Part of the area, without that printed before, that the field asks for.
-        laid: Part of it that the family covers.
-        centre_lines: Its centre lines, through triangles of the lines' pattern.
-        under: Region of each panel under it, before lines and gaps that are too thin are mended.
-    """
-
-    width: float
-    share: float = 0.0
-    laid: float = 0.0
-    centre_lines: tuple[CentreLine, ...] = ()
-    under: tuple[BaseGeometry, ...] = ()
-
-    @property
-    def lines(self) -> int:
-        """Number of lines."""
-        return len(self.centre_lines)
-
-    @property
-    def length(self) -> float:
-        """Total length of the lines in m."""
-        return float(sum(line.length for line in self.centre_lines))
-
-    @property
-    def ends(self) -> dict[str, int]:
-        """How many ends lie at what."""
-        return dict(sorted(Counter(k for line in self.centre_lines for k in line.ends).items()))
-
-
-@dataclass(frozen=True, eq=False)
 class LaidLines:
     """Printable lines on the panels of a pattern.
 
     Attributes:
         pattern: The pattern that they were laid on: that of the field, refined.
+        mesh: Its triangles that may carry lines; None where all is printed.
+        families: Lines of each family, with their widths.
+        stripes: Those of families on the whole skin, by the number of the family; those of mirror
+            images are left out.
+        planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
+        options: Widths and limits.
         regions: Printed region of each panel, polygons in its chart, in m.
-        families: What became of each family.
-        drawing: What the lines were made of; None where nothing was laid.
     """
 
     pattern: Pattern
-    regions: tuple[BaseGeometry, ...]
-    families: tuple[LaidFamily, ...]
-    drawing: Drawing | None
+    mesh: LineMesh | None
+    families: tuple[Family, ...]
+    stripes: Mapping[int, Stripes]
+    planes: tuple[int, ...]
+    options: LineOptions
+    regions: tuple[BaseGeometry, ...] = ()
 
     @property
     def area(self) -> float:
@@ -125,11 +75,12 @@ class LaidLines:
         return np.clip(covered, 0.0, 1.0)
 
 
-def laid(drawing: Drawing) -> LaidLines:
-    """Return the printable lines of a drawing."""
-    mesh, options, pattern = drawing.mesh, drawing.options, drawing.mesh.pattern
-    ribbons, joints = _ribbons(drawing), joints_of(pattern, drawing.planes)
-    free = np.isin(np.arange(len(pattern.panel)), mesh.cells)
+def with_regions(lines: LaidLines) -> LaidLines:
+    """Return lines with the regions that they make."""
+    pattern, mesh, options = lines.pattern, lines.mesh, lines.options
+    ribbons = [_ribbons(lines, family) for family in lines.families]
+    joints = joints_of(pattern, lines.planes)
+    free = np.isin(np.arange(len(pattern.panel)), () if mesh is None else mesh.cells)
     regions: list[BaseGeometry] = []
     under: list[list[BaseGeometry]] = []
     for panel in range(len(pattern.panel_names)):
@@ -142,19 +93,12 @@ def laid(drawing: Drawing) -> LaidLines:
         under.append([union.intersection(bare) for union in unions])
         region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
         regions.append(shapely.union_all([region.intersection(bare), before]))
+    area = max(pattern.areas[free].sum(), np.finfo(float).tiny)
     families = tuple(
-        LaidFamily(
-            family.width,
-            float(asked),
-            sum(region.area for region in own) / float(mesh.areas.sum()),
-            tuple(replace(line, cell=mesh.cells[line.cell]) for line in family.lines),
-            own,
-        )
-        for family, asked, own in zip(
-            drawing.families, drawing.shares, zip(*under, strict=True), strict=True
-        )
+        replace(family, under=own, laid=float(sum(region.area for region in own) / area))
+        for family, own in zip(lines.families, zip(*under, strict=True), strict=True)
     )
-    return LaidLines(pattern, tuple(regions), families, drawing)
+    return replace(lines, families=families, regions=tuple(regions))
 
 
 def widened(lines: LaidLines, factors: Floats) -> LaidLines:
@@ -162,66 +106,61 @@ def widened(lines: LaidLines, factors: Floats) -> LaidLines:
 
     Args:
         lines: Lines that were laid.
-        factors: Factor on the width of each family at each vertex of `lines.drawing.mesh`, (K, n),
+        factors: Factor on the width of each family at each vertex of `lines.mesh`, (K, n),
             positive.
 
     Raises:
         ParameterError: The factors do not fit, or there are no lines.
     """
-    drawing = lines.drawing
-    if drawing is None:
+    if lines.mesh is None:
         raise ParameterError("there are no lines whose widths could be changed.")
-    shape = len(drawing.families), drawing.mesh.size
+    shape = len(lines.families), lines.mesh.size
     if factors.shape != shape or not np.all(np.isfinite(factors) & (factors > 0)):
         raise ParameterError(
             f"factors has shape {factors.shape}; it must hold positive numbers of shape {shape}, "
             "one for each family and vertex."
         )
-    families = [
+    families = tuple(
         replace(family, radius=np.clip(factor * family.radius, *family.bounds))
-        for family, factor in zip(drawing.families, factors, strict=True)
+        for family, factor in zip(lines.families, factors, strict=True)
+    )
+    return with_regions(replace(lines, families=families))
+
+
+def _ribbons(lines: LaidLines, family: Family) -> Ribbons:
+    """Return the ribbons of a family, their places and widths rounded."""
+    mesh, least = lines.mesh, lines.options.print_width
+    parts: list[tuple[Ints, Floats, Floats]] = [
+        (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
     ]
-    return laid(replace(drawing, families=families))
+    for line in family.lines:
+        assert mesh is not None
+        panel = mesh.pattern.panel[mesh.cells[line.cell]]
+        points = rounded(line.points, RESOLUTION * least)
+        radii = rounded(_tapered(lines, mesh, family, line), RESOLUTION * least)
+        parts.append((panel, points, radii))
+        # Where the panel ends, the ribbon runs on straight.
+        for side in (s for s, kind in enumerate(line.ends) if kind in (BORDER, PRINTED)):
+            end, radius = points[-side, side], radii[-side, side]
+            way = end - points[-side, 1 - side]
+            beyond = end + way / max(np.hypot(*way), 1e-300) * (4 * radius + 2 * least)
+            parts.append((panel[[-side]], np.array([[end, beyond]]), np.full((1, 2), radius)))
+    return Ribbons(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _ribbons(drawing: Drawing) -> list[Ribbons]:
-    """Return the ribbons of each family, their places and widths rounded."""
-    mesh, least = drawing.mesh, drawing.options.print_width
-    unit, panel = RESOLUTION * least, mesh.pattern.panel[mesh.cells]
-    found = []
-    for family in drawing.families:
-        parts: list[tuple[Ints, Floats, Floats]] = [
-            (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
-        ]
-        for line in family.lines:
-            points = rounded(line.points, unit)
-            radii = rounded(_tapered(drawing, family, line), unit)
-            parts.append((panel[line.cell], points, radii))
-            # Where the panel ends, the ribbon runs on straight.
-            for side in (s for s, kind in enumerate(line.ends) if kind in (BORDER, PRINTED)):
-                end, radius = points[-side, side], radii[-side, side]
-                way = end - points[-side, 1 - side]
-                beyond = end + way / max(np.hypot(*way), 1e-300) * (4 * radius + 2 * least)
-                ends = np.array([[end, beyond]])
-                parts.append((panel[line.cell[[-side]]], ends, np.full((1, 2), radius)))
-        found.append(Ribbons(*(np.concatenate(part) for part in zip(*parts, strict=True))))
-    return found
-
-
-def _tapered(drawing: Drawing, family: Family, line: CentreLine) -> Floats:
+def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine) -> Floats:
     """Return half the width at start and end of the segments of a line, (m, 2), in m.
 
     If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
     """
-    mesh = drawing.mesh
     radii = _radii(mesh, family, line.cell, line.places)
     for side in (s for s, kind in enumerate(line.ends) if kind == LINE):
         there = line if side == 1 else line.reversed
         away = np.stack([there.to_end, np.append(there.to_end[1:], 0.0)], axis=1)
         away = away if side == 1 else away[::-1, ::-1]
-        for onto, other in ((f, other) for f in drawing.families for other in f.lines):
-            here = other.places[other.cell == there.cell[-1]]
-            if other is not line and touches(mesh, there, here):
+        for onto, other in ((f, other) for f in lines.families for other in f.lines):
+            segments = other.places[other.cell == there.cell[-1]]
+            if other is not line and touches(mesh, there, segments):
                 bound = _radii(mesh, onto, there.cell[-1:], there.places[-1:, 1:])
                 radii = np.minimum(radii, bound + away)
     return radii

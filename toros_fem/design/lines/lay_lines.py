@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import shapely
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
@@ -15,7 +14,7 @@ from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.design.lines.centre_lines import Family, trace
 from toros_fem.design.lines.ends import close_ends
 from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import Drawing, LaidFamily, LaidLines, laid
+from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.line_mesh import Values
 from toros_fem.design.lines.ribbons import EXCESS
 from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
@@ -80,31 +79,26 @@ def lay_lines(
     field = LineField(fine, field.shares[cell], field.angles[cell])
     free = np.flatnonzero(~covered[cell])
     if not len(free):
-        panels = [shapely.polygons(fine.corners[fine.panel == k]) for k in np.unique(fine.panel)]
-        none = (shapely.Polygon(),) * len(panels)
-        families = tuple(LaidFamily(width, under=none) for width in widths)
-        return LaidLines(fine, tuple(map(shapely.coverage_union_all, panels)), families, None)
+        none: Floats = np.empty(0)
+        families = [Family(width, [], none, none, none, (0.0, none)) for width in widths]
+        return with_regions(LaidLines(fine, None, tuple(families), {}, planes, options))
     symmetry = make_symmetry(field, free, planes, widths)
-    smoother = cache(symmetry.whole.smoother)
-    known = {} if like is None or like.drawing is None else like.drawing.stripes
+    mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
+    known = {} if like is None else like.stripes
 
     @cache
     def on_whole(family: int) -> tuple[Family, Stripes]:
         return _on_whole(symmetry, field, family, options, smoother, known.get(family))
 
     first = [symmetry.first(k) for k in range(field.families)]
-    mesh = symmetry.part
-    found = [symmetry.to_part(on_whole(family)[0], image) for family, image in first]
-    return laid(
-        Drawing(
-            mesh,
-            close_ends(mesh, found, planes),
-            mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum(),
-            {family: on_whole(family)[1] for family, _ in first},
-            tuple(planes),
-            options,
-        )
-    )
+    open_ = [symmetry.to_part(on_whole(family)[0], image) for family, image in first]
+    shares = mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum()
+    families = [
+        replace(family, share=float(share))
+        for family, share in zip(close_ends(mesh, open_, planes), shares, strict=True)
+    ]
+    stripes = {family: on_whole(family)[1] for family, _ in first}
+    return with_regions(LaidLines(fine, mesh, tuple(families), stripes, planes, options))
 
 
 def _fine(
@@ -114,7 +108,8 @@ def _fine(
 
     It is as fine as that of earlier lines.
     """
-    pattern, cell = field.pattern, np.arange(len(field.pattern.panel), dtype=np.int64)
+    pattern = field.pattern
+    cell: Ints = np.arange(len(pattern.panel))
     means = np.average(field.shares, axis=0, weights=pattern.areas)
     least = min(_spacing(share, width, options) for share, width in zip(means, widths, strict=True))
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
@@ -157,13 +152,14 @@ def _on_whole(
         half, most = even / 2, float(np.sqrt(options.spread))
     double = smoother(half, turned=True)(mesh.double_angles(angle, share))
     local, mean = smoother(half)(at_vertices), smoother(even)(at_vertices)
-    waves = Waves(mesh, np.angle(double) / 2, 2 * np.pi / _spacing(mean, width, options))
+    number = np.asarray(2 * np.pi / _spacing(mean, width, options), dtype=np.float64)
+    waves = Waves(mesh, np.angle(double) / 2, number)
     weight = np.maximum(mean, options.least_share)
     if even is not None:
         waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
     if like is not None:
         waves = replace(waves, number=like.waves.number)
-    present = (local >= options.least_share)[mesh.edges.ends].all(axis=1)
+    present = np.min(local[mesh.edges.ends], axis=1) >= options.least_share
     symmetric, side = symmetry.symmetric(waves, family), symmetry.side(waves, family)
 
     def found(factor: float) -> Stripes:
@@ -186,7 +182,7 @@ def _on_whole(
     low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
     radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
-    return Family(lines, waves.corner_angles(), waves.spacing, radius, width, bounds), stripes
+    return Family(width, lines, waves.corner_angles(), waves.spacing, radius, bounds), stripes
 
 
 def _with_fewest_ends(best: Stripes, others: Iterator[Stripes], present: Bools) -> Stripes:

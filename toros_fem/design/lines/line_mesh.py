@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
@@ -40,7 +40,8 @@ def in_plane(points: Floats) -> Complexes:
 
 def coordinates(places: Complexes | complex) -> Floats:
     """Return complex numbers (…) as points or vectors (…, 2)."""
-    return np.stack([np.real(places), np.imag(places)], axis=-1)
+    z = np.asarray(places)
+    return np.stack([z.real, z.imag], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +92,7 @@ class LineMesh:
     @cached_property
     def vertex_areas(self) -> Floats:
         """A third of the area around each vertex in m²."""
-        return np.bincount(self.vertex.ravel(), np.repeat(self.areas / 3, 3), self.size)
+        return np.asarray(self._sums(np.repeat(self.areas / 3, 3)))
 
     @cached_property
     def weights(self) -> Floats:
@@ -113,22 +114,23 @@ class LineMesh:
 
     def at_vertices(self, values: Floats) -> Floats:
         """Return means of values of the triangles, (t,), by area."""
-        share = np.repeat(values * self.areas / 3, 3)
-        return np.bincount(self.vertex.ravel(), share, self.size) / self.vertex_areas
+        return np.asarray(self._sums(np.repeat(values * self.areas / 3, 3)) / self.vertex_areas)
 
     def double_angles(self, angles: Floats, weights: Floats) -> Complexes:
         """Return mean double-angle vectors at vertices, (n,), of directions in triangles, (t,)."""
         value = (self.areas * weights / 3)[:, None] * np.exp(2j * (angles[:, None] - self.turn))
-        sums = (
-            np.bincount(self.vertex.ravel(), part.ravel(), self.size)
-            for part in (value.real, value.imag)
-        )
-        return in_plane(np.stack(list(sums), axis=1)) / self.vertex_areas
+        return np.asarray(self._sums(value.ravel()) / self.vertex_areas)
+
+    def _sums(self, values: Values) -> Values:
+        """Return the sum of values at the corners, (3 t,), around each vertex, (n,)."""
+        corner = np.arange(self.vertex.size)
+        shape = self.size, len(corner)
+        return csr_array((np.ones(len(corner)), (self.vertex.ravel(), corner)), shape) @ values
 
     def around(self, values: Floats) -> Floats:
         """Return the sum of values of edges, (e,), around each vertex, (n,)."""
         i, j = self.edges.ends.T
-        return np.bincount(i, values, self.size) + np.bincount(j, values, self.size)
+        return np.add(*(np.bincount(end, values, self.size) for end in (i, j)), dtype=np.float64)
 
     def laplacian(self, weights: Floats, factors: Values | float = 1.0) -> csc_array:
         """Return the matrix of Σ w |z_j − f z_i|² over edges from i to j, with |f| = 1, (n, n)."""

@@ -156,7 +156,7 @@ def find_stripes(
     factor = spd_factor(both + REACH**2 / size * energy)
     for _ in range(RELAXATIONS if like is None else KEPT_RELAXATIONS):
         z = smoothed(factor, z / np.maximum(np.abs(z), np.finfo(float).tiny))
-    phase: Floats = np.angle(z)
+    phase = np.angle(z).astype(np.float64)
     turns = 2 * np.pi * np.round((sign * phase[j] - phase[i] - wanted) / (2 * np.pi))
     # The change of φ that makes Σ w (sign_ij φ_j − φ_i − turns_ij − ω_ij)² least.
     excess = stiff * (sign * phase[j] - phase[i] - turns - wanted)

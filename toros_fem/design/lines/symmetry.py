@@ -26,8 +26,6 @@ from toros_fem.meshes.triangles import half_edges
 
 # Pairs of families must fit better than each family fits its own image by this fraction.
 BETTER = 1e-3
-# Whether an image is a mirror image, by its number.
-ODD = np.array([image.bit_count() % 2 == 1 for image in range(8)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +47,18 @@ class Symmetry:
     partner: Ints
 
     def by_image(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return values at corners of the whole, (2^a t, 3, …), as (2^a, t, 3, …).
+        """Return values at corners of the whole, (2^a t, 3), as (2^a, t, 3), as in the part.
 
-        Corners follow each other as those of the part do: in mirror images they are reversed.
+        In mirror images, corners follow each other the other way round.
         """
-        found = values.reshape(len(self.partner), -1, *values.shape[1:]).copy()
-        odd = ODD[: len(found)]
-        found[odd] = found[odd, :, ::-1]
-        return found
+        found = values.reshape(len(self.partner), -1, 3)
+        return np.where(self.odd, found[..., ::-1], found)
+
+    @cached_property
+    def odd(self) -> Bools:
+        """Whether each image is a mirror image, (2^a, 1, 1)."""
+        bits = (image.bit_count() for image in range(len(self.partner)))
+        return np.array([count % 2 == 1 for count in bits])[:, None, None]
 
     @cached_property
     def vertex(self) -> Ints:
@@ -64,23 +66,30 @@ class Symmetry:
         return self.by_image(self.whole.vertex)
 
     @cached_property
-    def frames(self) -> tuple[Complexes, Complexes]:
-        """First corner of each triangle of each image, and its first side over the part's.
+    def places(self) -> Complexes:
+        """Each corner of each image, (2^a, t, 3)."""
+        return self.by_image(self.whole.flat)
 
-        Both are (2^a, t). A vector of the part, conjugated in mirror images, is multiplied by the
-        side over the part's, which has length 1, to be moved to the image.
+    @cached_property
+    def turn(self) -> Floats:
+        """Angle that is added to directions of the part in each image, (2^a, t, 1).
+
+        In mirror images it is added to minus the direction.
         """
-        here = self.by_image(self.whole.flat)
-        side = here[..., 1] - here[..., 0]
-        turn = side / _mirrored(side[0], ODD[: len(here), None])
-        return here[..., 0], turn / np.abs(turn)
+        side = self.places[..., 1:2] - self.places[..., :1]
+        return np.asarray(np.angle(side / np.where(self.odd, np.conj(side[0]), side[0])))
+
+    @property
+    def sign(self) -> Floats:
+        """Minus 1 for mirror images, (2^a, 1, 1)."""
+        return np.where(self.odd, -1.0, 1.0)
 
     def first(self, family: int) -> tuple[int, int]:
         """Return a family of the part and the image where it goes on as the given one.
 
         Of all families and images that would do, the first: lines need be found only once.
         """
-        families, images = np.nonzero(family == self.partner.T)
+        families, images = np.nonzero(np.equal(self.partner.T, family))
         return int(families[0]), int(images[0])
 
     def of_whole(self, values: Floats, family: int) -> Floats:
@@ -89,30 +98,27 @@ class Symmetry:
 
     def angles_of_whole(self, angles: Floats, family: int) -> Floats:
         """Return a family's directions on the whole, from those of the part, (t, K), in rad."""
-        way = np.exp(1j * self.of_whole(angles, family)).reshape(len(self.partner), -1)
-        return np.angle(_mirrored(way, ODD[: len(way), None]) * self.frames[1]).ravel()
+        own = angles.T[self.partner[:, family], :, None]
+        return (self.sign * own + self.turn).ravel()
 
-    def _angles(self, angles: Floats) -> Floats:
+    def angles_of_part(self, angles: Floats) -> Floats:
         """Return directions at the whole's corners, (2^a t, 3), in the part's charts, by image."""
-        way = self.by_image(np.exp(1j * angles))
-        back = way * np.conj(self.frames[1])[..., None]
-        return np.angle(_mirrored(back, ODD[: len(way), None, None]))
+        return self.sign * (self.by_image(angles) - self.turn)
 
     def symmetric(self, waves: Waves, family: int) -> Callable[[Complexes], Complexes]:
         """Return what averages exp(i phase) at vertices, (n,), over the images of a family."""
-        images, angle = [], self._angles(waves.corner_angles())
+        images, angle = [], self.angles_of_part(waves.corner_angles())
         for image in np.flatnonzero(self.partner[:, family] == family)[1:]:
             moved = np.arange(len(angle)) ^ image
             vertex, flips = np.empty(self.whole.size, np.int64), np.empty(self.whole.size, bool)
             vertex[self.vertex] = self.vertex[moved]
             # The normal of a line turns against its direction in a mirror.
-            flips[self.vertex] = (np.cos(angle[moved] - angle) < 0) != ODD[image]
+            flips[self.vertex] = (np.cos(angle[moved] - angle) < 0) != self.odd[image]
             images.append((vertex, flips))
 
         def mean(z: Complexes) -> Complexes:
-            return sum((_mirrored(z[vertex], flips) for vertex, flips in images), z) / (
-                1 + len(images)
-            )
+            moved = (np.where(flips, np.conj(z[k]), z[k]) for k, flips in images)
+            return np.asarray(sum(moved, z) / (1 + len(images)))
 
         return mean
 
@@ -135,38 +141,25 @@ class Symmetry:
             return found
 
         least, largest = family.bounds
-        return Family(
-            self._lines(family.lines, image),
-            self._angles(family.angles)[image],
-            moved(family.spacing),
-            moved(family.radius),
-            family.width,
-            (least, moved(largest)),
-        )
+        lines = [piece for line in family.lines for piece in self._pieces(line, image)]
+        angles = self.angles_of_part(family.angles)[image]
+        spacing, radius, largest = map(moved, (family.spacing, family.radius, largest))
+        return Family(family.width, lines, angles, spacing, radius, (least, largest))
 
-    def _lines(self, lines: list[CentreLine], image: int) -> list[CentreLine]:
-        """Return the pieces of lines in an image, moved to the part."""
-        found, count = [], len(self.part.cells)
-        for line in lines:
-            inside = line.cell // count == image
-            cells = line.cell % count
-            origin, turn = (frame[image, cells, None] for frame in self.frames)
-            away = _mirrored((line.places - origin) * np.conj(turn), ODD[image])
-            places = self.frames[0][0, cells, None] + away
-            if inside.all():
-                found.append(CentreLine(cells, places, line.ends))
-                continue
-            if line.closed:
-                begin = -int(np.argmin(inside))
-                inside, cells, places = (np.roll(x, begin, axis=0) for x in (inside, cells, places))
-            change = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
-            found += [CentreLine(cells[a:b], places[a:b]) for a, b in change.reshape(-1, 2)]
-        return found
-
-
-def _mirrored(vectors: Complexes, odd: npt.ArrayLike) -> Complexes:
-    """Return vectors conjugated where they are in mirror images."""
-    return np.where(odd, np.conj(vectors), vectors)
+    def _pieces(self, line: CentreLine, image: int) -> list[CentreLine]:
+        """Return the pieces of a line in an image, moved to the part."""
+        inside, cells = np.divmod(line.cell, len(self.part.cells))
+        inside = inside == image
+        away = line.places - self.places[image, cells, :1]
+        away = away * np.exp(-1j * self.turn[image, cells])
+        places = self.places[0, cells, :1] + (np.conj(away) if self.odd[image] else away)
+        if inside.all():
+            return [CentreLine(cells, places, line.ends)]
+        if line.closed:
+            begin = -int(np.argmin(inside))
+            inside, cells, places = (np.roll(x, begin, axis=0) for x in (inside, cells, places))
+        change = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
+        return [CentreLine(cells[a:b], places[a:b]) for a, b in change.reshape(-1, 2)]
 
 
 def make_symmetry(
@@ -174,14 +167,8 @@ def make_symmetry(
 ) -> Symmetry:
     """Return how families of lines go on across symmetry planes.
 
-    Families are paired so that their directions and shares fit at the planes; they must have the
-    same width.
-
-    Args:
-        field: Families on the part.
-        free: Triangles of the part that may carry lines, in ascending order.
-        planes: Symmetry planes at which it is cut, as of `mirrored`.
-        widths: Width asked of each family, in m.
+    Families of the same width are paired so that their directions and shares fit at the planes,
+    at which the part is cut as of `mirrored`. Triangles that may carry lines are `free`.
     """
     active: Bools = np.isin(np.arange(len(field.pattern.panel)), free)
     part = whole = make_line_mesh(field.pattern, active)

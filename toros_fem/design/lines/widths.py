@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.design.lines.laid_lines import Drawing
+from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.line_mesh import LineMesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
@@ -62,20 +62,17 @@ class WidthChanges:
 
 
 def width_changes(
-    drawing: Drawing,
-    pattern: Pattern,
-    under: Sequence[Sequence[BaseGeometry]],
-    functions: int,
+    mesh: LineMesh, pattern: Pattern, under: Sequence[Sequence[BaseGeometry]], functions: int
 ) -> WidthChanges:
     """Return smooth changes of the widths of lines, and what they change on the mesh of a print.
 
     Args:
-        drawing: The lines.
+        mesh: The lines' mesh.
         pattern: The pattern of the print, with the same panels.
         under: Region under each family on each panel of it, in m.
         functions: Number of smooth functions.
     """
-    mesh, source = drawing.mesh, drawing.mesh.pattern
+    source = mesh.pattern
     points = scaled_points(source, pattern)[source.flat_triangles[mesh.cells]].mean(axis=1)
     middles = pattern.corners.mean(axis=1)
     # A panel without lines changes nothing, whatever the triangle.
@@ -92,11 +89,11 @@ def width_changes(
     return WidthChanges(smooth_functions(mesh, functions), mesh.vertex[nearest], covered)
 
 
-def within_bounds(drawing: Drawing, change: Floats) -> Floats:
+def within_bounds(lines: LaidLines, change: Floats) -> Floats:
     """Return logarithms of factors on widths, (K, n), cut off where widths leave their bounds."""
     found = [
         np.log(np.clip(np.exp(own) * family.radius, *family.bounds) / family.radius)
-        for family, own in zip(drawing.families, change, strict=True)
+        for family, own in zip(lines.families, change, strict=True)
     ]
     return np.array(found)
 
