@@ -1,21 +1,27 @@
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.lines.ribbons import Joint, Ribbons, cleaned
+from toros_fem.design.lines.ribbons import Joint, cleaned, ribbons
 
 WIDTH = 0.6e-3
 
 
-def ribbon(nodes: np.ndarray, radii: float | np.ndarray) -> Ribbons:
+def ribbon(
+    nodes: np.ndarray, radii: float | np.ndarray, joints: Sequence[Joint] = ()
+) -> list[BaseGeometry]:
+    """Regions of two panels; the line is on the first."""
     points = np.stack([nodes[:-1], nodes[1:]], axis=1)
     radius = np.broadcast_to(radii, len(nodes))
-    return Ribbons(np.zeros(len(points), int), points, np.stack([radius[:-1], radius[1:]], axis=1))
+    both, margin = np.stack([radius[:-1], radius[1:]], axis=1), 3 * WIDTH + 1e-3
+    return ribbons(np.zeros(len(points), int), points, both, list(joints), margin, 2)
 
 
 def region_of(nodes: np.ndarray, radii: float | np.ndarray) -> BaseGeometry:
-    return ribbon(nodes, radii).on(0, [], WIDTH)
+    return ribbon(nodes, radii)[0]
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 2.0])
@@ -45,13 +51,13 @@ def test_a_ribbon_runs_on_across_a_joint(beyond: float) -> None:
     joint = Joint(1, 0, edge, turn[None], shift[None])
     x = 0.03 + beyond + np.linspace(0, 0.02, 3)
     nodes = np.stack([x, np.full(3, 0.002)], axis=1)
-    found = ribbon(nodes, 1e-3).on(1, [joint], WIDTH)
+    found = ribbon(nodes, 1e-3, [joint])[1]
     if beyond > 3 * WIDTH + 1e-3:
         assert found.is_empty
         return
     expected = region_of(nodes[:2] @ turn.T + shift, 1e-3)
     assert found.symmetric_difference(expected).area < 1e-12
-    assert ribbon(nodes, 1e-3).on(1, [Joint(0, 0, edge, turn[None], shift[None])], WIDTH).is_empty
+    assert ribbon(nodes, 1e-3, [Joint(0, 0, edge, turn[None], shift[None])])[1].is_empty
 
 
 def test_a_sharp_turn_is_round() -> None:

@@ -118,12 +118,8 @@ def trace(stripes: Stripes, present: Bools, stiffness: float | None = None) -> l
     A line crosses edges; in each triangle its crossings are linked around the corners. Where the
     turns of the phase around a triangle do not add up to 0 some crossings stay without a partner:
     there lines end, and their neighbours bend towards the gap. A stiffness evens this out: the
-    crossings move along their edges to the least of ∫ (shift² + stiffness⁴ curvature²).
-
-    Args:
-        stripes: The phase.
-        present: Whether there are lines at each edge, (e,).
-        stiffness: Distance in m below which lines do not wind; None for level lines as they are.
+    crossings move along their edges to the least of ∫ (shift² + stiffness⁴ curvature²), so that
+    lines do not wind below a distance of `stiffness`, in m. Each edge may have lines or none, (e,).
     """
     mesh = stripes.waves.mesh
     edge, fraction, first, count = _crossings(stripes, present)

@@ -16,7 +16,7 @@ from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLin
 from toros_fem.design.lines.ends import touches
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.line_mesh import Complexes, LineMesh
-from toros_fem.design.lines.ribbons import Ribbons, cleaned, joints_of
+from toros_fem.design.lines.ribbons import Joint, cleaned, joints_of, ribbons
 from toros_fem.design.lines.stripes import Stripes
 from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
@@ -77,21 +77,18 @@ class LaidLines:
 
 def with_regions(lines: LaidLines) -> LaidLines:
     """Return lines with the regions that they make."""
-    pattern, mesh, options = lines.pattern, lines.mesh, lines.options
-    ribbons = [_ribbons(lines, family) for family in lines.families]
+    pattern, options = lines.pattern, lines.options
     joints = joints_of(pattern, lines.planes)
-    free = np.isin(np.arange(len(pattern.panel)), () if mesh is None else mesh.cells)
-    regions: list[BaseGeometry] = []
-    under: list[list[BaseGeometry]] = []
-    for panel in range(len(pattern.panel_names)):
-        here = pattern.panel == panel
+    unions = [_ribbons(lines, family, joints) for family in lines.families]
+    free = np.isin(np.arange(len(pattern.panel)), () if lines.mesh is None else lines.mesh.cells)
+    regions, under = [], []
+    for panel, own in enumerate(zip(*unions, strict=True)):
         before, bare = (
             shapely.coverage_union_all(shapely.polygons(pattern.corners[cells]))
-            for cells in (here & ~free, here & free)
+            for cells in ((pattern.panel == panel) & ~free, (pattern.panel == panel) & free)
         )
-        unions = [each.on(panel, joints, options.print_width) for each in ribbons]
-        under.append([union.intersection(bare) for union in unions])
-        region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
+        under.append([union.intersection(bare) for union in own])
+        region = cleaned(shapely.union_all(own), options.print_width, options.hole_area)
         regions.append(shapely.union_all([region.intersection(bare), before]))
     area = max(pattern.areas[free].sum(), np.finfo(float).tiny)
     families = tuple(
@@ -127,8 +124,8 @@ def widened(lines: LaidLines, factors: Floats) -> LaidLines:
     return with_regions(replace(lines, families=families))
 
 
-def _ribbons(lines: LaidLines, family: Family) -> Ribbons:
-    """Return the ribbons of a family, their places and widths rounded."""
+def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[BaseGeometry]:
+    """Return the region of each panel under a family; places and widths are rounded."""
     mesh, least = lines.mesh, lines.options.print_width
     parts: list[tuple[Ints, Floats, Floats]] = [
         (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
@@ -145,7 +142,9 @@ def _ribbons(lines: LaidLines, family: Family) -> Ribbons:
             way = end - points[-side, 1 - side]
             beyond = end + way / max(np.hypot(*way), 1e-300) * (4 * radius + 2 * least)
             parts.append((panel[[-side]], np.array([[end, beyond]]), np.full((1, 2), radius)))
-    return Ribbons(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    panel, points, radii = (np.concatenate(part) for part in zip(*parts, strict=True))
+    margin = radii.max(initial=0.0) + 3 * least
+    return ribbons(panel, points, radii, joints, margin, len(lines.pattern.panel_names))
 
 
 def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine) -> Floats:

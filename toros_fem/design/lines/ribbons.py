@@ -21,39 +21,6 @@ EXCESS = 0.015
 SIMPLER = 0.004
 
 
-@dataclass(frozen=True, eq=False)
-class Ribbons:
-    """Lines with a width, as segments in the charts of their panels.
-
-    Attributes:
-        panel: Panel of each segment, (m,).
-        points: Start and end of each segment, (m, 2, 2), in m.
-        radii: Half the width at start and end, (m, 2), in m.
-    """
-
-    panel: Ints
-    points: Floats
-    radii: Floats
-
-    def on(self, panel: int, joints: list[Joint], print_width: float) -> BaseGeometry:
-        """Return the region of a panel, and of a margin around it, that is under the ribbons.
-
-        Args:
-            panel: Number of the panel.
-            joints: All borders across which the skin goes on.
-            print_width: Least width of lines and gaps in m.
-        """
-        here = self.panel == panel
-        parts = [capsules(self.points[here], self.radii[here])]
-        margin = self.radii.max(initial=0.0) + 3 * print_width
-        for joint in joints:
-            if joint.panel == panel:
-                there = np.flatnonzero(self.panel == joint.source)
-                near, moved = joint.across(self.points[there], margin)
-                parts.append(capsules(moved, self.radii[there[near]]))
-        return shapely.union_all(np.concatenate(parts))
-
-
 def capsules(points: Floats, radii: Floats) -> np.ndarray:
     """Return polygons around segments (m, 2, 2) with round ends of given radii (m, 2), (m,)."""
     way = points[:, 1] - points[:, 0]
@@ -100,12 +67,7 @@ class Joint:
 
 
 def joints_of(pattern: Pattern, planes: tuple[int, ...]) -> list[Joint]:
-    """Return the connected borders of all panels across which the skin goes on.
-
-    Args:
-        pattern: Any pattern.
-        planes: Symmetry planes at which it is cut, as of `mirrored`.
-    """
+    """Return the connected borders of all panels at seams, and at planes, as of `mirrored`."""
     flat = half_edges(pattern.flat_triangles)
     inner = pattern.edges.twins[pattern.edges.inner]
     sewn = inner[np.any(flat[inner[:, 0]] != flat[inner[:, 1]][:, ::-1], axis=1)]
@@ -136,14 +98,26 @@ def joints_of(pattern: Pattern, planes: tuple[int, ...]) -> list[Joint]:
     return joints
 
 
-def cleaned(region: BaseGeometry, print_width: float, hole_area: float) -> BaseGeometry:
-    """Return a region without lines, gaps, holes and pieces that are too small to print.
+def ribbons(
+    panel: Ints, points: Floats, radii: Floats, joints: list[Joint], margin: float, panels: int
+) -> list[BaseGeometry]:
+    """Return the region of each panel, and of a margin in m around it, under lines with a width.
 
-    Args:
-        region: Polygons in m.
-        print_width: Least width of lines and gaps in m.
-        hole_area: Least area of a hole or of a piece in m².
+    They are segments (m, 2, 2) in the charts of their panels (m,), with half the width at start
+    and end, (m, 2), in m.
     """
+    parts = [(panel, points, radii)]
+    for joint in joints:
+        there = np.flatnonzero(panel == joint.source)
+        near, moved = joint.across(points[there], margin)
+        parts.append((np.full(len(near), joint.panel), moved, radii[there[near]]))
+    panel, points, radii = (np.concatenate(part) for part in zip(*parts, strict=True))
+    capsule = capsules(points, radii)
+    return [shapely.union_all(capsule[panel == k]) for k in range(panels)]
+
+
+def cleaned(region: BaseGeometry, print_width: float, hole_area: float) -> BaseGeometry:
+    """Return a region without lines and gaps, in m, holes and pieces, in m², that are too small."""
     radius = (1 + EXCESS) * print_width / 2
     for distance in (radius, -radius, -radius, radius):
         region = region.buffer(distance, quad_segs=8)

@@ -122,12 +122,9 @@ def find_stripes(
     Schröder 2015, eq. 9) is the start. Steps of diffusion, each scaled back to |z| = 1, then give
     all places the same say, and least squares with the whole turns that were found end it.
 
-    Args:
-        waves: Directions and phases per m.
-        weight: How much stripes count at each vertex, (n,), greater than 0.
-        symmetric: Makes z symmetric; None where there is no symmetry.
-        side: Sign of the phase at each vertex, (n,), where it is 0 but for rounding.
-        like: Stripes to start from instead of the eigenvector, so that no line comes or goes.
+    Stripes count by a weight at each vertex, (n,), greater than 0. What `symmetric` does makes z
+    symmetric; a phase of 0 but for rounding gets the sign `side`, (n,). Earlier stripes are the
+    start instead of the eigenvector, so that no line comes or goes.
     """
     mesh = waves.mesh
     i, j = mesh.edges.ends.T
