@@ -6,13 +6,15 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
+from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.line_mesh import make_line_mesh
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.sheet import one_panel, rectangle
 
 
 @pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])
@@ -154,6 +156,27 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
     for x, y in ends:
         behind = shapely.box(x + 0.75e-3, y - 1e-3, x + 3e-3, y + 1e-3)
         assert laid.regions[0].intersection(behind).area < 0.05e-6, "a round end has 1 mm²"
+
+
+def test_a_line_that_ends_on_itself_does_not_taper_to_another() -> None:
+    """A thin line in the same triangle, far away, does not matter."""
+    triangle = one_panel(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), np.array([[0, 1, 2]]))
+    mesh = make_line_mesh(triangle, np.ones(1, dtype=bool))
+    end, along = 0.03 + 0.02j, np.exp(1j * np.radians(70))  # it comes back at 20°
+    nodes = {
+        1e-3: np.array([0.03, 0.03 + 0.06j, 0.04 + 0.06j, end + 0.03 * along, end]),
+        0.4e-3: np.array([0.06, 0.06 + 0.04j]),
+    }
+    ones, families = np.ones(mesh.size), []
+    for radius, places in nodes.items():
+        segments = np.stack([places[:-1], places[1:]], axis=1)
+        line = CentreLine(np.zeros(len(segments), dtype=int), segments, ("border", "line"))
+        angles, bounds = np.zeros((1, 3)), (radius, radius * ones)
+        families.append(Family(2 * radius, [line], angles, ones, radius * ones, bounds))
+    lines = LaidLines(triangle, mesh, tuple(families), {}, (), LineOptions())
+    beside = end + (0.4e-3 - 0.95e-3j) * along
+    assert beside.real > 0.031, "not under the rest of the line"
+    assert shapely.contains_xy(with_regions(lines).regions[0], beside.real, beside.imag)
 
 
 def test_cover_of_another_mesh_is_that_of_the_same_panels() -> None:
