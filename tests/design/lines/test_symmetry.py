@@ -66,11 +66,15 @@ def test_all_images_of_an_octant_return_to_it() -> None:
     for image in range(8):
         cell = np.array([image])
         line = CentreLine(cell, found.whole.flat[cell, :2])
-        angles = np.zeros(found.whole.vertex.shape)
+        # Along the part's first side, which runs backwards in mirror images.
+        a, b, c = found.whole.flat.T
+        odd = [number.bit_count() % 2 for number in range(8)]
+        angles = np.tile(np.angle(np.where(odd, b - c, b - a))[:, None], 3)
         family = Family(0.1, [line], angles, values, 2 * values, (0.01, 3 * values))
         moved = found.to_part(family, image)
         for factor, there in enumerate((moved.spacing, moved.radius, moved.bounds[1]), 1):
             assert there[found.part.vertex] == pytest.approx(factor * own)
+        assert np.abs(np.sin(moved.angles)).max() < 1e-12
         (back,) = moved.lines
         assert positions(found.part, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
 
