@@ -45,6 +45,8 @@ def test_families_that_cross_a_plane_are_paired() -> None:
     assert alike.partner.tolist() == [[0, 1], [0, 1]], "none is changed for one that fits as well"
     apart = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), free, (1,), (1e-3, 2e-3))
     assert apart.partner.tolist() == [[0, 1], [0, 1]], "a line keeps its width"
+    many = make_symmetry(even_field(HALF, [0.05] * 10, [20] * 10), free, (1,), [1e-3] * 10)
+    assert many.partner[1].tolist() == list(range(10)), "soon, too"
     free = np.flatnonzero(wall_of(QUARTER))
     degrees = [30, 90, -30]
     three = make_symmetry(even_field(QUARTER, [0.2] * 3, degrees), free, (0, 1), [1e-3] * 3)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -188,8 +188,7 @@ def _partners(
     def cost(choice: Sequence[Sequence[int]]) -> float:
         return float(sum(each[own, pairs].sum() for each, pairs in zip(costs, choice, strict=True)))
 
-    # All ways to pair families with each other or with themselves, at each plane.
-    pairings = [one for one in permutations(own) if all(one[one[k]] == k for k in own)]
+    pairings = [[pairs[k] for k in own] for pairs in _pairings(list(own))]
     best: Sequence[Sequence[int]] = [tuple(own)] * len(planes)
     for choice in product(pairings, repeat=len(planes)):
         commute = all(one[two[k]] == two[one[k]] for one in choice for two in choice for k in own)
@@ -200,6 +199,15 @@ def _partners(
         if image >> bit & 1:
             partner[image] = np.array(best[bit])[partner[image]]
     return partner
+
+
+def _pairings(left: list[int]) -> Iterator[dict[int, int]]:
+    """Yield all ways to pair items with each other or with themselves."""
+    if not left:
+        yield {}
+    for other in left:
+        for found in _pairings([k for k in left[1:] if k != other]):
+            yield {**found, left[0]: other, other: left[0]}
 
 
 def _misfit(field: LineField, active: Bools, axis: int, widths: Sequence[float]) -> Floats:
