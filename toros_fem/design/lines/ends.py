@@ -207,7 +207,7 @@ class Net:
         cells: list[int] = []
         places: list[tuple[complex, complex]] = []
         while len(cells) < MOST_TRIANGLES:
-            at = np.clip(self.mesh.coordinates(cell, place), 0, 1)
+            at = np.clip(self.mesh.barycentric(cell, place), 0, 1)
             direction = np.exp(0.5j * np.angle(at @ double[cell]))
             heading = direction if (np.conj(direction) * heading).real >= 0 else -direction
             edge, way = self._exit(cell, place, heading * turn)
@@ -227,7 +227,7 @@ class Net:
 
     def _edge_at(self, cell: int, place: complex) -> int | None:
         """Return the edge of a triangle that a place lies on."""
-        at = np.abs(self.mesh.coordinates(cell, place))
+        at = np.abs(self.mesh.barycentric(cell, place))
         side = (int(np.argmin(at)) + 1) % 3
         return int(self.mesh.edges.of_triangle[cell, side]) if at.min() <= CLOSE else None
 

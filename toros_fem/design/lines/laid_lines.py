@@ -167,5 +167,5 @@ def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine)
 
 def _radii(mesh: LineMesh, family: Family, cell: Ints, places: Complexes) -> Floats:
     """Return half the width of a family at the places (m, k) in triangles, (m, k), in m."""
-    at = mesh.coordinates(cell[:, None], places)
+    at = mesh.barycentric(cell[:, None], places)
     return np.asarray(np.einsum("mkc,mc->mk", at, family.radius[mesh.vertex[cell]]))

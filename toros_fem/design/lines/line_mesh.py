@@ -108,7 +108,7 @@ class LineMesh:
         """Whether side c … c + 1 of each triangle runs from its edge's first end, (t, 3)."""
         return self.vertex == self.edges.ends[self.edges.of_triangle, 0]
 
-    def coordinates(self, cell: Ints | int, place: Complexes | complex) -> Floats:
+    def barycentric(self, cell: Ints | int, place: Complexes | complex) -> Floats:
         """Return barycentric coordinates of places in triangles, (…, 3)."""
         return barycentric(self.corners[cell], coordinates(place)[..., None, :])[..., 0, :]
 

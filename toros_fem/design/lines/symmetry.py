@@ -14,12 +14,7 @@ import numpy.typing as npt
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.lines.line_mesh import (
-    Complexes,
-    LineMesh,
-    in_plane,
-    make_line_mesh,
-)
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh, in_plane, make_line_mesh
 from toros_fem.design.lines.stripes import Waves
 from toros_fem.meshes.mirror import mirrored, plane_border
 from toros_fem.meshes.triangles import half_edges
