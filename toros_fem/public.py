@@ -3,8 +3,8 @@
 import toros_fem.meshes as meshes
 from toros_fem.base import errors
 from toros_fem.design.density.length_scale import LengthScale
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize

@@ -41,10 +41,9 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.starts import best_start
 from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.design.relaxed.families import FixedDirections
@@ -586,7 +585,7 @@ DESIGNS: Table = {
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
     "factors of other lines": lambda s: widened(_laid(), np.ones((2, 3))),
-    "negative factors": lambda s: widened(_laid(), -np.ones((1, _laid().drawing.mesh.size))),
+    "negative factors": lambda s: widened(_laid(), -np.ones((1, _laid().mesh.size))),
     "factors of no line": lambda s: widened(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), np.ones((1, 1))
     ),

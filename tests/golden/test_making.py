@@ -16,10 +16,9 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
@@ -44,10 +43,12 @@ pattern_of = shared_pattern.__wrapped__
 def lines_of(laid: LaidLines) -> dict[str, Any]:
     """Quantities of laid lines."""
     return {
-        "lines by family": [len(family) for family in laid.centre_lines],
-        "corners by line": [[len(line.points) for line in family] for family in laid.centre_lines],
+        "lines by family": [len(family.lines) for family in laid.families],
+        "corners by line": [
+            [len(line.points) for line in family.lines] for family in laid.families
+        ],
         "places in m": np.concatenate(
-            [line.points.reshape(-1) for family in laid.centre_lines for line in family]
+            [line.points.reshape(-1) for family in laid.families for line in family.lines]
         ),
         "regions": list(laid.regions),
         "area in m2": laid.area,
@@ -91,7 +92,7 @@ def test_lines(name: str, pinned: Callable[..., None]) -> None:
     laid = lay_lines(fields()[name], LineOptions(even=5e-3) if name == "fading" else None)
     figures = lines_of(laid)
     if name == "tube":
-        factors = np.repeat(np.array([[1.2], [0.9]]), laid.drawing.mesh.size, axis=1)
+        factors = np.repeat(np.array([[1.2], [0.9]]), laid.mesh.size, axis=1)
         wider = widened(laid, factors)
         figures["other widths: area in m2"] = wider.area
     pinned(f"lines/{name}", figures, rel=1e-5, small=1e-8)

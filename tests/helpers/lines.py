@@ -9,6 +9,7 @@ from mpi4py import MPI
 from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.line_mesh import LineMesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import rectangle
 
@@ -43,20 +44,21 @@ def turned_halves(degrees: float) -> Pattern:
     )
 
 
-def positions(pattern: Pattern, line: CentreLine) -> np.ndarray:
+def positions(mesh: LineMesh, line: CentreLine) -> np.ndarray:
     """Start and end of each segment of a line on the assembled skin, (m, 2, 3)."""
-    corners = pattern.corners[line.cell]
+    pattern, cell = mesh.pattern, mesh.cells[line.cell]
+    corners = pattern.corners[cell]
     frame = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     at = np.linalg.solve(frame[:, None], (line.points - corners[:, :1])[..., None])[..., 0]
     weight = np.concatenate([1 - at.sum(axis=2, keepdims=True), at], axis=2)
-    return np.einsum("mec,mcx->mex", weight, pattern.points[pattern.triangles[line.cell]])
+    return np.einsum("mec,mcx->mex", weight, pattern.points[pattern.triangles[cell]])
 
 
 def largest_jump(laid: LaidLines) -> float:
     """Largest distance on the skin from the end of a segment to the start of the next, in m."""
     jumps = [0.0]
-    for line in (line for family in laid.centre_lines for line in family):
-        at = positions(laid.pattern, line)
+    for line in (line for family in laid.families for line in family.lines):
+        at = positions(laid.mesh, line)
         after, before = at[1:, 0], at[:-1, 1]
         if line.closed:
             after, before = at[:, 0], np.roll(at[:, 1], 1, axis=0)
@@ -66,14 +68,14 @@ def largest_jump(laid: LaidLines) -> float:
 
 def distance_to_others(laid: LaidLines, line: CentreLine, side: int) -> float:
     """Distance in m from an end of a line to the other lines on its panel, or to its own rest."""
-    pattern, k = laid.pattern, 0 if side == 0 else -1
-    panel = pattern.panel[line.cell[k]]
+    panels, k = laid.pattern.panel[laid.mesh.cells], 0 if side == 0 else -1
+    panel = panels[line.cell[k]]
     own = line.points[20:] if side == 0 else line.points[:-20]
     cells = line.cell[20:] if side == 0 else line.cell[:-20]
-    segments = [own[pattern.panel[cells] == panel]]
-    for other in (other for family in laid.centre_lines for other in family):
+    segments = [own[panels[cells] == panel]]
+    for other in (other for family in laid.families for other in family.lines):
         if other is not line:
-            segments.append(other.points[pattern.panel[other.cell] == panel])
+            segments.append(other.points[panels[other.cell] == panel])
     rest = shapely.multilinestrings(shapely.linestrings(np.concatenate(segments)))
     return float(shapely.Point(line.points[k, side]).distance(rest))
 

@@ -5,8 +5,8 @@ from mpi4py import MPI
 
 from toros_fem.design.lines.centre_lines import trace
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.stripes import Stripes
-from toros_fem.design.lines.transport import LineMesh, make_line_mesh
+from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
+from toros_fem.design.lines.stripes import Stripes, Waves
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import rectangle
 
@@ -14,7 +14,9 @@ from toros_fem.meshes.sheet import rectangle
 def stripes_of(mesh: LineMesh, phase: np.ndarray) -> Stripes:
     i, j = mesh.edges.ends.T
     change = phase[j] - phase[i]
-    return Stripes(phase, change, np.ones(len(change), dtype=bool), change)
+    even = np.ones(mesh.size)
+    waves = Waves(mesh, even, even)
+    return Stripes(waves, phase, change, np.ones(len(change), dtype=bool), change)
 
 
 def test_level_lines_of_a_linear_phase_are_straight() -> None:
@@ -24,7 +26,7 @@ def test_level_lines_of_a_linear_phase_are_straight() -> None:
     vertex[mesh.vertex] = sheet.triangles
     way = 2 * np.pi / 0.7e-3 * np.array([0.6, 0.8])  # several lines on each edge
     phase = sheet.points[vertex, :2] @ way + 0.1
-    lines = trace(mesh, stripes_of(mesh, phase), np.ones(len(mesh.edges.ends), dtype=bool))
+    lines = trace(stripes_of(mesh, phase), np.ones(len(mesh.edges.ends), dtype=bool))
     levels = []
     for line in lines:
         level = (line.points @ way + 0.1) / (2 * np.pi)
@@ -34,7 +36,7 @@ def test_level_lines_of_a_linear_phase_are_straight() -> None:
         levels.append(round(level[0, 0]))
     low, high = np.floor(phase.min() / (2 * np.pi)), np.floor(phase.max() / (2 * np.pi))
     assert sorted(levels) == list(range(int(low) + 1, int(high) + 1))
-    none = trace(mesh, stripes_of(mesh, phase), np.zeros(len(mesh.edges.ends), dtype=bool))
+    none = trace(stripes_of(mesh, phase), np.zeros(len(mesh.edges.ends), dtype=bool))
     assert none == []
 
 
@@ -43,7 +45,7 @@ def test_hoops_around_a_tube_are_closed() -> None:
     wall = tube.panel == tube.panel_index("wall")
     laid = lay_lines(even_field(tube, [0.2], [0.0]), printed=~wall)
     perimeter = np.ptp(tube.corners[wall][..., 0])
-    assert all(line.closed for line in laid.centre_lines[0])
-    lengths = [line.length for line in laid.centre_lines[0]]
+    assert all(line.closed for line in laid.families[0].lines)
+    lengths = [line.length for line in laid.families[0].lines]
     assert lengths == pytest.approx([perimeter] * 9, abs=1e-8)
     assert largest_jump(laid) < 1e-9

@@ -6,14 +6,15 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.field import LineField
-from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.centre_lines import CentreLine, Family
+from toros_fem.design.lines.field import LineField, LineOptions
+from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.lay_lines import lay_lines
-from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.lines.line_mesh import make_line_mesh
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.sheet import one_panel, rectangle
 
 
 @pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])
@@ -23,10 +24,10 @@ def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
     options = LineOptions(widths=(1e-3,))
     before = lay_lines(even_field(sheet, [0.2], [90.0]), options)
     field = even_field(sheet, [0.16], [direction])
-    assert len(lay_lines(field, options).centre_lines[0]) < 8
+    assert len(lay_lines(field, options).families[0].lines) < 8
     laid = lay_lines(field, options, like=before)
     there, here = (
-        sorted(line.points[..., 0].mean() for line in each.centre_lines[0])
+        sorted(line.points[..., 0].mean() for line in each.families[0].lines)
         for each in (before, laid)
     )
     assert len(here) == 8
@@ -39,7 +40,7 @@ def test_where_all_is_asked_for_gaps_are_left() -> None:
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
     options = LineOptions(widths=(2e-3,))
     laid = lay_lines(even_field(sheet, [0.97], [90.0]), options)
-    places = np.sort([line.points[..., 0].mean() for line in laid.centre_lines[0]])
+    places = np.sort([line.points[..., 0].mean() for line in laid.families[0].lines])
     assert np.diff(places).min() == pytest.approx(2e-3 + options.print_width, rel=0.02)
     assert laid.families[0].laid == pytest.approx(len(places) * 2e-3 / 0.04, rel=1e-4)
 
@@ -61,10 +62,11 @@ def test_lines_run_on_across_a_seam_between_turned_charts(degrees: float) -> Non
     angle = np.radians(25.0 + degrees * pattern.panel)[:, None]
     laid = lay_lines(LineField(pattern, np.full((len(angle), 1), 0.2), angle))
     assert largest_jump(laid) < 1e-9
-    sheet = [positions(laid.pattern, line) for line in laid.centre_lines[0]]
+    sheet = [positions(laid.mesh, line) for line in laid.families[0].lines]
     across = np.array([-np.sin(np.radians(25)), np.cos(np.radians(25)), 0])
     assert max(np.ptp(at @ across) for at in sheet) < 1e-9
-    both = [len(np.unique(laid.pattern.panel[line.cell])) for line in laid.centre_lines[0]]
+    panels = laid.pattern.panel[laid.mesh.cells]
+    both = [len(np.unique(panels[line.cell])) for line in laid.families[0].lines]
     assert both.count(2) > 3
     apart, whole = seam_difference(laid)
     assert whole > 3e-3
@@ -134,7 +136,7 @@ def test_few_wide_lines_go_around_evenly() -> None:
         LineOptions(widths=(4e-3,)),
         printed=~wall,
     )
-    assert laid.families[0].ends == {"printed": 2 * laid.families[0].lines}
+    assert laid.families[0].ends == {"printed": 2 * len(laid.families[0].lines)}
     assert laid.families[0].laid == pytest.approx(shares[wall].mean(), rel=0.03)
 
 
@@ -146,14 +148,35 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
     laid = lay_lines(LineField(sheet, shares, angles), LineOptions(widths=(3e-3, 0.8e-3)))
     ends = [
         line.points[0 if side == 0 else -1, side]
-        for line in laid.centre_lines[0]
-        for side, kind in enumerate(line.ends or ())
+        for line in laid.families[0].lines
+        for side, kind in enumerate(line.ends)
         if kind == "line"
     ]
     assert len(ends) > 1
     for x, y in ends:
         behind = shapely.box(x + 0.75e-3, y - 1e-3, x + 3e-3, y + 1e-3)
         assert laid.regions[0].intersection(behind).area < 0.05e-6, "a round end has 1 mm²"
+
+
+def test_a_line_that_ends_on_itself_does_not_taper_to_another() -> None:
+    """A thin line in the same triangle, far away, does not matter."""
+    triangle = one_panel(np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]]), np.array([[0, 1, 2]]))
+    mesh = make_line_mesh(triangle, np.ones(1, dtype=bool))
+    end, along = 0.03 + 0.02j, np.exp(1j * np.radians(70))  # it comes back at 20°
+    nodes = {
+        1e-3: np.array([0.03, 0.03 + 0.06j, 0.04 + 0.06j, end + 0.03 * along, end]),
+        0.4e-3: np.array([0.06, 0.06 + 0.04j]),
+    }
+    ones, families = np.ones(mesh.size), []
+    for radius, places in nodes.items():
+        segments = np.stack([places[:-1], places[1:]], axis=1)
+        line = CentreLine(np.zeros(len(segments), dtype=int), segments, ("border", "line"))
+        angles, bounds = np.zeros((1, 3)), (radius, radius * ones)
+        families.append(Family(2 * radius, [line], angles, ones, radius * ones, bounds))
+    lines = LaidLines(triangle, mesh, tuple(families), {}, (), LineOptions())
+    beside = end + (0.4e-3 - 0.95e-3j) * along
+    assert beside.real > 0.031, "not under the rest of the line"
+    assert shapely.contains_xy(with_regions(lines).regions[0], beside.real, beside.imag)
 
 
 def test_cover_of_another_mesh_is_that_of_the_same_panels() -> None:
@@ -168,7 +191,9 @@ def test_without_shares_nothing_is_laid() -> None:
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.03, 2.5e-3)
     laid = lay_lines(even_field(sheet, [0.0], [33.0]))
     assert laid.area == 0
-    assert laid.families[0].lines == 0
+    assert len(laid.families[0].lines) == 0
     assert np.all(laid.cover(sheet) == 0)
     everything = lay_lines(even_field(sheet, [0.2], [0.0]), printed=np.ones(len(sheet.panel), bool))
     assert everything.area == pytest.approx(0.04 * 0.03, rel=1e-12)
+    (family,) = everything.families
+    assert (len(family.lines), family.laid, family.under[0].area) == (0, 0, 0)

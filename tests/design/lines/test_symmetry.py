@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import even_field, positions
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import CentreLine
+from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.symmetry import make_symmetry
@@ -22,9 +22,9 @@ def wall_of(part: Pattern) -> np.ndarray:
 def at_plane(laid: LaidLines, family: int, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Heights at which lines of a family meet a plane, sorted, and their slopes there."""
     height, slope = [], []
-    for line in laid.centre_lines[family]:
-        at = positions(laid.pattern, line)
-        for side, kind in enumerate(line.ends or ()):
+    for line in laid.families[family].lines:
+        at = positions(laid.mesh, line)
+        for side, kind in enumerate(line.ends):
             end = at[0 if side == 0 else -1]
             if kind == "plane" and abs(end[side, axis]) < 1e-9:
                 way = end[1 - side] - end[side]
@@ -45,6 +45,8 @@ def test_families_that_cross_a_plane_are_paired() -> None:
     assert alike.partner.tolist() == [[0, 1], [0, 1]], "none is changed for one that fits as well"
     apart = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), free, (1,), (1e-3, 2e-3))
     assert apart.partner.tolist() == [[0, 1], [0, 1]], "a line keeps its width"
+    many = make_symmetry(even_field(HALF, [0.05] * 10, [20] * 10), free, (1,), [1e-3] * 10)
+    assert many.partner[1].tolist() == list(range(10)), "soon, too"
     free = np.flatnonzero(wall_of(QUARTER))
     degrees = [30, 90, -30]
     three = make_symmetry(even_field(QUARTER, [0.2] * 3, degrees), free, (0, 1), [1e-3] * 3)
@@ -64,11 +66,19 @@ def test_all_images_of_an_octant_return_to_it() -> None:
     values[found.whole.vertex] = places @ [1.0, 2.0, 3.0]
     own = octant.points[octant.triangles[found.part.cells]] @ [1.0, 2.0, 3.0]
     for image in range(8):
-        assert found.vertices_to_part(values, image)[found.part.vertex] == pytest.approx(own)
         cell = np.array([image])
-        line = CentreLine(cell, found.whole.corners[cell][:, :2], False)
-        (back,) = found.restricted([line], image)
-        assert positions(octant, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
+        line = CentreLine(cell, found.whole.flat[cell, :2])
+        # Along the part's first side, which runs backwards in mirror images.
+        a, b, c = found.whole.flat.T
+        odd = [number.bit_count() % 2 for number in range(8)]
+        angles = np.tile(np.angle(np.where(odd, b - c, b - a))[:, None], 3)
+        family = Family(0.1, [line], angles, values, 2 * values, (0.01, 3 * values))
+        moved = found.to_part(family, image)
+        for factor, there in enumerate((moved.spacing, moved.radius, moved.bounds[1]), 1):
+            assert there[found.part.vertex] == pytest.approx(factor * own)
+        assert np.abs(np.sin(moved.angles)).max() < 1e-12
+        (back,) = moved.lines
+        assert positions(found.part, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
 
 
 @pytest.mark.parametrize(("part", "planes"), [(HALF, (1,)), (QUARTER, (0, 1))])
@@ -93,7 +103,7 @@ def test_planes_are_in_the_middle_of_lines_or_of_gaps() -> None:
     for share in (0.12, 0.15, 0.16, 0.2):
         laid = lay_lines(even_field(HALF, [share], [90]), printed=~wall, planes=(1,))
         across = laid.pattern.corners[laid.pattern.panel == 0][..., 0]
-        places = np.sort([line.points[:, :, 0].mean() for line in laid.centre_lines[0]])
+        places = np.sort([line.points[:, :, 0].mean() for line in laid.families[0].lines])
         step = np.diff(places).mean()
         assert np.ptp(np.diff(places)) < 1e-7
         for off in (places[0] - across.min(), across.max() - places[-1]):
@@ -107,6 +117,6 @@ def test_hoops_meet_their_own_image() -> None:
     wall = wall_of(HALF)
     field = even_field(HALF, [0.15], [20])
     laid = lay_lines(field, printed=~wall, planes=(1,))
-    assert laid.families[0].ends["plane"] >= 2 * (laid.families[0].lines - 4)
+    assert laid.families[0].ends["plane"] >= 2 * (len(laid.families[0].lines) - 4)
     _, slope = at_plane(laid, 0, 1)
     assert np.abs(slope).max() < np.sin(np.radians(10)), "bent round towards the plane"

@@ -1,6 +1,6 @@
 """Configuration of the start: options of the relaxed design and of its lines."""
 
-from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.products.actuators.scene import ActuatorScene
 

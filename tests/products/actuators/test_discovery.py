@@ -108,9 +108,9 @@ def test_widths_mend_what_a_print_misses(found: Discovery) -> None:
     assert wider.area != pytest.approx(best.laid.area, rel=1e-3)
     # The print's tangent tells what these widths do, on its own mesh.
     pattern, cells = found.made.problem.skin.pattern, found.made.problem.skin.owned_cells
-    under = [regions_on(best.laid.pattern, r, pattern) for r in best.laid.under]
-    changes = width_changes(best.laid.drawing, pattern, under, 1)
-    families = zip(wider.drawing.families, best.laid.drawing.families, strict=True)
+    under = [regions_on(best.laid.pattern, f.under, pattern) for f in best.laid.families]
+    changes = width_changes(best.laid.mesh, pattern, under, 1)
+    families = zip(wider.families, best.laid.families, strict=True)
     change = np.array([np.log(new.radius / old.radius) for new, old in families])
     assert np.abs(change).max() <= np.log1p(LARGEST) + 1e-12
     density = changes.density(cells, change)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,12 +12,12 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.rounding import rounded
-from toros_fem.design.lines.centre_lines import CentreLine
-from toros_fem.design.lines.ends import BORDER, LINE, PRINTED, Family
-from toros_fem.design.lines.options import LineOptions
-from toros_fem.design.lines.stripes import Layout
-from toros_fem.design.lines.strips import Strip, cleaned, joints_of, ribbons
-from toros_fem.design.lines.transport import LineMesh
+from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, Family
+from toros_fem.design.lines.ends import touches
+from toros_fem.design.lines.field import LineOptions
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh
+from toros_fem.design.lines.ribbons import Joint, cleaned, joints_of, ribbons
+from toros_fem.design.lines.stripes import Stripes
 from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
@@ -29,68 +28,27 @@ RESOLUTION = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """Lines on the triangles that may carry them, before they become polygons.
-
-    Attributes:
-        mesh: These triangles.
-        families: Lines of each family, with their widths.
-        shares: Part of the area that the field asks of each family.
-        planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
-        options: Widths and limits.
-    """
-
-    mesh: LineMesh
-    families: list[Family]
-    shares: Floats
-    planes: tuple[int, ...]
-    options: LineOptions
-
-
-@dataclass(frozen=True)
-class LaidFamily:
-    """What became of one family of lines.
-
-    Attributes:
-        width: Width asked, in m.
-        lines: Number of lines.
-        length: Their total length in m.
-        share: Part of the area, without that printed before, that the field asks for.
-        laid: Part of it that the family covers.
-        ends: How many ends lie at what.
-    """
-
-    width: float
-    lines: int
-    length: float
-    share: float
-    laid: float
-    ends: dict[str, int]
-
-
-@dataclass(frozen=True, eq=False)
 class LaidLines:
     """Printable lines on the panels of a pattern.
 
     Attributes:
         pattern: The pattern that they were laid on: that of the field, refined.
-        regions: Printed region of each panel, polygons in its chart, in m.
-        centre_lines: Centre lines of each family, through triangles of `pattern`.
-        families: What became of each family.
-        layouts: Where the stripes of families lie, by the number of the family; those of mirror
+        mesh: Its triangles that may carry lines; None where all is printed.
+        families: Lines of each family, with their widths.
+        stripes: Those of families on the whole skin, by the number of the family; those of mirror
             images are left out.
-        under: Region of each panel under each family, by family and panel, before lines and gaps
-            that are too thin are mended.
-        drawing: What they were made of; None where nothing was laid.
+        planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
+        options: Widths and limits.
+        regions: Printed region of each panel, polygons in its chart, in m.
     """
 
     pattern: Pattern
-    regions: tuple[BaseGeometry, ...]
-    centre_lines: tuple[tuple[CentreLine, ...], ...]
-    families: tuple[LaidFamily, ...]
-    layouts: Mapping[int, Layout]
-    under: tuple[tuple[BaseGeometry, ...], ...]
-    drawing: Drawing | None
+    mesh: LineMesh | None
+    families: tuple[Family, ...]
+    stripes: Mapping[int, Stripes]
+    planes: tuple[int, ...]
+    options: LineOptions
+    regions: tuple[BaseGeometry, ...] = ()
 
     @property
     def area(self) -> float:
@@ -106,43 +64,38 @@ class LaidLines:
         Raises:
             PanelError: Its panels are others.
         """
-        flat = scaled_points(self.pattern, pattern)
+        corners = scaled_points(self.pattern, pattern)[pattern.flat_triangles]
         covered = np.zeros(len(pattern.panel))
         for name in pattern.panel_names:
-            region = self.regions[self.pattern.panel_index(name)]
             cells = pattern.cells_of(name)
-            covered[cells] = _covered(region, flat[pattern.flat_triangles[cells]])
-        return covered
+            region = self.regions[self.pattern.panel_index(name)]
+            triangle, parts = cut_by_triangles(region, corners[cells])
+            area = np.bincount(triangle, shapely.area(parts), minlength=len(cells))
+            covered[cells] = area / shapely.area(shapely.polygons(corners[cells]))
+        return np.clip(covered, 0.0, 1.0)
 
 
-def laid(drawing: Drawing, layouts: Mapping[int, Layout]) -> LaidLines:
-    """Return the printable lines of a drawing.
-
-    Args:
-        drawing: Lines and widths.
-        layouts: Where the stripes of families lie.
-    """
-    mesh, planes = drawing.mesh, drawing.planes
-    strips = _strips(mesh, drawing.families, RESOLUTION * drawing.options.print_width)
-    regions, under, shares = _regions(mesh, strips, planes, drawing.options)
-    lines = tuple(
-        tuple(replace(line, cell=mesh.cells[line.cell]) for line in family.lines)
-        for family in drawing.families
-    )
-    report = tuple(
-        LaidFamily(
-            family.width,
-            len(own),
-            sum(line.length for line in own),
-            float(asked),
-            float(share),
-            _ends(own),
+def with_regions(lines: LaidLines) -> LaidLines:
+    """Return lines with the regions that they make."""
+    pattern, options = lines.pattern, lines.options
+    joints = joints_of(pattern, lines.planes)
+    unions = [_ribbons(lines, family, joints) for family in lines.families]
+    free = np.isin(np.arange(len(pattern.panel)), () if lines.mesh is None else lines.mesh.cells)
+    regions, under = [], []
+    for panel, own in enumerate(zip(*unions, strict=True)):
+        before, bare = (
+            shapely.coverage_union_all(shapely.polygons(pattern.corners[cells]))
+            for cells in ((pattern.panel == panel) & ~free, (pattern.panel == panel) & free)
         )
-        for family, own, asked, share in zip(
-            drawing.families, lines, drawing.shares, shares, strict=True
-        )
+        under.append([union.intersection(bare) for union in own])
+        region = cleaned(shapely.union_all(own), options.print_width, options.hole_area)
+        regions.append(shapely.union_all([region.intersection(bare), before]))
+    area = max(pattern.areas[free].sum(), np.finfo(float).tiny)
+    families = tuple(
+        replace(family, under=own, laid=float(sum(region.area for region in own) / area))
+        for family, own in zip(lines.families, zip(*under, strict=True), strict=True)
     )
-    return LaidLines(mesh.pattern, regions, lines, report, layouts, under, drawing)
+    return replace(lines, families=families, regions=tuple(regions))
 
 
 def widened(lines: LaidLines, factors: Floats) -> LaidLines:
@@ -150,121 +103,69 @@ def widened(lines: LaidLines, factors: Floats) -> LaidLines:
 
     Args:
         lines: Lines that were laid.
-        factors: Factor on the width of each family at each vertex of `lines.drawing.mesh`, (K, n),
+        factors: Factor on the width of each family at each vertex of `lines.mesh`, (K, n),
             positive.
 
     Raises:
         ParameterError: The factors do not fit, or there are no lines.
     """
-    drawing = lines.drawing
-    if drawing is None:
+    if lines.mesh is None:
         raise ParameterError("there are no lines whose widths could be changed.")
-    shape = len(drawing.families), drawing.mesh.size
+    shape = len(lines.families), lines.mesh.size
     if factors.shape != shape or not np.all(np.isfinite(factors) & (factors > 0)):
         raise ParameterError(
             f"factors has shape {factors.shape}; it must hold positive numbers of shape {shape}, "
             "one for each family and vertex."
         )
-    families = [
+    families = tuple(
         replace(family, radius=np.clip(factor * family.radius, *family.bounds))
-        for family, factor in zip(drawing.families, factors, strict=True)
+        for family, factor in zip(lines.families, factors, strict=True)
+    )
+    return with_regions(replace(lines, families=families))
+
+
+def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[BaseGeometry]:
+    """Return the region of each panel under a family; places and widths are rounded."""
+    mesh, least = lines.mesh, lines.options.print_width
+    parts: list[tuple[Ints, Floats, Floats]] = [
+        (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
     ]
-    return laid(replace(drawing, families=families), lines.layouts)
+    for line in family.lines:
+        assert mesh is not None
+        panel = mesh.pattern.panel[mesh.cells[line.cell]]
+        points = rounded(line.points, RESOLUTION * least)
+        radii = rounded(_tapered(lines, mesh, family, line), RESOLUTION * least)
+        parts.append((panel, points, radii))
+        # Where the panel ends, the ribbon runs on straight.
+        for side in (s for s, kind in enumerate(line.ends) if kind in (BORDER, PRINTED)):
+            end, radius = points[-side, side], radii[-side, side]
+            way = end - points[-side, 1 - side]
+            beyond = end + way / max(np.hypot(*way), 1e-300) * (4 * radius + 2 * least)
+            parts.append((panel[[-side]], np.array([[end, beyond]]), np.full((1, 2), radius)))
+    panel, points, radii = (np.concatenate(part) for part in zip(*parts, strict=True))
+    margin = radii.max(initial=0.0) + 3 * least
+    return ribbons(panel, points, radii, joints, margin, len(lines.pattern.panel_names))
 
 
-def _ends(lines: Sequence[CentreLine]) -> dict[str, int]:
-    """Return how many ends lie at what."""
-    return dict(sorted(Counter(end for line in lines for end in line.ends or ()).items()))
+def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine) -> Floats:
+    """Return half the width at start and end of the segments of a line, (m, 2), in m.
 
-
-def _strips(mesh: LineMesh, families: list[Family], unit: float) -> list[list[Strip]]:
-    """Return the strips of the lines of each family, their places and widths rounded to a unit.
-
-    One that ends on a thinner line tapers to its width, so that it does not stand out behind it.
+    If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
     """
-    panel = mesh.pattern.panel[mesh.cells]
-    lines = [(number, line) for number, family in enumerate(families) for line in family.lines]
-    strips: list[list[Strip]] = [[] for _ in families]
-    if not lines:
-        return strips
-    own = np.repeat(np.arange(len(lines)), [len(line.cell) for _, line in lines])
-    cells = np.concatenate([line.cell for _, line in lines])
-    segments = np.concatenate([line.points for _, line in lines])
-    for k, (number, line) in enumerate(lines):
-        radii = _radii(mesh, families[number], line.cell, line.points)
-        for side, kind in enumerate(line.ends or ()):
-            if kind != LINE:
-                continue
-            last = 0 if side == 0 else -1
-            end = line.points[last, side]
-            there = np.flatnonzero((cells == line.cell[last]) & (own != k))
-            if not len(there):
-                continue
-            other = there[np.argmin(_distances(end, segments[there]))]
-            onto = families[lines[int(own[other])][0]]
-            bound = _radii(mesh, onto, line.cell[[last]], np.repeat(end[None, None], 2, axis=1))
-            length = np.linalg.norm(line.points[:, 1] - line.points[:, 0], axis=1)
-            along = np.concatenate([[0.0], np.cumsum(length if side == 0 else length[::-1])])
-            along = along if side == 0 else along[::-1]
-            away = np.stack([along[:-1], along[1:]], axis=1)
-            radii = np.minimum(radii, bound[0, 0] + away)
-        start, end_kind = line.ends or (LINE, LINE)
-        beyond = start in (BORDER, PRINTED), end_kind in (BORDER, PRINTED)
-        places = rounded(line.points, unit), rounded(radii, unit)
-        strips[number].append(Strip(panel[line.cell], *places, beyond))
-    return strips
+    radii = _radii(mesh, family, line.cell, line.places)
+    for side in (s for s, kind in enumerate(line.ends) if kind == LINE):
+        there = line if side == 1 else line.reversed
+        away = np.stack([there.to_end, np.append(there.to_end[1:], 0.0)], axis=1)
+        away = away if side == 1 else away[::-1, ::-1]
+        for onto, other in ((f, other) for f in lines.families for other in f.lines):
+            segments = other.places[other.cell == there.cell[-1]]
+            if other is not line and touches(mesh, there, segments):
+                bound = _radii(mesh, onto, there.cell[-1:], there.places[-1:, 1:])
+                radii = np.minimum(radii, bound + away)
+    return radii
 
 
-def _radii(mesh: LineMesh, family: Family, cell: Ints, points: Floats) -> Floats:
-    """Return half the width of a family at the ends of segments (m, 2, 2), (m, 2), in m."""
-    cells = np.repeat(cell, 2)
-    at = mesh.barycentric(cells, points.reshape(-1, 2))
-    radius = np.einsum("kc,kc->k", at, family.radius[mesh.vertex[cells]])
-    return np.asarray(radius).reshape(-1, 2)
-
-
-def _distances(point: Floats, segments: Floats) -> Floats:
-    """Return the distance of a point from segments (m, 2, 2), (m,)."""
-    return np.asarray(shapely.distance(shapely.linestrings(segments), shapely.Point(point)))
-
-
-def _regions(
-    mesh: LineMesh,
-    strips: list[list[Strip]],
-    planes: tuple[int, ...],
-    options: LineOptions,
-) -> tuple[tuple[BaseGeometry, ...], tuple[tuple[BaseGeometry, ...], ...], Floats]:
-    """Return the printed region of each panel, that under each family, and its part of the area."""
-    pattern = mesh.pattern
-    joints = joints_of(pattern, planes)
-    free = np.zeros(len(pattern.panel), dtype=bool)
-    free[mesh.cells] = True
-    regions: list[BaseGeometry] = []
-    under: list[list[BaseGeometry]] = [[] for _ in strips]
-    for panel in range(len(pattern.panel_names)):
-        here = pattern.panel == panel
-        before = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & ~free]))
-        if not np.any(here & free):
-            regions.append(before)
-            for own in under:
-                own.append(shapely.Polygon())
-            continue
-        bare = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & free]))
-        shapely.prepare(bare)
-        unions = [
-            shapely.union_all(ribbons(family, panel, joints, options.print_width))
-            for family in strips
-        ]
-        for own, union in zip(under, unions, strict=True):
-            own.append(union.intersection(bare))
-        region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
-        regions.append(shapely.union_all([region.intersection(bare), before]))
-    shares = np.array([sum(region.area for region in own) for own in under]) / mesh.areas.sum()
-    return tuple(regions), tuple(tuple(own) for own in under), shares
-
-
-def _covered(region: BaseGeometry, corners: Floats) -> Floats:
-    """Return the part of triangles (t, 3, 2) that a region covers, (t,)."""
-    triangle, parts = cut_by_triangles(region, corners)
-    area = np.bincount(triangle, shapely.area(parts), minlength=len(corners))
-    return np.clip(area / shapely.area(shapely.polygons(corners)), 0.0, 1.0)
+def _radii(mesh: LineMesh, family: Family, cell: Ints, places: Complexes) -> Floats:
+    """Return half the width of a family at the places (m, k) in triangles, (m, k), in m."""
+    at = mesh.barycentric(cell[:, None], places)
+    return np.asarray(np.einsum("mkc,mc->mk", at, family.radius[mesh.vertex[cell]]))

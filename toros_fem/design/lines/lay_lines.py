@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
-import shapely
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_axes, require_kind
-from toros_fem.design.lines.centre_lines import CentreLine, trace
-from toros_fem.design.lines.ends import Family, close_ends
-from toros_fem.design.lines.field import LineField
-from toros_fem.design.lines.laid_lines import Drawing, LaidFamily, LaidLines, laid
-from toros_fem.design.lines.options import LineOptions
-from toros_fem.design.lines.stripes import (
-    Layout,
-    Stripes,
-    Waves,
-    find_stripes,
-    fitting_spacing,
-    line_ends,
-)
-from toros_fem.design.lines.strips import EXCESS
+from toros_fem.design.lines.centre_lines import Family, trace
+from toros_fem.design.lines.ends import close_ends
+from toros_fem.design.lines.field import LineField, LineOptions
+from toros_fem.design.lines.laid_lines import LaidLines, with_regions
+from toros_fem.design.lines.line_mesh import Values
+from toros_fem.design.lines.ribbons import EXCESS
+from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
@@ -83,46 +75,46 @@ def lay_lines(
             f"printed has shape {covered.shape} and type {covered.dtype}; it must be {count} "
             "truth values, one for each triangle."
         )
-    fine, cell = _fine(field, widths, options, None if like is None else len(like.pattern.panel))
-    fine_field = LineField(fine, field.shares[cell], field.angles[cell])
+    fine, cell = _fine(field, widths, options, like)
+    field = LineField(fine, field.shares[cell], field.angles[cell])
     free = np.flatnonzero(~covered[cell])
     if not len(free):
-        none = (shapely.Polygon(),) * len(fine.panel_names)
-        report = tuple(LaidFamily(width, 0, 0.0, 0.0, 0.0, {}) for width in widths)
-        empty, under = ((),) * field.families, (none,) * field.families
-        return LaidLines(fine, _outlines(fine), empty, report, {}, under, None)
-    symmetry = make_symmetry(fine_field, free, planes, widths)
-    mesh = symmetry.part
-    known = {} if like is None else like.layouts
-    families, layouts = _families(symmetry, fine_field, widths, options, known)
-    families = close_ends(mesh, families, planes)
-    asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
-    return laid(Drawing(mesh, families, asked, tuple(planes), options), layouts)
+        none: Floats = np.empty(0)
+        families = [Family(width, [], none, none, none, (0.0, none)) for width in widths]
+        return with_regions(LaidLines(fine, None, tuple(families), {}, planes, options))
+    symmetry = make_symmetry(field, free, planes, widths)
+    mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
+    known = {} if like is None else like.stripes
 
+    @cache
+    def on_whole(family: int) -> tuple[Family, Stripes]:
+        return _on_whole(symmetry, field, family, options, smoother, known.get(family))
 
-def _outlines(pattern: Pattern) -> tuple[BaseGeometry, ...]:
-    """Return the outline of each panel."""
-    return tuple(
-        shapely.coverage_union_all(shapely.polygons(pattern.corners[pattern.panel == panel]))
-        for panel in range(len(pattern.panel_names))
-    )
+    first = [symmetry.first(k) for k in range(field.families)]
+    open_ = [symmetry.to_part(on_whole(family)[0], image) for family, image in first]
+    shares = mesh.areas @ field.shares[mesh.cells] / mesh.areas.sum()
+    families = [
+        replace(family, share=float(share))
+        for family, share in zip(close_ends(mesh, open_, planes), shares, strict=True)
+    ]
+    stripes = {family: on_whole(family)[1] for family, _ in first}
+    return with_regions(LaidLines(fine, mesh, tuple(families), stripes, planes, options))
 
 
 def _fine(
-    field: LineField, widths: list[float], options: LineOptions, triangles: int | None
+    field: LineField, widths: list[float], options: LineOptions, like: LaidLines | None
 ) -> tuple[Pattern, Ints]:
     """Return a mesh that is fine enough for the lines, and the field's triangle of each of its.
 
-    With a number of triangles it is the one that has so many.
+    It is as fine as that of earlier lines.
     """
     pattern = field.pattern
-    cell: Ints = np.arange(len(pattern.panel), dtype=np.int64)
+    cell: Ints = np.arange(len(pattern.panel))
     means = np.average(field.shares, axis=0, weights=pattern.areas)
-    spacings = [_spacing(share, width, options) for share, width in zip(means, widths, strict=True)]
+    least = min(_spacing(share, width, options) for share, width in zip(means, widths, strict=True))
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
         edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
-        fine = edge <= FINE * min(spacings)
-        if fine if triangles is None else len(pattern.panel) >= triangles:
+        if edge <= FINE * least if like is None else len(pattern.panel) >= len(like.pattern.panel):
             break
         refined = refine(pattern)
         pattern, cell = refined.pattern, cell[refined.cell]
@@ -132,132 +124,72 @@ def _fine(
 def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
     """Return the distance in m between lines of a width that cover a share."""
     most = width / (width + options.print_width)
-    return np.asarray(width / np.clip(share, options.least_share, most), dtype=np.float64)
-
-
-def _least_width(width: float, options: LineOptions) -> float:
-    """Return the least local width in m of lines of which a width is asked."""
-    return max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
-
-
-def _families(
-    symmetry: Symmetry,
-    field: LineField,
-    widths: list[float],
-    options: LineOptions,
-    known: Mapping[int, Layout],
-) -> tuple[list[Family], dict[int, Layout]]:
-    """Return the lines of each family on the part, and where they lie on the whole.
-
-    Those of mirror images are found once.
-    """
-    found: dict[int, tuple[list[CentreLine], Waves, Floats, Floats]] = {}
-    layouts: dict[int, Layout] = {}
-    families = []
-    for k, width in enumerate(widths):
-        own, image = symmetry.first(k)
-        if own not in found:
-            found[own], layouts[own] = _on_whole(
-                symmetry, field, own, width, options, known.get(own)
-            )
-        lines, waves, radius, largest = found[own]
-        families.append(
-            Family(
-                symmetry.restricted(lines, image),
-                symmetry.angles_to_part(waves, image),
-                symmetry.vertices_to_part(waves.spacing, image),
-                symmetry.vertices_to_part(radius, image),
-                width,
-                (
-                    _least_width(width, options) / 2,
-                    symmetry.vertices_to_part(largest, image),
-                ),
-            )
-        )
-    return families, layouts
+    return np.asarray(width / np.clip(share, options.least_share, most))
 
 
 def _on_whole(
     symmetry: Symmetry,
     field: LineField,
     family: int,
-    width: float,
     options: LineOptions,
-    like: Layout | None,
-) -> tuple[tuple[list[CentreLine], Waves, Floats, Floats], Layout]:
-    """Return a family's lines on the whole, waves, half the width and its bound; their layout."""
+    smoother: Callable[..., Callable[[Values], Values]],
+    like: Stripes | None,
+) -> tuple[Family, Stripes]:
+    """Return a family of lines on the whole, and its stripes; like earlier ones if there are any.
+
+    The smoother is that of the whole; it keeps its factors.
+    """
     mesh, part = symmetry.whole, symmetry.part.cells
+    width = options.width_of(family, field.families)
     share = symmetry.of_whole(field.shares[part], family)
     angle = symmetry.angles_of_whole(field.angles[part], family)
     at_vertices = mesh.at_vertices(share)
-    mean_share = float(np.average(at_vertices, weights=mesh.vertex_areas))
-    even = options.even
+    even, half, most = options.even, None, 1.0
     if even is not None:  # what changes from one line to the next cannot be followed
-        even = max(even, float(_spacing(np.array(mean_share), width, options)))
-    half = None if even is None else even / 2
-    double = mesh.smooth_directions(mesh.double_angles(angle, share), half)
-    local, mean = mesh.smooth(at_vertices, half), mesh.smooth(at_vertices, even)
-    direction = np.angle(double).astype(np.float64) / 2
-    waves = Waves(mesh, direction, np.asarray(2 * np.pi / _spacing(mean, width, options)))
+        mean_share = np.asarray(np.average(at_vertices, weights=mesh.vertex_areas))
+        even = max(even, float(_spacing(mean_share, width, options)))
+        # The other half of the spread is for widths that follow the share.
+        half, most = even / 2, float(np.sqrt(options.spread))
+    double = smoother(half, turned=True)(mesh.double_angles(angle, share))
+    local, mean = smoother(half)(at_vertices), smoother(even)(at_vertices)
+    number = np.asarray(2 * np.pi / _spacing(mean, width, options), dtype=np.float64)
+    waves = Waves(mesh, np.angle(double) / 2, number)
     weight = np.maximum(mean, options.least_share)
     if even is not None:
         waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
-    enough = local >= options.least_share
-    i, j = mesh.edges.ends.T
-    present = enough[i] & enough[j]
-    images, side = symmetry.images(waves, family), symmetry.side(waves, family)
-
-    def found(tried: Waves) -> Stripes:
-        return find_stripes(tried, weight, images, side, like)
-
-    # The other half of the spread is for widths that follow the share.
-    most = np.sqrt(options.spread) if even is not None else 1.0
-    if like is None:
-        waves, stripes = _with_fewest_ends(waves, weight, present, found, most)
-    else:
+    if like is not None:
         waves = replace(waves, number=like.waves.number)
-        stripes = found(waves)
+    present = np.min(local[mesh.edges.ends], axis=1) >= options.least_share
+    symmetric, side = symmetry.symmetric(waves, family), symmetry.side(waves, family)
+
+    def found(factor: float) -> Stripes:
+        tried = replace(waves, number=factor * waves.number)
+        return find_stripes(tried, weight, symmetric, side, like)
+
+    stripes = found(1.0)
+    if like is None:
+        across = np.sqrt(mesh.areas.sum()) / np.average(waves.spacing, weights=weight)
+        factors = 1 + np.array(OTHERS) / across
+        factors = factors[(factors >= 1 / most) & (factors <= most)]
+        stripes = _with_fewest_ends(stripes, map(found, factors), present)
+    waves = stripes.waves
     stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
-    lines = trace(mesh, stripes, present, stiffness)
+    lines = trace(stripes, present, stiffness)
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
     products = stripes.change * stripes.wanted, stripes.wanted**2
-    top, bottom = (mesh.smooth(mesh.around(product), even) for product in products)
+    top, bottom = (smoother(even)(mesh.around(each)) for each in products)
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
-    low = _least_width(width, options)
+    low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
-    radius = np.clip(local * spacing, low, high) / 2
-    return (lines, waves, radius, high / 2), Layout(waves, stripes.phase)
+    radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
+    return Family(width, lines, waves.corner_angles(), waves.spacing, radius, bounds), stripes
 
 
-def _with_fewest_ends(
-    waves: Waves,
-    weight: Floats,
-    present: Bools,
-    find: Callable[[Waves], Stripes],
-    most: float,
-) -> tuple[Waves, Stripes]:
-    """Return waves and their stripes, denser or wider ones if fewer lines end so.
-
-    Args:
-        waves: The waves wanted.
-        weight: How much stripes count at each vertex, (n,).
-        present: Whether there are lines at each edge, (e,).
-        find: Finds the stripes of waves.
-        most: Largest factor by which spacings may be changed.
-    """
-    mesh = waves.mesh
-    best, stripes = waves, find(waves)
-    fewest = line_ends(mesh, stripes, present)
-    across = np.sqrt(mesh.areas.sum()) / float(np.average(waves.spacing, weights=weight))
-    for more in OTHERS:
-        factor = 1 + more / across
-        if not 0 < fewest <= FEW:
-            break
-        if not 1 / most <= factor <= most:
-            continue
-        other = replace(waves, number=factor * waves.number)
-        tried = find(other)
-        ends = line_ends(mesh, tried, present)
+def _with_fewest_ends(best: Stripes, others: Iterator[Stripes], present: Bools) -> Stripes:
+    """Return stripes, or others whose lines have fewer ends; these are made as they are needed."""
+    fewest = best.line_ends(present)
+    while 0 < fewest <= FEW and (other := next(others, None)) is not None:
+        ends = other.line_ends(present)
         if ends < fewest:
-            best, stripes, fewest = other, tried, ends
-    return best, stripes
+            best, fewest = other, ends
+    return best

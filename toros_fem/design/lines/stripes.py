@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import SuperLU
 
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.design.lines.transport import Complexes, LineMesh
-from toros_fem.meshes.topology import following, linked
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates
+from toros_fem.meshes.triangles import following, gradients, linked, spd_factor
 
 # Steps of the inverse iteration, and of the relaxation of vectors of unit length after it.
 ITERATIONS = 12
@@ -27,37 +27,13 @@ REACH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stripes:
-    """A phase on a sewn skin, 0 in the middle of each line, 2π from one line to the next.
+class Waves:
+    """What stripes are to follow.
 
     Attributes:
-        phase: Phase at each vertex in (−π, π], (n,), which grows to the left of the direction.
-        change: Change of the phase along each edge from its first end to its second, (e,), in the
-            orientation of its first end. Where the second end's direction points the other way,
-            the sum of both is minus its phase, modulo 2π.
-        same: Whether the directions at both ends of each edge point the same way, (e,).
-        wanted: The change that direction and spacing ask for, (e,).
-    """
-
-    phase: Floats
-    change: Floats
-    same: Bools
-    wanted: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """A symmetry of the mesh: vertices change places, (n,), and phases may change their sign."""
-
-    vertex: Ints
-    flips: Bools
-
-
-@dataclass(frozen=True, eq=False)
-class Waves:
-    """What stripes are to follow: direction angle and phase per m at each vertex, (n,).
-
-    Angles are in rad in the chart of the vertex's first corner.
+        mesh: The mesh.
+        angle: Direction at each vertex in rad, in the chart of its first corner, (n,).
+        number: Phase per m at each vertex, (n,).
     """
 
     mesh: LineMesh
@@ -67,7 +43,7 @@ class Waves:
     @property
     def spacing(self) -> Floats:
         """Distance in m from line to line at each vertex, (n,)."""
-        return np.asarray(2 * np.pi / self.number, dtype=np.float64)
+        return np.asarray(2 * np.pi / self.number)
 
     def corner_angles(self) -> Floats:
         """Return the direction in the chart of each corner, (t, 3), in rad."""
@@ -79,47 +55,64 @@ class Waves:
         Both triangles of an edge see the same change, but for a skin that is no surface of flat
         pieces around a vertex; there it is their mean.
         """
-        mesh, edges = self.mesh, self.mesh.edges
-        along = (np.roll(mesh.corners, -1, axis=1) - mesh.corners).reshape(-1, 2)
-        here = self.corner_angles().ravel()
-        half = np.arange(len(here))
-        there, number = here[following(half)], self.number[mesh.vertex].ravel()
+        mesh, count = self.mesh, len(self.mesh.edges.ends)
         of_edge = mesh.edges.of_triangle.ravel()
-        count = len(edges.ends)
-        same = np.bincount(of_edge, np.cos(here - there), minlength=count) >= 0
-        # Left of the direction (cos, sin) is (−sin, cos).
-        across = [
-            number[k] * (-np.sin(angle) * along[:, 0] + np.cos(angle) * along[:, 1])
-            for k, angle in ((half, here), (following(half), there))
-        ]
+        along, here = mesh.sides.ravel(), self.corner_angles().ravel()
+        number = self.number[mesh.vertex].ravel()
+        end = following(np.arange(len(here)))
+        same = np.bincount(of_edge, np.cos(here - here[end]), minlength=count) >= 0
         sign = np.where(same, 1.0, -1.0)[of_edge]
-        forward = mesh.vertex.ravel() == edges.ends[of_edge, 0]
+        # The phase grows to the left of the direction.
+        change_here = number * (np.exp(-1j * here) * along).imag
+        change_end = number[end] * (np.exp(-1j * here[end]) * along).imag
+        change = (change_here + sign * change_end) / 2
         # In the orientation of the edge's first end, from there to the other.
-        change = (across[0] + sign * across[1]) / 2
-        change = np.where(forward, change, -sign * change)
-        mean = np.bincount(of_edge, change, minlength=count) / edges.count
-        return mean, same
+        change = np.where(mesh.forward.ravel(), change, -sign * change)
+        return np.bincount(of_edge, change, minlength=count) / mesh.edges.count, same
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Where the stripes of earlier waves lie: the waves and their phase at vertices, (n,)."""
+class Stripes:
+    """A phase on a sewn skin, 0 in the middle of each line, 2π from one line to the next.
+
+    Attributes:
+        waves: What the stripes follow.
+        phase: Phase at each vertex, (n,), which grows to the left of the direction.
+        change: Change of the phase along each edge from its first end to its second, (e,), in the
+            orientation of its first end. Where the second end's direction points the other way,
+            the sum of both is minus its phase, modulo 2π.
+        same: Whether the directions at both ends of each edge point the same way, (e,).
+        wanted: The change that direction and spacing ask for, (e,).
+    """
 
     waves: Waves
     phase: Floats
+    change: Floats
+    same: Bools
+    wanted: Floats
 
-    def on(self, waves: Waves) -> Complexes:
-        """Return exp(i phase) in the orientation of other waves on the same mesh, (n,)."""
-        z: Complexes = np.exp(1j * self.phase)
-        return np.where(np.cos(waves.angle - self.waves.angle) >= 0, z, np.conj(z))
+    def line_ends(self, present: Bools) -> int:
+        """Return how many lines end in triangles whose edges all have lines, (e,).
+
+        There the phase around the triangle turns.
+        """
+        mesh = self.waves.mesh
+        edge = mesh.edges.of_triangle
+        flip = np.where(self.same, 1.0, -1.0)[edge]
+        # In the orientation of the first corner: `sign` is that of the corner before each side.
+        sign = np.cumprod(np.insert(flip, 0, 1.0, axis=1), axis=1)
+        turn = (sign[:, :3] * np.where(mesh.forward, 1.0, -flip) * self.change[edge]).sum(axis=1)
+        # Where directions turn by half a turn around the triangle, lines need not end.
+        counted = present[edge].all(axis=1) & (sign[:, 3] > 0)
+        return int(np.abs(np.round(turn[counted] / (2 * np.pi))).sum())
 
 
 def find_stripes(
     waves: Waves,
     weight: Floats,
-    images: Sequence[Image] = (),
-    side: Floats | None = None,
-    like: Layout | None = None,
+    symmetric: Callable[[Complexes], Complexes] | None = None,
+    side: Floats | float = 1.0,
+    like: Stripes | None = None,
 ) -> Stripes:
     """Return the stripes that fit directions and spacings best.
 
@@ -129,112 +122,48 @@ def find_stripes(
     Schröder 2015, eq. 9) is the start. Steps of diffusion, each scaled back to |z| = 1, then give
     all places the same say, and least squares with the whole turns that were found end it.
 
-    Args:
-        waves: Directions and phases per m.
-        weight: How much stripes count at each vertex, (n,), greater than 0.
-        images: Symmetries that the stripes shall have, a group without its identity.
-        side: Sign of the phase at each vertex, (n,), where it is 0 but for rounding. None: +1.
-        like: Stripes to start from instead of the eigenvector, so that no line comes or goes.
+    Stripes count by a weight at each vertex, (n,), greater than 0. What `symmetric` does makes z
+    symmetric; a phase of 0 but for rounding gets the sign `side`, (n,). Earlier stripes are the
+    start instead of the eigenvector, so that no line comes or goes.
     """
     mesh = waves.mesh
-    wanted, same = waves.edge_changes()
     i, j = mesh.edges.ends.T
+    wanted, same = waves.edge_changes()
+    sign = np.where(same, 1.0, -1.0)
     stiff = mesh.weights * (weight[i] + weight[j]) / 2
     mass = mesh.vertex_areas * weight
-    sign = np.where(same, 1.0, -1.0)
-    start = None if like is None else like.on(waves)
-    z = _relaxed(mesh, wanted, sign, stiff, mass, images, start)
-    phase: Floats = np.angle(z).astype(np.float64)
-    turns = 2 * np.pi * np.round((sign * phase[j] - phase[i] - wanted) / (2 * np.pi))
-    phase = phase + _correction(
-        mesh, sign * phase[j] - phase[i] - turns - wanted, sign, stiff, mass
-    )
-    rest = phase - 2 * np.pi * np.round(phase / (2 * np.pi))
-    off = NUDGE if side is None else NUDGE * side
-    phase = phase + np.where(np.abs(rest) < NUDGE, off - rest, 0.0)
-    change: Floats = sign * phase[j] - phase[i] - turns
-    return Stripes(phase, change, same, wanted)
+    energy, both = _energy(mesh, wanted, sign, stiff), diags_array(np.repeat(mass, 2))
+    size = energy.diagonal().sum() / both.diagonal().sum()
 
+    def smoothed(factor: SuperLU, z: Complexes) -> Complexes:
+        found: Complexes = factor.solve((mass * z).view(np.float64)).view(np.complex128)
+        return found if symmetric is None else symmetric(found)
 
-def line_ends(mesh: LineMesh, stripes: Stripes, present: Bools) -> int:
-    """Return how many lines end in triangles, where the phase around them turns.
-
-    Args:
-        mesh: The mesh.
-        stripes: The phase.
-        present: Whether there are lines at each edge, (e,).
-    """
-    edge, start = mesh.edges.of_triangle, mesh.vertex
-    total, sign = np.zeros(len(edge)), np.ones(len(edge))
-    for side in range(3):
-        flip = np.where(stripes.same[edge[:, side]], 1.0, -1.0)
-        forward = mesh.edges.ends[edge[:, side], 0] == start[:, side]
-        total += sign * np.where(forward, 1.0, -flip) * stripes.change[edge[:, side]]
-        sign *= flip
-    # Where directions turn by half a turn around the triangle, lines need not end.
-    counted = present[edge].all(axis=1) & (sign > 0)
-    return int(np.abs(np.round(total[counted] / (2 * np.pi))).sum())
-
-
-def _relaxed(
-    mesh: LineMesh,
-    wanted: Floats,
-    sign: Floats,
-    stiff: Floats,
-    mass: Floats,
-    images: Sequence[Image],
-    start: Complexes | None,
-) -> Complexes:
-    """Return complex numbers at vertices, (n,), of unit length and little energy."""
-    matrix = _energy(mesh, wanted, sign, stiff)
-    both = np.repeat(mass, 2)
-    if start is None:
-        shift = SHIFT * matrix.diagonal().sum() / both.sum()
-        factor = _factor(matrix + shift * diags_array(both))
-        z = np.exp(2j * np.pi * np.random.default_rng(0).random(mesh.size))
-        part = connected(mesh)
+    if like is None:
+        factor = spd_factor(energy + SHIFT * size * both)
+        z: Complexes = np.exp(2j * np.pi * np.random.default_rng(0).random(mesh.size))
+        # Parts of the skin without connection have an eigenvector each.
+        part = linked(i, j, mesh.size)
         for _ in range(ITERATIONS):
-            z = symmetric(_solve(factor, mass * z), images)
-            # Parts of the skin without connection have an eigenvector each.
+            z = smoothed(factor, z)
             z /= np.sqrt(np.bincount(part, mass * np.abs(z) ** 2) / np.bincount(part, mass))[part]
     else:
-        z = start
-    time = REACH**2 * both.sum() / matrix.diagonal().sum()
-    factor = _factor(diags_array(both) + time * matrix)
-    for _ in range(RELAXATIONS if start is None else KEPT_RELAXATIONS):
-        z = z / np.maximum(np.abs(z), np.finfo(float).tiny)
-        z = symmetric(_solve(factor, mass * z), images)
-    return z
-
-
-def symmetric(z: Complexes, images: Sequence[Image]) -> Complexes:
-    """Return the mean of a field of complex numbers, (n,), and its images."""
-    total = z.copy()
-    for image in images:
-        moved = z[image.vertex]
-        total += np.where(image.flips, np.conj(moved), moved)
-    return total / (1 + len(images))
-
-
-def connected(mesh: LineMesh) -> Ints:
-    """Return the number of the connected part that each vertex belongs to, (n,)."""
-    i, j = mesh.edges.ends.T
-    return linked(i, j, mesh.size)
-
-
-def _correction(
-    mesh: LineMesh, excess: Floats, sign: Floats, stiff: Floats, mass: Floats
-) -> Floats:
-    """Return changes of the phase, (n,), that make the excess of its change along edges least."""
-    i, j = mesh.edges.ends.T
-    size = mesh.size
-    place = np.concatenate([i, j]), np.concatenate([j, i])
-    pull = coo_array((np.tile(stiff * sign, 2), place), shape=(size, size))
-    degree = np.bincount(i, stiff, size) + np.bincount(j, stiff, size)
-    shift = SHIFT * degree.sum() / mass.sum()
-    matrix = diags_array(degree + shift * mass) - pull
-    right = np.bincount(i, stiff * excess, size) - np.bincount(j, stiff * sign * excess, size)
-    return np.asarray(_factor(matrix).solve(right))
+        z = np.exp(1j * like.phase)
+        z = np.where(np.cos(waves.angle - like.waves.angle) >= 0, z, np.conj(z))
+    factor = spd_factor(both + REACH**2 / size * energy)
+    for _ in range(RELAXATIONS if like is None else KEPT_RELAXATIONS):
+        z = smoothed(factor, z / np.maximum(np.abs(z), np.finfo(float).tiny))
+    phase = np.angle(z).astype(np.float64)
+    turns = 2 * np.pi * np.round((sign * phase[j] - phase[i] - wanted) / (2 * np.pi))
+    # The change of φ that makes Σ w (sign_ij φ_j − φ_i − turns_ij − ω_ij)² least.
+    excess = stiff * (sign * phase[j] - phase[i] - turns - wanted)
+    matrix = mesh.laplacian(stiff, sign)
+    shift = SHIFT * matrix.diagonal().sum() / mass.sum()
+    right = np.bincount(i, excess, mesh.size) - np.bincount(j, sign * excess, mesh.size)
+    phase = phase + spd_factor(matrix + shift * diags_array(mass)).solve(right)
+    rest = phase - 2 * np.pi * np.round(phase / (2 * np.pi))
+    phase = phase + np.where(np.abs(rest) < NUDGE, NUDGE * side - rest, 0.0)
+    return Stripes(waves, phase, sign * phase[j] - phase[i] - turns, same, wanted)
 
 
 def _energy(mesh: LineMesh, wanted: Floats, sign: Floats, stiff: Floats) -> csc_array:
@@ -242,69 +171,33 @@ def _energy(mesh: LineMesh, wanted: Floats, sign: Floats, stiff: Floats) -> csc_
     i, j = mesh.edges.ends.T
     c, s = np.cos(wanted), np.sin(wanted)
     # z_j = R z_i, where R turns by ω, and conjugates if the directions are opposite.
-    block = [[c, -s], [sign * s, sign * c]]
-    rows, columns, values = [], [], []
-    for a in range(2):
-        for b in range(2):
-            rows += [2 * j + a, 2 * i + b]
-            columns += [2 * i + b, 2 * j + a]
-            values += [-stiff * block[a][b]] * 2
-    size = 2 * mesh.size
-    place = np.concatenate(rows), np.concatenate(columns)
-    degree = sum(np.bincount(end, stiff, minlength=mesh.size) for end in (i, j))
-    off = coo_array((np.concatenate(values), place), shape=(size, size))
-    return csc_array(off + diags_array(np.repeat(degree, 2)))
-
-
-def _factor(matrix: csc_array) -> SuperLU:
-    return splu(
-        csc_array(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-
-
-def _solve(factor: SuperLU, z: Complexes) -> Complexes:
-    x = factor.solve(np.ascontiguousarray(z).view(np.float64))
-    return np.asarray(x).view(np.complex128)
+    turn = stiff * np.array([[c, -s], [sign * s, sign * c]])
+    row, column = np.indices((2, 2, len(i)))[:2]
+    place = (2 * j + row).ravel(), (2 * i + column).ravel()
+    pull = coo_array((turn.ravel(), place), shape=(2 * mesh.size, 2 * mesh.size))
+    return csc_array(diags_array(np.repeat(mesh.around(stiff), 2)) - (pull + pull.T))
 
 
 def fitting_spacing(waves: Waves, weight: Floats, distance: float, spread: float) -> Waves:
     """Return waves whose spacing follows from line to line where directions spread or meet.
 
     Lines neither begin nor end where div(k d) = 0, with the direction d and 2π/k the spacing. The
-    change u of log k is the least of ∫ (d·∇u + d·∇log k + div d)² + (u/distance)².
-
-    Args:
-        waves: Directions and phases per m.
-        weight: How much stripes count at each vertex, (n,), greater than 0.
-        distance: Distance in m over which spacings may be adapted.
-        spread: Largest factor by which they may be.
+    change u of log k is the least of ∫ (d·∇u + d·∇log k + div d)² + (u/distance)², with a weight
+    (n,) > 0 at vertices. Spacings change by a factor of `spread` at most.
     """
     mesh = waves.mesh
-    angle = waves.corner_angles()
-    double = np.exp(2j * angle).mean(axis=1)
-    middle = np.exp(1j * np.angle(double) / 2)
+    direction = np.exp(1j * waves.corner_angles())
+    middle = np.sqrt((direction**2).mean(axis=1))
     # Of both directions at a corner, that which fits the middle's.
-    sign = np.where((np.exp(1j * angle) * np.conj(middle)[:, None]).real >= 0, 1.0, -1.0)
-    direction = sign * np.exp(1j * angle)
-    # Gradient of the shape function of corner c: the opposite side, turned, over twice the area.
-    along = np.roll(mesh.corners, -2, axis=1) - np.roll(mesh.corners, -1, axis=1)
-    gradient = np.stack([-along[..., 1], along[..., 0]], axis=2) / (2 * mesh.areas)[:, None, None]
-    vector = np.stack([direction.real, direction.imag], axis=2)
-    diverging = np.einsum("tcx,tcx->t", gradient, vector)
-    mean = np.stack([middle.real, middle.imag], axis=1)
-    slope = np.einsum("tcx,tx->tc", gradient, mean)
-    count = len(mesh.areas)
-    rows = np.repeat(np.arange(count), 3)
-    shape = (count, mesh.size)
-    matrix = csc_array(coo_array((slope.ravel(), (rows, mesh.vertex.ravel())), shape=shape))
+    direction *= np.where((direction * np.conj(middle)[:, None]).real >= 0, 1.0, -1.0)
+    gradient = gradients(mesh.corners)
+    diverging = np.einsum("tcx,tcx->t", gradient, coordinates(direction))
+    slope = np.einsum("tcx,tx->tc", gradient, coordinates(middle / np.abs(middle)))
+    place = np.repeat(np.arange(len(slope)), 3), mesh.vertex.ravel()
+    matrix = csr_array((slope.ravel(), place), shape=(len(slope), mesh.size))
     wanted = -(diverging + matrix @ np.log(waves.number))
     heavy = diags_array(mesh.areas * weight[mesh.vertex].mean(axis=1))
-    mass = mesh.vertex_areas * weight
-    normal = matrix.T @ heavy @ matrix + diags_array(mass / distance**2)
-    change = _factor(normal).solve(matrix.T @ (heavy @ wanted))
+    mass = diags_array(mesh.vertex_areas * weight / distance**2)
+    change = spd_factor(matrix.T @ heavy @ matrix + mass).solve(matrix.T @ (heavy @ wanted))
     bound = np.log(spread)
-    change = bound * np.tanh(change / bound)
-    return Waves(mesh, waves.angle, waves.number * np.exp(change))
+    return Waves(mesh, waves.angle, waves.number * np.exp(bound * np.tanh(change / bound)))

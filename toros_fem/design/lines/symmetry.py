@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.design.lines.centre_lines import CentreLine
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.design.lines.centre_lines import CentreLine, Family
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.lines.stripes import Image, Waves
-from toros_fem.design.lines.transport import LineMesh, make_line_mesh
-from toros_fem.meshes.mirror import Mirrored, mirrored, plane_border
-from toros_fem.meshes.topology import half_edges
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh, in_plane, make_line_mesh
+from toros_fem.design.lines.stripes import Waves
+from toros_fem.meshes.mirror import mirrored, plane_border
+from toros_fem.meshes.triangles import half_edges
 
 # Pairs of families must fit better than each family fits its own image by this fraction.
 BETTER = 1e-3
@@ -32,126 +35,126 @@ class Symmetry:
         part: Line mesh of the part, with t triangles.
         whole: Line mesh of the whole, whose triangle b t + i is image b of triangle i.
         partner: Families by image, (2^a, K).
-        turns: Orthogonal matrix from the part's chart to that of each triangle, (2^a t, 2, 2).
     """
 
     part: LineMesh
     whole: LineMesh
     partner: Ints
-    turns: Floats
+
+    def by_image(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return values at corners of the whole, (2^a t, 3), as (2^a, t, 3), as in the part.
+
+        In mirror images, corners follow each other the other way round.
+        """
+        found = values.reshape(len(self.partner), -1, 3)
+        return np.where(self.odd, found[..., ::-1], found)
+
+    @cached_property
+    def odd(self) -> Bools:
+        """Whether each image is a mirror image, (2^a, 1, 1)."""
+        bits = (image.bit_count() for image in range(len(self.partner)))
+        return np.array([count % 2 == 1 for count in bits])[:, None, None]
+
+    @cached_property
+    def vertex(self) -> Ints:
+        """Vertex of the whole at each corner of each image, (2^a, t, 3)."""
+        return self.by_image(self.whole.vertex)
+
+    @cached_property
+    def places(self) -> Complexes:
+        """Each corner of each image, (2^a, t, 3)."""
+        return self.by_image(self.whole.flat)
+
+    @cached_property
+    def turn(self) -> Floats:
+        """Angle that is added to directions of the part in each image, (2^a, t, 1).
+
+        In mirror images it is added to minus the direction.
+        """
+        side = self.places[..., 1:2] - self.places[..., :1]
+        return np.asarray(np.angle(side / np.where(self.odd, np.conj(side[0]), side[0])))
 
     @property
-    def count(self) -> int:
-        """Number of triangles of the part."""
-        return len(self.part.cells)
+    def sign(self) -> Floats:
+        """Minus 1 for mirror images, (2^a, 1, 1)."""
+        return np.where(self.odd, -1.0, 1.0)
 
     def first(self, family: int) -> tuple[int, int]:
         """Return a family of the part and the image where it goes on as the given one.
 
         Of all families and images that would do, the first: lines need be found only once.
         """
-        images, families = np.nonzero(self.partner == family)
-        order = np.lexsort((images, families))[0]
-        return int(families[order]), int(images[order])
+        families, images = np.nonzero(np.equal(self.partner.T, family))
+        return int(families[0]), int(images[0])
 
     def of_whole(self, values: Floats, family: int) -> Floats:
         """Return values of a family's triangles on the whole, from those of the part, (t, K)."""
-        return np.concatenate([values[:, partner] for partner in self.partner[:, family]])
+        return values.T[self.partner[:, family]].ravel()
 
     def angles_of_whole(self, angles: Floats, family: int) -> Floats:
         """Return a family's directions on the whole, from those of the part, (t, K), in rad."""
-        angle = self.of_whole(angles, family)
-        way = np.einsum("tij,tj->ti", self.turns, np.stack([np.cos(angle), np.sin(angle)], axis=1))
-        return np.arctan2(way[:, 1], way[:, 0])
+        own = angles.T[self.partner[:, family], :, None]
+        return (self.sign * own + self.turn).ravel()
 
-    def images(self, waves: Waves, family: int) -> list[Image]:
-        """Return the symmetries of the whole that map a family to itself."""
-        found = []
-        corner_angle = waves.corner_angles()
-        for image in range(1, len(self.partner)):
-            if self.partner[image, family] != family:
-                continue
-            odd = image.bit_count() % 2 == 1
-            cell = self._moved(image)
-            there = self.whole.vertex[cell][:, ::-1] if odd else self.whole.vertex[cell]
-            vertex = np.empty(self.whole.size, dtype=np.int64)
-            vertex[self.whole.vertex] = there
-            angle = corner_angle[cell][:, ::-1] if odd else corner_angle[cell]
-            turn = self.turns[cell] @ self.turns.transpose(0, 2, 1)
-            way = np.stack([np.cos(corner_angle), np.sin(corner_angle)], axis=2)
-            moved = np.einsum("tij,tcj->tci", turn, way)
-            fit = moved[..., 0] * np.cos(angle) + moved[..., 1] * np.sin(angle)
+    def angles_of_part(self, angles: Floats) -> Floats:
+        """Return directions at the whole's corners, (2^a t, 3), in the part's charts, by image."""
+        return self.sign * (self.by_image(angles) - self.turn)
+
+    def symmetric(self, waves: Waves, family: int) -> Callable[[Complexes], Complexes]:
+        """Return what averages exp(i phase) at vertices, (n,), over the images of a family."""
+        images, angle = [], self.angles_of_part(waves.corner_angles())
+        for image in np.flatnonzero(self.partner[:, family] == family)[1:]:
+            moved = np.arange(len(angle)) ^ image
+            vertex, flips = np.empty(self.whole.size, np.int64), np.empty(self.whole.size, bool)
+            vertex[self.vertex] = self.vertex[moved]
             # The normal of a line turns against its direction in a mirror.
-            flips = np.zeros(self.whole.size, dtype=bool)
-            flips[self.whole.vertex] = (fit < 0) != odd
-            found.append(Image(vertex, flips))
-        return found
+            flips[self.vertex] = (np.cos(angle[moved] - angle) < 0) != self.odd[image]
+            images.append((vertex, flips))
+
+        def mean(z: Complexes) -> Complexes:
+            moved = (np.where(flips, np.conj(z[k]), z[k]) for k, flips in images)
+            return np.asarray(sum(moved, z) / (1 + len(images)))
+
+        return mean
 
     def side(self, waves: Waves, family: int) -> Floats:
         """Return the sign of a small phase, (n,), that moves a line off a plane, to image 0."""
-        side = np.ones(self.whole.size)
-        vertex, angle = self.whole.vertex, waves.corner_angles()
-        inward = self.whole.corners.mean(axis=1)[:, None] - self.whole.corners
-        normal = np.stack([-np.sin(angle), np.cos(angle)], axis=2)
-        sign = -np.sign(np.einsum("tcx,tcx->tc", inward, normal))
-        image = np.arange(len(vertex)) // self.count
-        for bit in (b for b in (1, 2, 4) if b < len(self.partner)):
-            if self.partner[bit, family] == family:
-                there = self.whole.vertex[self._moved(bit)][:, ::-1]
-                own = (vertex == there) & (image & bit == 0)[:, None]
-                side[vertex[own]] = np.where(sign[own] == 0, 1.0, sign[own])
+        inward = self.whole.flat.mean(axis=1, keepdims=True) - self.whole.flat
+        sign = self.by_image(-np.sign((np.exp(-1j * waves.corner_angles()) * inward).imag))
+        side, number = np.ones(self.whole.size), np.arange(len(sign))
+        for bit in (b for b in (1, 2, 4) if b < len(sign) and self.partner[b, family] == family):
+            own = (self.vertex == self.vertex[number ^ bit]) & (number & bit == 0)[:, None, None]
+            side[self.vertex[own]] = np.where(sign[own] == 0, 1.0, sign[own])
         return side
 
-    def _moved(self, image: int) -> Ints:
-        """Return the triangle that is the image of each triangle of the whole."""
-        cell = np.arange(len(self.whole.cells))
-        return (cell // self.count ^ image) * self.count + cell % self.count
+    def to_part(self, family: Family, image: int) -> Family:
+        """Return a family of the part from lines of the whole in an image."""
 
-    def restricted(self, lines: list[CentreLine], image: int) -> list[CentreLine]:
-        """Return the pieces of lines in an image, moved to the part."""
-        found = []
-        for line in lines:
-            inside = line.cell // self.count == image
-            cells, points = line.cell, line.points
-            if line.closed and not inside.all():
-                begin = int(np.argmin(inside))
-                cells, points = np.roll(cells, -begin), np.roll(points, -begin, axis=0)
-                inside = np.roll(inside, -begin)
-            first = np.flatnonzero(np.diff(inside.astype(int), prepend=0) == 1)
-            last = np.flatnonzero(np.diff(inside.astype(int), append=0) == -1)
-            for a, b in zip(first, last + 1, strict=True):
-                closed = line.closed and bool(inside.all())
-                found.append(CentreLine(*self._to_part(cells[a:b], points[a:b]), closed))
-        return found
+        def moved(values: Floats) -> Floats:
+            found = np.empty(self.part.size)
+            found[self.part.vertex] = values[self.vertex[image]]
+            return found
 
-    def _to_part(self, cells: Ints, points: Floats) -> tuple[Ints, Floats]:
-        own = cells % self.count
-        odd = np.array([int(b).bit_count() % 2 for b in cells // self.count])
-        here = self.whole.corners[cells]
-        here = np.where(odd[:, None, None] == 1, here[:, ::-1], here)
-        there = self.part.corners[own]
-        away = np.einsum("kji,kej->kei", self.turns[cells], points - here[:, :1])
-        return own, there[:, :1] + away
+        least, largest = family.bounds
+        lines = [piece for line in family.lines for piece in self._pieces(line, image)]
+        angles = self.angles_of_part(family.angles)[image]
+        spacing, radius, largest = map(moved, (family.spacing, family.radius, largest))
+        return Family(family.width, lines, angles, spacing, radius, (least, largest))
 
-    def vertices_to_part(self, values: Floats, image: int) -> Floats:
-        """Return values at the part's vertices from those of the whole at an image of them."""
-        found = np.empty(self.part.size)
-        found[self.part.vertex] = values[self._corners(image)]
-        return found
-
-    def angles_to_part(self, waves: Waves, image: int) -> Floats:
-        """Return directions at the corners of the part, (t, 3), from those at an image of it."""
-        cells = np.arange(self.count) + image * self.count
-        angle = waves.corner_angles()[cells]
-        angle = angle[:, ::-1] if image.bit_count() % 2 else angle
-        way = np.stack([np.cos(angle), np.sin(angle)], axis=2)
-        back = np.einsum("tji,tcj->tci", self.turns[cells], way)
-        return np.arctan2(back[..., 1], back[..., 0])
-
-    def _corners(self, image: int) -> Ints:
-        cells = np.arange(self.count) + image * self.count
-        vertex = self.whole.vertex[cells]
-        return vertex[:, ::-1] if image.bit_count() % 2 else vertex
+    def _pieces(self, line: CentreLine, image: int) -> list[CentreLine]:
+        """Return the pieces of a line in an image, moved to the part."""
+        inside, cells = np.divmod(line.cell, len(self.part.cells))
+        inside = inside == image
+        away = line.places - self.places[image, cells, :1]
+        away = away * np.exp(-1j * self.turn[image, cells])
+        places = self.places[0, cells, :1] + (np.conj(away) if self.odd[image] else away)
+        if inside.all():
+            return [CentreLine(cells, places, line.ends)]
+        if line.closed:
+            begin = -int(np.argmin(inside))
+            inside, cells, places = (np.roll(x, begin, axis=0) for x in (inside, cells, places))
+        change = np.flatnonzero(np.diff(inside.astype(int), prepend=0, append=0))
+        return [CentreLine(cells[a:b], places[a:b]) for a, b in change.reshape(-1, 2)]
 
 
 def make_symmetry(
@@ -159,101 +162,61 @@ def make_symmetry(
 ) -> Symmetry:
     """Return how families of lines go on across symmetry planes.
 
-    Families are paired so that their directions and shares fit at the planes; they must have the
-    same width.
-
-    Args:
-        field: Families on the part.
-        free: Triangles of the part that may carry lines, in ascending order.
-        planes: Symmetry planes at which it is cut, as of `mirrored`.
-        widths: Width asked of each family, in m.
+    Families of the same width are paired so that their directions and shares fit at the planes,
+    at which the part is cut as of `mirrored`. Triangles that may carry lines are `free`.
     """
-    pattern = field.pattern
-    active = np.zeros(len(pattern.panel), dtype=bool)
-    active[free] = True
-    part = make_line_mesh(pattern, active)
-    image = mirrored(pattern, planes)
-    whole = make_line_mesh(image.pattern, active[image.cell]) if len(planes) else part
-    return Symmetry(
-        part,
-        whole,
-        _partners(field, active, planes, widths),
-        _turns(image, whole, pattern.flat_points),
-    )
-
-
-def _turns(image: Mirrored, whole: LineMesh, origin: Floats) -> Floats:
-    """Return the orthogonal matrix from the part's chart to that of each triangle of the whole."""
-    corner = image.pattern.flat_triangles[whole.cells]
-    part = origin[image.flat[corner]]
-    here = whole.corners
-    a = np.stack([here[:, 1] - here[:, 0], here[:, 2] - here[:, 0]], axis=2)
-    b = np.stack([part[:, 1] - part[:, 0], part[:, 2] - part[:, 0]], axis=2)
-    turn = a @ np.linalg.inv(b)
-    # Rounding: the nearest orthogonal matrix.
-    u, _, v = np.linalg.svd(turn)
-    return np.asarray(u @ v)
+    active: Bools = np.isin(np.arange(len(field.pattern.panel)), free)
+    part = whole = make_line_mesh(field.pattern, active)
+    if planes:
+        image = mirrored(field.pattern, planes)
+        whole = make_line_mesh(image.pattern, active[image.cell])
+    return Symmetry(part, whole, _partners(field, active, planes, widths))
 
 
 def _partners(
-    field: LineField, active: Floats, planes: Sequence[int], widths: Sequence[float]
+    field: LineField, active: Bools, planes: Sequence[int], widths: Sequence[float]
 ) -> Ints:
     """Return the family that each one goes on as in each image, (2^a, K)."""
-    families = field.families
+    own = range(field.families)
     costs = [_misfit(field, active, axis, widths) for axis in planes]
-    best: tuple[tuple[int, ...], ...] = tuple(tuple(range(families)) for _ in planes)
-    least = sum(_cost(cost, own) for cost, own in zip(costs, best, strict=True))
-    for choice in product(_involutions(list(range(families))), repeat=len(planes)):
-        commute = all(
-            [one[k] for k in two] == [two[k] for k in one] for one in choice for two in choice
-        )
-        cost = sum(_cost(cost, own) for cost, own in zip(costs, choice, strict=True))
-        if commute and cost < (1 - BETTER) * least:
-            best, least = choice, cost
-    partner = np.tile(np.arange(families), (2 ** len(planes), 1))
-    for image in range(len(partner)):
-        for bit, own in enumerate(best):
-            if image >> bit & 1:
-                partner[image] = np.array(own)[partner[image]]
+
+    def cost(choice: Sequence[Sequence[int]]) -> float:
+        return float(sum(each[own, pairs].sum() for each, pairs in zip(costs, choice, strict=True)))
+
+    pairings = [[pairs[k] for k in own] for pairs in _pairings(list(own))]
+    best: Sequence[Sequence[int]] = [tuple(own)] * len(planes)
+    for choice in product(pairings, repeat=len(planes)):
+        commute = all(one[two[k]] == two[one[k]] for one in choice for two in choice for k in own)
+        if commute and cost(choice) < (1 - BETTER) * cost(best):
+            best = choice
+    partner = np.tile(own, (2 ** len(planes), 1))
+    for image, bit in product(range(len(partner)), range(len(planes))):
+        if image >> bit & 1:
+            partner[image] = np.array(best[bit])[partner[image]]
     return partner
 
 
-def _cost(cost: Floats, partner: Sequence[int]) -> float:
-    return float(sum(cost[k, other] for k, other in enumerate(partner)))
-
-
-def _involutions(items: list[int]) -> Iterator[tuple[int, ...]]:
+def _pairings(left: list[int]) -> Iterator[dict[int, int]]:
     """Yield all ways to pair items with each other or with themselves."""
-    if not items:
-        yield ()
-        return
-
-    def pairs(left: list[int]) -> Iterator[dict[int, int]]:
-        if not left:
-            yield {}
-            return
-        one, rest = left[0], left[1:]
-        for other in left:
-            for found in pairs([k for k in rest if k != other]):
-                yield {**found, one: other, other: one}
-
-    for found in pairs(items):
-        yield tuple(found[k] for k in items)
+    if not left:
+        yield {}
+    for other in left:
+        for found in _pairings([k for k in left[1:] if k != other]):
+            yield {**found, left[0]: other, other: left[0]}
 
 
-def _misfit(field: LineField, active: Floats, axis: int, widths: Sequence[float]) -> Floats:
+def _misfit(field: LineField, active: Bools, axis: int, widths: Sequence[float]) -> Floats:
     """Return how badly each family fits the mirror image of each other one at a plane, (K, K)."""
     pattern = field.pattern
     half = plane_border(pattern, axis)
     half = half[active[half // 3]]
-    ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
+    ends = in_plane(pattern.flat_points[half_edges(pattern.flat_triangles)[half]])
     along = ends[:, 1] - ends[:, 0]
-    length, mirror = np.hypot(*along.T), np.arctan2(along[:, 1], along[:, 0])
     share, angle = field.shares[half // 3], field.angles[half // 3]
-    image = 2 * mirror[:, None] - angle
+    image = 2 * np.angle(along)[:, None] - angle
     off = np.sin(angle[:, :, None] - image[:, None, :]) ** 2
     kink = off * share[:, :, None] * share[:, None, :]
     other = (share[:, :, None] - share[:, None, :]) ** 2 / 4
-    cost = np.einsum("k,kij->ij", length, kink + other)
+    cost = np.einsum("k,kij->ij", np.abs(along), kink + other)
     width = np.asarray(widths)
     return np.where(width[:, None] == width, cost, np.inf)

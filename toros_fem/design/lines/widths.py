@@ -13,8 +13,8 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.design.lines.laid_lines import Drawing
-from toros_fem.design.lines.transport import LineMesh
+from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.line_mesh import LineMesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
 
@@ -26,6 +26,8 @@ SHIFT = -0.1
 class WidthChanges:
     """Relative changes of the widths of lines: each is one family's, by one smooth function.
 
+    A line that is wider by a fraction is as stiff as one whose density is larger by it.
+
     Attributes:
         functions: Functions at the vertices of the lines' mesh, (n, m), of mean square 1.
         vertices: Vertices of the line mesh's triangle at each triangle of the print's, (t, 3).
@@ -36,84 +38,62 @@ class WidthChanges:
     vertices: Ints
     under: Bools
 
-    def densities(self, cells: Ints, free: Bools) -> list[Floats]:
-        """Return the changes in stiffness of triangles, as changes of their density.
-
-        Args:
-            cells: Triangles of the print's mesh.
-            free: Whether the width of each family may change at each vertex, (K, n).
-        """
-        rows: list[Floats] = []
-        for k, may in enumerate(free):
-            for function in self.functions.T:
-                alone = np.zeros(free.shape)
-                alone[k] = function * may
-                rows.append(self.density(cells, alone))
-        return rows
-
-    def density(self, cells: Ints, change: Floats) -> Floats:
-        """Return the change in stiffness of triangles, as a change of their density.
-
-        A line that is wider by a fraction is as stiff as one whose density is larger by it.
-
-        Args:
-            cells: Triangles of the print's mesh.
-            change: Relative change of the width of each family at each vertex, (K, n).
-        """
-        at_cells = change[:, self.vertices[cells]].mean(axis=2)
-        return np.asarray((at_cells * self.under[:, cells]).sum(axis=0))
-
     def change(self, amounts: Floats) -> Floats:
         """Return the relative change of the width of each family at each vertex, (K, n).
 
         Args:
-            amounts: How much of each change, (K m,).
+            amounts: How much of each function, family by family, (K m,).
         """
         return np.asarray(amounts.reshape(len(self.under), -1) @ self.functions.T)
 
+    def density(self, cells: Ints, change: Floats) -> Floats:
+        """Return what changes (K, n) are in densities of triangles of the print's mesh."""
+        at_cells = change[:, self.vertices[cells]].mean(axis=2)
+        return np.asarray((at_cells * self.under[:, cells]).sum(axis=0))
+
+    def densities(self, cells: Ints, free: Bools) -> list[Floats]:
+        """Return the same of each function of each family, where its width may change, (K, n)."""
+        units = np.eye(len(free))[:, :, None]
+        return [
+            self.density(cells, unit * may * function)
+            for unit, may in zip(units, free, strict=True)
+            for function in self.functions.T
+        ]
+
 
 def width_changes(
-    drawing: Drawing,
-    pattern: Pattern,
-    under: Sequence[Sequence[BaseGeometry]],
-    functions: int,
+    mesh: LineMesh, pattern: Pattern, under: Sequence[Sequence[BaseGeometry]], functions: int
 ) -> WidthChanges:
     """Return smooth changes of the widths of lines, and what they change on the mesh of a print.
 
-    The functions are the first eigenfunctions of the Laplacian on the lines' mesh.
-
     Args:
-        drawing: The lines.
+        mesh: The lines' mesh.
         pattern: The pattern of the print, with the same panels.
         under: Region under each family on each panel of it, in m.
-        functions: Number of functions.
+        functions: Number of smooth functions.
     """
-    mesh, source = drawing.mesh, drawing.mesh.pattern
+    source = mesh.pattern
     points = scaled_points(source, pattern)[source.flat_triangles[mesh.cells]].mean(axis=1)
     middles = pattern.corners.mean(axis=1)
-    nearest = np.empty(len(middles), dtype=np.int64)
+    # A panel without lines changes nothing, whatever the triangle.
+    nearest = np.zeros(len(middles), dtype=np.int64)
     covered = np.zeros((len(under), len(middles)), dtype=bool)
     for panel, name in enumerate(pattern.panel_names):
         here = pattern.cells_of(name)
         there = np.flatnonzero(source.panel[mesh.cells] == source.panel_index(name))
-        # A panel without lines changes nothing, whatever the triangle.
-        nearest[here] = there[cKDTree(points[there]).query(middles[here])[1]] if len(there) else 0
+        if len(there):
+            nearest[here] = there[cKDTree(points[there]).query(middles[here])[1]]
         for family, regions in enumerate(under):
             shapely.prepare(regions[panel])
             covered[family, here] = shapely.contains_xy(regions[panel], *middles[here].T)
     return WidthChanges(smooth_functions(mesh, functions), mesh.vertex[nearest], covered)
 
 
-def within_bounds(drawing: Drawing, change: Floats) -> Floats:
-    """Return relative changes of widths, (K, n), cut off where widths would leave their bounds.
-
-    Args:
-        drawing: The lines.
-        change: Logarithms of factors on the widths, (K, n).
-    """
+def within_bounds(lines: LaidLines, change: Floats) -> Floats:
+    """Return logarithms of factors on widths, (K, n), cut off where widths leave their bounds."""
     found = [
         np.log(np.clip(np.exp(own) * family.radius, *family.bounds) / family.radius)
-        for family, own in zip(drawing.families, change, strict=True)
+        for family, own in zip(lines.families, change, strict=True)
     ]
     return np.array(found)
 
@@ -121,16 +101,13 @@ def within_bounds(drawing: Drawing, change: Floats) -> Floats:
 def smooth_functions(mesh: LineMesh, number: int) -> Floats:
     """Return the first eigenfunctions of the Laplacian at vertices, (n, number), of mean square 1.
 
-    Args:
-        mesh: Any line mesh.
-        number: Number of functions; on a small mesh there are fewer.
+    On a small mesh there are fewer.
     """
-    number = min(number, mesh.size - 2)
     area = float(mesh.vertex_areas.sum())
     start = np.random.default_rng(0).uniform(0.5, 1.5, mesh.size)  # any: results are repeatable
     _, found = eigsh(
-        mesh.laplacian,
-        number,
+        mesh.laplacian(mesh.weights),
+        min(number, mesh.size - 2),
         M=csc_array(diags_array(mesh.vertex_areas)),
         sigma=SHIFT / area,
         v0=start,

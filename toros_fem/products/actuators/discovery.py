@@ -115,7 +115,7 @@ class Discovery:
                 "families": [
                     {
                         "width_mm": 1e3 * f.width,
-                        "lines": f.lines,
+                        "lines": len(f.lines),
                         "length_mm": 1e3 * f.length,
                         "share": f.share,
                         "laid": f.laid,
@@ -325,7 +325,7 @@ def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round)
         for m in metrics
         if m.target is not None and made.metrics
     ]
-    lines = sum(f.lines for f in made.laid.families)
+    lines = sum(len(f.lines) for f in made.laid.families)
     found = "no equilibrium" if made.failure else "; ".join(parts)
     widths = " of other widths" if made.widened else ""
     print_line(f"round {number}: {lines} lines{widths}, as printed {found}")

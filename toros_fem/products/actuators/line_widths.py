@@ -38,15 +38,15 @@ def mended_widths(made: LinePrint, lines: LaidLines, aims: Mapping[str, Aim]) ->
         lines: The lines.
         aims: Targets of its metrics, by key.
     """
-    problem, evaluation, drawing = made.problem, made.printed.evaluation, lines.drawing
-    if drawing is None or evaluation is None or not aims:
+    problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
+    if mesh is None or evaluation is None or not aims:
         return None
     comm, metrics = problem.comm, made.metrics
     pattern, cells = problem.skin.pattern, problem.skin.owned_cells
 
     def changes_there() -> WidthChanges:
-        under = [regions_on(lines.pattern, regions, pattern) for regions in lines.under]
-        return width_changes(drawing, pattern, under, FUNCTIONS)
+        under = [regions_on(lines.pattern, family.under, pattern) for family in lines.families]
+        return width_changes(mesh, pattern, under, FUNCTIONS)
 
     changes = on_first_rank(comm, changes_there)
     scales = np.array([aim.scale for aim in aims.values()])
@@ -56,7 +56,7 @@ def mended_widths(made: LinePrint, lines: LaidLines, aims: Mapping[str, Aim]) ->
         found = problem.metric_derivatives(evaluation, densities)
         return np.array([found[key] for key in aims]) / scales[:, None]
 
-    free: Bools = np.ones((len(drawing.families), drawing.mesh.size), dtype=bool)
+    free: Bools = np.ones((len(lines.families), mesh.size), dtype=bool)
     amounts = np.zeros(len(free) * changes.functions.shape[1])
     promised: Floats = np.zeros(len(aims))
     for _ in range(PASSES):
@@ -65,7 +65,7 @@ def mended_widths(made: LinePrint, lines: LaidLines, aims: Mapping[str, Aim]) ->
         largest = float(np.abs(changes.change(amounts)).max())
         amounts *= min(1.0, np.log1p(LARGEST) / max(largest, 1e-12))
         wanted = changes.change(amounts)
-        change = within_bounds(drawing, wanted)
+        change = within_bounds(lines, wanted)
         promised = rates([changes.density(cells, change)])[:, 0]
         left = float(np.abs(missing - promised).max() / np.abs(missing).max())
         if left < ENOUGH:

@@ -14,7 +14,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.length_scale import LengthScale
-from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.regularisation import Regularisation

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import turned_halves
 from mpi4py import MPI
 
-from toros_fem.design.lines.transport import LineMesh, make_line_mesh
+from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import rectangle
@@ -18,7 +18,7 @@ def test_a_direction_is_the_same_in_all_charts(degrees: float) -> None:
     pattern = turned_halves(degrees)
     mesh = whole(pattern)
     angle = np.radians(20.0 + degrees * pattern.panel)
-    double = mesh.smooth_directions(mesh.double_angles(angle, np.ones(len(angle))), 8e-3)
+    double = mesh.smoother(8e-3, turned=True)(mesh.double_angles(angle, np.ones(len(angle))))
     found = np.angle(double)[mesh.vertex] / 2 + mesh.turn
     assert np.abs(np.sin(found - angle[:, None])).max() < 1e-12
     assert np.allclose(np.abs(double), 1.0, atol=1e-12)
@@ -27,10 +27,10 @@ def test_a_direction_is_the_same_in_all_charts(degrees: float) -> None:
 def test_a_mean_keeps_the_integral() -> None:
     mesh = whole(turned_halves(60.0))
     values = np.random.default_rng(0).random(mesh.size)
-    smooth = mesh.smooth(values, 5e-3)
+    smooth = mesh.smoother(5e-3)(values)
     assert mesh.vertex_areas @ smooth == pytest.approx(mesh.vertex_areas @ values, rel=1e-12)
     assert np.std(smooth) < 0.2 * np.std(values)
-    assert np.array_equal(mesh.smooth(values, None), values)
+    assert np.array_equal(mesh.smoother(None)(values), values)
 
 
 def test_fans_that_share_a_point_are_apart() -> None:
