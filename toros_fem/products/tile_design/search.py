@@ -139,15 +139,11 @@ class _Search:
         self, problem: TileProblem, tile: Tile
     ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
         """Return the two best starts and all trials; one that reaches the target is the last."""
-        first = self.design.seed
         found, trials = [], []
-        seeds = range(first, first + self.design.starts)
-        for seed, kind, result in _solved(
-            partial(self._tried, problem, tile, seed, ("lines", "waves")[(seed - first) % 2])
-            for seed in seeds
-        ):
+        starts = (partial(self._tried, problem, tile, k) for k in range(self.design.starts))
+        for number, kind, result in _solved(starts):
             rating, made = self.rated(problem, tile, result)
-            found.append((rating, seed, made.clean, result))
+            found.append((rating, number, made.clean, result))
             flaws = len(made.island_areas), made.narrow_places
             trials.append(Trial(kind, result.final.objective, *flaws))
             if rating <= (self.rules.target_objective or -np.inf):
@@ -158,12 +154,13 @@ class _Search:
         return [one[-1] for one in (best, *others[:1])], tuple(trials)
 
     def _tried(
-        self, problem: TileProblem, tile: Tile, seed: int, kind: str
+        self, problem: TileProblem, tile: Tile, number: int
     ) -> tuple[int, str, DesignResult]:
+        """Return the number of a start, its kind, and the design after its first steps."""
+        seed, kind = self.design.seed + number, ("lines", "waves")[number % 2]
         start = None if kind == "waves" else self._lines(problem, tile, seed)
-        count = self.design.trial_iterations
-        steps = [(count, 1), (count, DRAFT_BETA)]
-        return seed, kind, self.optimized(problem, steps, start=start, seed=seed)
+        steps = [(self.design.trial_iterations, factor) for factor in (1, DRAFT_BETA)]
+        return number, kind, self.optimized(problem, steps, start=start, seed=seed)
 
     def _lines(self, problem: TileProblem, tile: Tile, seed: int) -> Floats:
         """Return the best of several random pairs of families of lines at owned triangles."""
@@ -209,10 +206,8 @@ class _Search:
             if last.profile is None:
                 return None
             asked = _corrected(target, last.result.final.equilibrium, last.profile)
-            asking, steps = (
-                problem.changed(objective=asked),
-                [(design.correction_iterations, None)],
-            )
+            asking = problem.changed(objective=asked)
+            steps = [(design.correction_iterations, None)]
             found = self.optimized(asking, steps, goal, after=last.result)
             return simulation.simulate(problem, found)
 
