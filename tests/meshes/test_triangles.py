@@ -1,5 +1,7 @@
 """Edges, fans, regions and angles on small meshes whose answers are known."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers import surfaces
@@ -94,7 +96,7 @@ def test_spd_factor(kind: type) -> None:
     half = rng.normal(size=(20, 20)) + (
         1j * rng.normal(size=(20, 20)) if kind is np.complex128 else 0
     )
-    matrix = (half @ half.conj().T + np.eye(20)).astype(kind)
-    right = rng.normal(size=20).astype(kind)
+    matrix: Any = (half @ half.conj().T + np.eye(20)).astype(kind)
+    right: Any = rng.normal(size=20).astype(kind)
     found = spd_factor(csc_array(matrix)).solve(right)
     assert matrix @ found == pytest.approx(right, abs=1e-9)

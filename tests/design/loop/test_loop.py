@@ -149,6 +149,13 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
     assert result.final.objective == result.history[-1].objective
 
 
+def test_a_reason_counts_the_steps_of_its_stage(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    result = optimize(make_problem(short_tube, short_solver), [Stage(1), Stage(2)], seed=3)
+    assert result.reason == "All 2 iterations are done."
+
+
 def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     problem = make_problem(short_tube, short_solver)
     stages = [Stage(2, beta=beta) for beta in (2.0, 4.0, 8.0)]

@@ -280,7 +280,7 @@ class DesignProblem(Generic[R]):
             nominal = self.physics.respond(patterns[0], start, pressure, trial=trial)
             # Variants differ little from the nominal pattern, far less than that from the last one.
             given = nominal.state, nominal.pressures
-            others = zip(self._variant_physics, patterns[1:], strict=False)
+            others = zip(self.every_physics[1:], patterns[1:], strict=False)
             return nominal, *(p.respond(other, *given, trial=trial) for p, other in others)
 
         return self.told(density, filtered, patterns[0], respond, begin)
@@ -318,13 +318,9 @@ class DesignProblem(Generic[R]):
         return shape, self.robust.spread(self.objective, *seen)
 
     @property
-    def _variant_physics(self) -> tuple[Physics[R], ...]:
-        return () if self.robust is None else self.robust.physics
-
-    @property
     def every_physics(self) -> tuple[Physics[R], ...]:
         """Physics of the nominal pattern, then of the variants."""
-        return self.physics, *self._variant_physics
+        return self.physics, *(() if self.robust is None else self.robust.physics)
 
     def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Complete a trial, so that it can be differentiated (collective).
