@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.snap import MovingMesh, least_angles
-from toros_fem.meshes.topology import edges_of
+from toros_fem.meshes.triangles import edges_of
 
 # A corner of a border moves by at most this multiple of the border's own way.
 LONGEST = 2.0

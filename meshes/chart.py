@@ -13,7 +13,7 @@ from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
 from toros_fem.meshes.distortion import triangle_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
 from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO
-from toros_fem.meshes.topology import (
+from toros_fem.meshes.triangles import (
     angle_defects,
     corner_angles,
     edges_of,

@@ -9,7 +9,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.topology import (
+from toros_fem.meshes.triangles import (
     Edges,
     angle_defects,
     connected_regions,

@@ -14,7 +14,7 @@ from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.mirror import first_chain, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import edges_of, half_edges, lengths
+from toros_fem.meshes.triangles import edges_of, half_edges, lengths
 
 # Largest distance between a symmetric surface and its mirror image over the mean edge length: two
 # meshes of one round surface are apart by the sagitta of their edges.

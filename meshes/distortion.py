@@ -8,7 +8,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import corner_angles
+from toros_fem.meshes.triangles import corner_angles
 
 
 @dataclass(frozen=True, eq=False)

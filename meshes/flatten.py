@@ -9,7 +9,7 @@ from scipy.sparse.linalg import splu
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError
-from toros_fem.meshes.topology import edges_of, half_edges, lengths
+from toros_fem.meshes.triangles import edges_of, half_edges, lengths
 
 ROUNDS = 500
 

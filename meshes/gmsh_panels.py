@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.meshes.topology import flat_areas
 from toros_fem.meshes.triangle_limit import require_affordable
+from toros_fem.meshes.triangles import flat_areas
 
 
 def polygon_meshes(

@@ -13,7 +13,7 @@ from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
-from toros_fem.meshes.topology import half_edges, linked
+from toros_fem.meshes.triangles import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6

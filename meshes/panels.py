@@ -9,7 +9,7 @@ from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.chart import Chart, ChartError, lay_flat
 from toros_fem.meshes.regions import halves
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Edges, between, connected_regions, edges_of, lengths, normals
+from toros_fem.meshes.triangles import Edges, between, connected_regions, edges_of, lengths, normals
 
 Panels = list[tuple[Ints, Chart]]
 """Triangles of the surface in each panel, and the panel laid flat."""

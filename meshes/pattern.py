@@ -27,7 +27,7 @@ from toros_fem.base.validation import (
     shown,
     whole_numbers,
 )
-from toros_fem.meshes.topology import (
+from toros_fem.meshes.triangles import (
     Edges,
     chart_turns,
     clashing,

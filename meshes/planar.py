@@ -15,8 +15,8 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
 from toros_fem.base.validation import is_number, real_numbers, require_between, shown
 from toros_fem.meshes.gmsh_panels import polygon_meshes
-from toros_fem.meshes.topology import coincident, edges_of, half_edges
 from toros_fem.meshes.triangle_limit import require_affordable
+from toros_fem.meshes.triangles import coincident, edges_of, half_edges
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 

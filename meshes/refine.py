@@ -8,8 +8,8 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import edges_of
 from toros_fem.meshes.triangle_limit import require_fewer
+from toros_fem.meshes.triangles import edges_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,13 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.meshes.topology import connected_regions, dihedral_angles, edges_of, lengths, normals
+from toros_fem.meshes.triangles import (
+    connected_regions,
+    dihedral_angles,
+    edges_of,
+    lengths,
+    normals,
+)
 
 # A region smaller than this fraction of the surface is merged with a neighbour.
 SMALLEST = 0.01

@@ -6,7 +6,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.surface import Repairs
-from toros_fem.meshes.topology import coincident, edge_keys, edges_of, normals, shapes
+from toros_fem.meshes.triangles import coincident, edge_keys, edges_of, normals, shapes
 
 # Vertices closer than this fraction of the bounding box's diagonal are merged.
 COINCIDENT = 1e-7

@@ -17,7 +17,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PanelError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import edges_of, normals
+from toros_fem.meshes.triangles import edges_of, normals
 
 # No triangle gets an angle below this, unless it had a smaller one, in rad.
 LEAST_ANGLE = np.radians(18.0)

@@ -14,7 +14,7 @@ from toros_fem.base.errors import (
     SurfaceError,
 )
 from toros_fem.base.validation import checked_names, real_numbers, whole_numbers
-from toros_fem.meshes.topology import (
+from toros_fem.meshes.triangles import (
     clashing,
     connected_regions,
     edges_of,

@@ -15,7 +15,7 @@ from toros_fem.base.validation import checked_path, real_numbers, require_count,
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import remove_thin, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
-from toros_fem.meshes.topology import edge_keys, edges_of, normals, surface_components
+from toros_fem.meshes.triangles import edge_keys, edges_of, normals, surface_components
 
 FORMATS = "STL, OBJ, PLY, MSH or XDMF"
 READ = ("triangle", "quad", "line")

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import flat_areas
+from toros_fem.meshes.triangles import flat_areas
 
 # Largest relative difference in size of a panel on two meshes; a round outline that is a polygon
 # of six sides on one of them is smaller by 17 % in its area and by 13 % in its width.

@@ -21,7 +21,7 @@ from toros_fem.meshes.panels import flat_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Edges, between, edge_keys, edges_of
+from toros_fem.meshes.triangles import Edges, between, edge_keys, edges_of
 
 AUTOMATIC = "auto"
 

@@ -36,7 +36,7 @@ from toros_fem.meshes import (
 )
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.sheet import KINDS
-from toros_fem.meshes.topology import flat_areas
+from toros_fem.meshes.triangles import flat_areas
 
 ALONE = MPI.COMM_SELF
 FEW = settings(

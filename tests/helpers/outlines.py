@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toros_fem.meshes import Pattern, plane_centroids
-from toros_fem.meshes.topology import edges_of
+from toros_fem.meshes.triangles import edges_of
 
 
 def volume(pattern: Pattern, positions: np.ndarray | None = None) -> float:

@@ -6,7 +6,7 @@ from helpers import surfaces
 
 from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.chart import ChartError, lay_flat
-from toros_fem.meshes.topology import flat_areas
+from toros_fem.meshes.triangles import flat_areas
 
 
 def test_slivers_are_named() -> None:

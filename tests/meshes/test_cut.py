@@ -8,7 +8,7 @@ from helpers import surfaces
 
 from toros_fem.meshes import Surface
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
-from toros_fem.meshes.topology import edge_keys, edges_of, lengths
+from toros_fem.meshes.triangles import edge_keys, edges_of, lengths
 
 
 @pytest.mark.parametrize(("make", "chi"), [(surfaces.sphere, 2), (surfaces.torus, 0)])

@@ -17,7 +17,7 @@ from toros_fem.meshes.cut_at_planes import (
     straightened,
 )
 from toros_fem.meshes.surface import Surface, volume
-from toros_fem.meshes.topology import shapes
+from toros_fem.meshes.triangles import shapes
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from helpers import surfaces
 
 from toros_fem.meshes.cut import cut_open
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
-from toros_fem.meshes.topology import corner_angles, edges_of
+from toros_fem.meshes.triangles import corner_angles, edges_of
 
 
 @pytest.mark.parametrize("method", ["abf", "lscm"])

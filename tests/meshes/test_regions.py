@@ -5,7 +5,7 @@ import pytest
 from helpers import surfaces
 
 from toros_fem.meshes.regions import crease_regions
-from toros_fem.meshes.topology import normals
+from toros_fem.meshes.triangles import normals
 
 
 def test_a_small_region_joins_the_neighbour_with_the_longest_border() -> None:

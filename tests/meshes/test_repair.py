@@ -11,7 +11,7 @@ from mpi4py import MPI
 from toros_fem.meshes import read_surface
 from toros_fem.meshes.repair import remove_thin, weld
 from toros_fem.meshes.surface import Repairs
-from toros_fem.meshes.topology import edges_of, shapes
+from toros_fem.meshes.triangles import edges_of, shapes
 
 
 def test_needles_and_caps_are_repaired(alone: MPI.Comm, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
 from toros_fem.meshes.snap import LEAST_ANGLE, snapped
-from toros_fem.meshes.topology import corner_angles
+from toros_fem.meshes.triangles import corner_angles
 
 NOTHING = shapely.Polygon()
 RADIUS = 0.01

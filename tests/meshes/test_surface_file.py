@@ -18,7 +18,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.meshes import read_surface, unwrap
 from toros_fem.meshes.surface import volume
-from toros_fem.meshes.topology import edges_of
+from toros_fem.meshes.triangles import edges_of
 
 FORMATS: dict[str, dict[str, Any]] = {
     "stl": {"file_format": "stl", "binary": True},

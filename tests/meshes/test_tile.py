@@ -7,7 +7,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import PatternError
 from toros_fem.meshes import SYMMETRIES, Tile, tile
 from toros_fem.meshes.tile import KINDS
-from toros_fem.meshes.topology import edge_keys
+from toros_fem.meshes.triangles import edge_keys
 
 SIZE = (0.03, 0.02)
 SQUARE = 0.02

@@ -5,7 +5,7 @@ import pytest
 
 from toros_fem.meshes import SYMMETRIES
 from toros_fem.meshes.tile_symmetry import check_symmetry, unstructured
-from toros_fem.meshes.topology import flat_areas
+from toros_fem.meshes.triangles import flat_areas
 
 
 def test_symmetries_are_groups_with_the_identity_first() -> None:

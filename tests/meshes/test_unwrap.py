@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import Surface, unwrap
-from toros_fem.meshes.topology import lengths
+from toros_fem.meshes.triangles import lengths
 
 
 def lengths_kept(surface: Surface, flat: np.ndarray, corners: np.ndarray) -> float:

@@ -6,7 +6,7 @@ from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes
 from toros_fem.design.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import disc, rectangle
-from toros_fem.meshes.topology import following
+from toros_fem.meshes.triangles import following
 
 SPACING = 5e-3
 

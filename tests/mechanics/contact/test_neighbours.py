@@ -18,7 +18,7 @@ from toros_fem.mechanics.contact.neighbours import (
 )
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle
-from toros_fem.meshes.topology import edges_of, lengths
+from toros_fem.meshes.triangles import edges_of, lengths
 
 SIZES = ContactSizes(5e-4, 2.5e-4, 1e5, 1e-4)
 COMM = MPI.COMM_SELF

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_mesh, rigid_sphere
-from toros_fem.meshes.topology import edges_of, lengths, shapes
+from toros_fem.meshes.triangles import edges_of, lengths, shapes
 
 CENTRE = (0.1, -0.2, 0.3)
 

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.lines.stripes import Stripes
 from toros_fem.design.lines.transport import LineMesh
-from toros_fem.meshes.topology import chart_turns, following
+from toros_fem.meshes.triangles import chart_turns, following
 
 # Steps shorter than this fraction of an edge count as that long.
 SHORT = 1e-5

@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.transport import LineMesh
 from toros_fem.meshes.mirror import plane_border
-from toros_fem.meshes.topology import chart_turns, following
+from toros_fem.meshes.triangles import chart_turns, following
 
 OPEN, LINE, BORDER, PRINTED, PLANE = "open", "line", "border", "printed", "plane"
 

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.lines.transport import Complexes, LineMesh
-from toros_fem.meshes.topology import following, linked
+from toros_fem.meshes.triangles import following, linked
 
 # Steps of the inverse iteration, and of the relaxation of vectors of unit length after it.
 ITERATIONS = 12

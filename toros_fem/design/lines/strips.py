@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.mirror import plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import half_edges, linked
+from toros_fem.meshes.triangles import half_edges, linked
 
 # Nodes of a line that are nearer to each other than this fraction of its radius count once.
 CLOSE = 0.1

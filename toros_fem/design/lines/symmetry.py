@@ -14,7 +14,7 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.stripes import Image, Waves
 from toros_fem.design.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes.mirror import Mirrored, mirrored, plane_border
-from toros_fem.meshes.topology import half_edges
+from toros_fem.meshes.triangles import half_edges
 
 # Pairs of families must fit better than each family fits its own image by this fraction.
 BETTER = 1e-3

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import (
+from toros_fem.meshes.triangles import (
     Edges,
     chart_turns,
     corner_angles,

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Ints
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import linked
+from toros_fem.meshes.triangles import linked
 
 # Number of points on each pair of sewn edges where the print on both sides is looked up.
 SEAM_POINTS = 32

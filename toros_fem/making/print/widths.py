@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.topology import linked
+from toros_fem.meshes.triangles import linked
 
 # Two sides face each other if the path along the border from one to the other is longer than this
 # factor times their distance, and times the limit. For a wedge the ratio is cot(angle/2): corners,

@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csr_array, hstack
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, shortest
 from toros_fem.mechanics.contact.settings import Contact
-from toros_fem.meshes.topology import normals
+from toros_fem.meshes.triangles import normals
 
 
 class FreeBodies:

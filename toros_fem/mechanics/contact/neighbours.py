@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.mechanics.contact.library import ipctk, patches_apart
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import following
+from toros_fem.meshes.triangles import following
 
 # Paths in the sheet, over its thickness. Two points of a folded sheet that are one thickness apart
 # have a path of π/2 of it between them: vertices within FOLDED are neighbours, and all vertices of

@@ -16,7 +16,7 @@ from toros_fem.mechanics.contact.library import collision_mesh, ipctk
 from toros_fem.mechanics.contact.neighbours import leaving_out, neighbours
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import dihedral_angles, normals
+from toros_fem.meshes.triangles import dihedral_angles, normals
 
 # Angle between the normals of two triangles in rad from which on their edge is a fold.
 FOLD = 0.75 * np.pi

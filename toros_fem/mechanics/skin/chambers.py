@@ -13,7 +13,7 @@ from toros_fem.base.validation import checked_names, require_kind, require_names
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
-from toros_fem.meshes.topology import between, half_edges
+from toros_fem.meshes.triangles import between, half_edges
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from toros_fem.base.mpi import largest
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.topology import edge_keys, opposite_edges
+from toros_fem.meshes.triangles import edge_keys, opposite_edges
 
 # Smallest singular value of the quadratic patch's angles over those of the average. Below it the
 # six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be

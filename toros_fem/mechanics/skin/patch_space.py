@@ -17,7 +17,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import gather_by_index
 from toros_fem.meshes.skin import Skin, concatenated_index_map
-from toros_fem.meshes.topology import edge_keys, opposite_edges
+from toros_fem.meshes.triangles import edge_keys, opposite_edges
 
 
 @dataclass(frozen=True, eq=False)

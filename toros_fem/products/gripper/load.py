@@ -28,7 +28,7 @@ from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_ou
 from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
-from toros_fem.meshes.topology import normals
+from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
 from toros_fem.results.frames.record import repeated

@@ -28,7 +28,7 @@ from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.targets import Deformer
-from toros_fem.meshes.topology import half_edges, lengths
+from toros_fem.meshes.triangles import half_edges, lengths
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by

@@ -25,7 +25,7 @@ from toros_fem.making.print.widths import LocalWidth, measure_widths
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
-from toros_fem.meshes.topology import edges_of, following
+from toros_fem.meshes.triangles import edges_of, following
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
 SIDE = 3

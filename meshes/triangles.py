@@ -1,4 +1,4 @@
-"""Edges, fans, connected regions and angles of triangulated surfaces."""
+"""Triangles: edges, fans, regions, angles; shape functions of the flat ones."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csc_array, sparray
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Bools, Floats, Ints
@@ -244,3 +245,33 @@ def dihedral_angles(points: Floats, triangles: Ints, edges: Edges) -> Floats:
     sine = np.linalg.norm(np.cross(one, two), axis=1)
     angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
     return np.where(edges.count == 2, angle, 0.0)
+
+
+# ----------------------------------------------------------------------- on the flat triangles
+
+
+def barycentric(corners: Floats, points: Floats) -> Floats:
+    """Return barycentric coordinates (…, k, 3) of points (…, k, 2) in triangles (…, 3, 2)."""
+    a, b, c = np.moveaxis(corners, -2, 0)
+    u, v, w = b - a, c - a, points - a[..., None, :]
+    area = (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])[..., None]
+    second = (w[..., 0] * v[..., None, 1] - w[..., 1] * v[..., None, 0]) / area
+    third = (u[..., None, 0] * w[..., 1] - u[..., None, 1] * w[..., 0]) / area
+    return np.stack([1 - second - third, second, third], axis=-1)
+
+
+def gradients(corners: Floats) -> Floats:
+    """Return the gradients of the three shape functions in 1/m, (…, 3, 2), of (…, 3, 2) corners."""
+    along = np.roll(corners, -2, axis=-2) - np.roll(corners, -1, axis=-2)
+    double = along[..., 0, 0] * along[..., 1, 1] - along[..., 0, 1] * along[..., 1, 0]
+    return np.stack([-along[..., 1], along[..., 0]], axis=-1) / double[..., None, None]
+
+
+def spd_factor(matrix: sparray) -> SuperLU:
+    """Factorise a symmetric or Hermitian positive definite matrix, without pivoting."""
+    return splu(
+        csc_array(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
