@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_choice, require_positive, shown
-from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.gmsh_panels import polygon_mesh
 from toros_fem.meshes.pattern import Panel, Pattern
 from toros_fem.meshes.sheet import grid, ringed_disc, sector
 from toros_fem.meshes.triangle_limit import require_affordable
@@ -94,11 +94,11 @@ def cylinder(
             cap = ringed_disc(around, radius, parts) if caps else None
         else:
             corner = np.array([[begin, 0], [end, 0], [end, length], [begin, length]])
-            outlines = [(corner, [sides, rows, sides, rows])]
+            wall = polygon_mesh(corner, edge_length, counts=[sides, rows, sides, rows])
+            cap = None
             if caps:
-                outlines.append(_cap_outline(around, radius, parts, edge_length))
-            meshes = polygon_meshes(outlines, edge_length)
-            wall, cap = meshes[0], (meshes[1] if caps else None)
+                rim, counts = _cap_outline(around, radius, parts, edge_length)
+                cap = polygon_mesh(rim, edge_length, counts=counts)
         panels = [_wall_panel(*wall, radius, around * chord, begin)]
         if cap is not None:
             ends = ((BASE, 0.0), (TIP, length))

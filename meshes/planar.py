@@ -14,9 +14,9 @@ from shapely.geometry import LineString, Polygon, box
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
 from toros_fem.base.validation import is_number, real_numbers, require_between, shown
-from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.gmsh_panels import polygon_mesh
 from toros_fem.meshes.triangle_limit import require_affordable
-from toros_fem.meshes.triangles import coincident, edges_of, half_edges
+from toros_fem.meshes.triangles import coincident, edges_of
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 
@@ -130,18 +130,23 @@ def region_mesh(
                 "m². Move the lines, or shorten the edges."
             )
     stops = _stops(faces, size)
-    polygons = [_divided(face, stops, edge_length) for face in faces]
-    for polygon in polygons:
-        if not Polygon(polygon).is_valid:
-            raise OutlineError(
-                f"edge_length = {edge_length} m is too long for the outline: its border crosses "
-                "itself when it is divided evenly. Shorten the edges."
-            )
-    meshes = polygon_meshes([(polygon, [1] * len(polygon)) for polygon in polygons], edge_length)
-    flat, triangles = glued(meshes, 1e-3 * edge_length)
+    rings = [_divided(face, stops, edge_length) for face in faces]
+    if not all(Polygon(ring).is_valid for ring in rings):
+        raise OutlineError(
+            f"edge_length = {edge_length} m is too long for the outline: its border crosses "
+            "itself when it is divided evenly. Shorten the edges."
+        )
+    # Faces share the points on lines between them.
+    place = coincident(np.concatenate(rings), 1e-3 * edge_length)
+    corners = np.concatenate(rings)[np.unique(place, return_index=True)[1]]
+    numbers = np.split(place, np.cumsum([len(ring) for ring in rings])[:-1])
+    flat, triangles = polygon_mesh(corners, edge_length, faces=numbers)
     for axis in planes:
         flat[np.abs(flat[:, axis]) < TINY * size, axis] = 0.0
-    sewn = _on_outline(flat, triangles, planes)
+    edges = edges_of(triangles)
+    border = edges.ends[edges.border]
+    sewn = np.zeros(len(flat), dtype=bool)
+    sewn[border[~_in_planes(flat, border, planes)]] = True
     return without_bridges(flat, triangles, sewn, planes)
 
 
@@ -277,27 +282,9 @@ def glued(meshes: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floa
     return points[np.unique(place, return_index=True)[1]], place[triangles]
 
 
-def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
-    """Return whether each point is an end of a border edge that is in no plane."""
-    edges, inner = _edges(triangles)
-    found = np.zeros(len(flat), dtype=bool)
-    found[edges[~inner & ~_cut(flat, edges, planes)].ravel()] = True
-    return found
-
-
-def _edges(triangles: Ints) -> tuple[Ints, Bools]:
-    """Return the edges (e, 2), in the order of the triangles, and whether each has two."""
-    edges = edges_of(triangles)
-    order = np.argsort(edges.twins[:, 0])
-    return half_edges(triangles)[edges.twins[order, 0]], edges.count[order] == 2
-
-
-def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
-    """Return whether each edge is in a plane."""
-    found = np.zeros(len(edges), dtype=bool)
-    for axis in planes:
-        found |= (flat[edges, axis] == 0).all(axis=1)
-    return found
+def _in_planes(flat: Floats, ends: Ints, planes: Sequence[int]) -> Bools:
+    """Return whether each edge is in a plane, (e,)."""
+    return np.asarray((flat[ends][:, :, list(planes)] == 0).all(axis=1).any(axis=1))
 
 
 def without_bridges(
@@ -309,8 +296,9 @@ def without_bridges(
     meet there; at a cut, the skin would be closed there.
     """
     while True:
-        edges, inner = _edges(triangles)
-        bridges = edges[(inner | _cut(flat, edges, planes)) & sewn[edges].all(axis=1)]
+        edges = edges_of(triangles)
+        inside = (edges.count == 2) | _in_planes(flat, edges.ends, planes)
+        bridges = edges.ends[inside & sewn[edges.ends].all(axis=1)]
         if len(bridges) == 0:
             return flat, triangles, sewn
         ends = bridges[0]

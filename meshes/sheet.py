@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_callable, require_choice, require_positive
-from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.gmsh_panels import polygon_mesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangle_limit import require_affordable
 
@@ -76,7 +76,7 @@ def rectangle(
         if mesh == "unstructured":
             corner = np.array([[0, 0], [length, 0], [length, width], [0, width]])
             sides = [along, across, along, across]
-            return one_panel(*polygon_meshes([(corner, sides)], edge_length)[0], place)
+            return one_panel(*polygon_mesh(corner, edge_length, counts=sides), place)
         if mesh == "equilateral":
             unit, triangles = _staggered(along, across)
         else:
@@ -117,8 +117,7 @@ def disc(
         around = round(2 * np.pi * radius / edge_length)
         if mesh == "structured":
             return one_panel(*ringed_disc(around, radius), place)
-        outline = (circle(around, radius), [1] * around)
-        return one_panel(*polygon_meshes([outline], edge_length)[0], place)
+        return one_panel(*polygon_mesh(circle(around, radius), edge_length), place)
 
     return on_first_rank(comm, build)
 

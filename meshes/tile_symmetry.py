@@ -7,7 +7,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_choice
-from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.gmsh_panels import polygon_mesh
 from toros_fem.meshes.planar import without_bridges
 
 _TURNS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
@@ -63,7 +63,7 @@ def unstructured(sides: Floats, counts: Ints, symmetry: str) -> tuple[Floats, In
         corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
         divisions = [*(counts if group == "none" else half)] * 2
     near = SAME * (sides / counts).min()
-    region, triangles = polygon_meshes([(corners, divisions)], (sides / counts).min())[0]
+    region, triangles = polygon_mesh(corners, (sides / counts).min(), counts=divisions)
     for axis in (0, 1):
         # An edge between parallel lines of symmetry would have the same ends as its image.
         lines = region[:, axis].min(), region[:, axis].max()
