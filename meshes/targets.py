@@ -18,7 +18,6 @@ from toros_fem.base.validation import (
 
 # Map from positions, (n, 3) in m, to positions.
 Deformer = Callable[[Floats], Floats]
-"""Maps positions (n, 3) in m to positions (n, 3) in m."""
 
 # Largest cosine between two directions that must be perpendicular.
 SQUARE = 1e-6
@@ -188,11 +187,7 @@ def compose(*deformers: Deformer) -> Deformer:
 
 
 def _require_angle(angle: float, turns: int) -> None:
-    """Check that an angle is a number of rad, not of degrees.
-
-    Raises:
-        ParameterError: It is not finite, or means more than `turns` turns.
-    """
+    """Check that an angle is a number of rad, not of degrees, of so many turns at most."""
     require_finite(angle=angle)
     if abs(angle) > 2 * np.pi * turns:
         raise ParameterError(

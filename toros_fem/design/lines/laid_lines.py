@@ -19,7 +19,7 @@ from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.lines.stripes import Layout
 from toros_fem.design.lines.strips import Strip, cleaned, joints_of, ribbons
 from toros_fem.design.lines.transport import LineMesh
-from toros_fem.meshes.cut_triangles import cut_by_triangles
+from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
 

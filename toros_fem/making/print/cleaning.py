@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import symmetric_regions
@@ -86,7 +85,7 @@ def clean(
         raise ParameterError(
             f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
         )
-    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
     made = [
         _cleaned(region, outline, limits, smoothing)
         for region, outline in zip(regions, outlines, strict=True)

@@ -21,8 +21,8 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
-from toros_fem.meshes.tile import Tile
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
 from toros_fem.products.tile_design.problem import TileProblem

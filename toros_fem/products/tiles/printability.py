@@ -22,9 +22,8 @@ from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
 from toros_fem.making.print.widths import LocalWidth, measure_widths
+from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.tile import Tile
-from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.meshes.triangles import edges_of, following
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
