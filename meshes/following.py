@@ -67,9 +67,6 @@ def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -
         comm: Communicator.
         pattern: The pattern, with edges that are not much longer than the polygons are wide.
         regions: Polygons on each panel, in m.
-
-    Raises:
-        PanelError: The number of regions is not that of the panels.
     """
 
     def move() -> Pattern:
@@ -294,15 +291,9 @@ class _MovingMesh:
     ) -> tuple[Bools, Bools]:
         """Move some vertices, no two of them neighbours, the cheapest first.
 
-        Args:
-            vertex: Vertices that would move.
-            move: Moves of all vertices, as of `_nominated`.
-            cost: Cost of the moves of `vertex`.
-            better: Whether the smallest angle around a vertex must grow. Otherwise no angle may
-                fall below the bound.
-
-        Returns:
-            Whether each vertex has been moved, and whether it was tried and stays, (n,).
+        `better`: the smallest angle around a vertex must grow. Otherwise no angle may fall below
+        the bound. Returned is whether each vertex has been moved, and whether it was tried and
+        stays, (n,).
         """
         pattern, count = self.pattern, self.count
         rank = np.full(count, len(vertex))
@@ -379,9 +370,6 @@ def border_motion(
         printed: Whether each triangle is printed, (t,).
         largest: Largest way of the borders in m, to either side. Where it would flatten triangles,
             the motion is less.
-
-    Raises:
-        PatternError: The numbers of triangles differ.
     """
     if printed.shape != pattern.panel.shape:
         raise PatternError(

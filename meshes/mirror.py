@@ -113,11 +113,7 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
 
 
 def plane_border(pattern: Pattern, axis: int, at: float = 0.0) -> Ints:
-    """Return the free half-edges, (k,), in the plane where a coordinate is `at`, in m.
-
-    Raises:
-        ParameterError: There is none: the skin is not cut there.
-    """
+    """Return the free half-edges, (k,), in the plane where a coordinate is `at`, in m."""
     flat = np.abs(pattern.points[:, axis] - at) <= FLAT * pattern.size
     border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
     if len(border) == 0:
@@ -142,11 +138,7 @@ def flip(axis: int) -> Floats:
 def require_symmetric_map(
     points: Floats, axes: Sequence[int], deform: Callable[[Floats], Floats]
 ) -> None:
-    """Check at points (n, 3) that a map of positions takes mirror images to mirror images.
-
-    Raises:
-        TargetError: It does not.
-    """
+    """Check at points (n, 3) that a map of positions takes mirror images to mirror images."""
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     for axis in axes:
         off = float(np.abs(deform(flip(axis) * points) - flip(axis) * deform(points)).max())

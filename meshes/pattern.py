@@ -142,11 +142,7 @@ class Pattern:
         )
 
     def panel_index(self, name: str) -> int:
-        """Return the number of the panel with this name.
-
-        Raises:
-            PanelError: There is no such panel.
-        """
+        """Return the number of the panel with this name."""
         if not isinstance(name, str) or name not in self.panel_names:
             known = ", ".join(map(repr, self.panel_names[:MOST_NAMES]))
             more = ", …" if len(self.panel_names) > MOST_NAMES else ""
@@ -180,11 +176,7 @@ class Pattern:
         return whole + DAMPING * whole.diagonal().mean() * identity
 
     def require_closed(self) -> None:
-        """Check that the skin encloses a volume.
-
-        Raises:
-            OpenSkinError: An edge has no neighbour.
-        """
+        """Check that the skin encloses a volume."""
         if len(self.free_edges):
             a, b = self.free_edges[0]
             raise OpenSkinError(
@@ -195,11 +187,7 @@ class Pattern:
             )
 
     def require_flat_panels(self, purpose: str) -> None:
-        """Check that panels are flat pieces of cloth; the purpose is for the message.
-
-        Raises:
-            PatternError: The skin is moulded.
-        """
+        """Check that panels are flat pieces of cloth; the purpose is for the message."""
         if self.moulded:
             raise PatternError(
                 f"{purpose} needs flat panels, but this skin is moulded: each of its triangles has "

@@ -47,11 +47,7 @@ class Refinement:
 
 
 def refine(pattern: Pattern) -> Refinement:
-    """Divide each triangle into four by the middles of its edges; panels keep their outlines.
-
-    Raises:
-        MeshSizeError: There would be more triangles than `triangle_limit` allows.
-    """
+    """Divide each triangle into four by the middles of its edges; panels keep their outlines."""
     require_fewer(4 * len(pattern.panel), float(pattern.areas.sum()))
     flat, tri = pattern.flat_points, pattern.flat_triangles
     edges, count = edges_of(tri), len(pattern.points)
@@ -100,9 +96,6 @@ class Transfer:
 
         The mean over each panel is kept, and with equal panels the integral. No value leaves the
         range of the values on its panel.
-
-        Raises:
-            PatternError: The values do not fit the source.
         """
         if values.shape != self.source.panel.shape:
             raise PatternError(
@@ -188,11 +181,7 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
 
 
 def scaled_points(source: Pattern, target: Pattern) -> Floats:
-    """Return the target's flat points, each panel scaled to the source's bounding box.
-
-    Raises:
-        PanelError: A panel has another size on the two meshes.
-    """
+    """Return the target's flat points, each panel scaled to the source's bounding box."""
     flat = target.flat_points.copy()
     for name in target.panel_names:
         points = np.flatnonzero(target.panel_of_point == target.panel_index(name))

@@ -156,11 +156,7 @@ def clashing(triangles: Ints, edges: Edges) -> Ints:
 
 
 def require_two_at_edges(points: Floats, edges: Edges) -> None:
-    """Check that no edge has more than two triangles.
-
-    Raises:
-        ManifoldError: Naming the edge, its place and its triangles.
-    """
+    """Check that no edge has more than two triangles; a ManifoldError names the first that has."""
     many = np.flatnonzero(edges.count > 2)
     if len(many):
         a, b = edges.ends[many[0]]
@@ -176,15 +172,7 @@ def require_two_at_edges(points: Floats, edges: Edges) -> None:
 def require_manifold(points: Floats, triangles: Ints, edges: Edges, remedy: str) -> None:
     """Check that triangles form a surface, and neighbours have the same orientation.
 
-    Args:
-        points: Vertices (n, 3) in m.
-        triangles: Corners (t, 3).
-        edges: Their edges.
-        remedy: What helps where neighbours are oriented differently.
-
-    Raises:
-        ManifoldError: An edge has more than two triangles, or a vertex several fans of them.
-        OrientationError: Neighbours are oriented differently.
+    The remedy is for neighbours that are oriented differently.
     """
     require_two_at_edges(points, edges)
     wrong = clashing(triangles, edges)
@@ -275,12 +263,8 @@ def dihedral_angles(points: Floats, triangles: Ints, edges: Edges) -> Floats:
 def chart_turns(corners: Floats, edges: Edges) -> Floats:
     """Return the angle by which a direction turns across each edge, (e,), in rad, (−π, π].
 
-    It is that of the edge in the chart of its second triangle minus that in the first's; 0 at
-    borders, and exactly 0 inside a panel.
-
-    Args:
-        corners: Corners of the triangles in their charts, (t, 3, 2).
-        edges: Edges of the triangles, which are consistently oriented.
+    It is that of the edge in the chart of its second triangle, given by corners (t, 3, 2), minus
+    that in the first's; 0 at borders, and exactly 0 inside a panel.
     """
     along = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
     angle: Floats = np.zeros(len(edges.ends))
@@ -313,12 +297,7 @@ def gradients(corners: Floats) -> Floats:
 
 
 def laplacian(corners: Floats, triangles: Ints) -> csr_array:
-    """Return the stiffness (n, n) of linear elements on flat triangles, ∫ ∇u·∇v.
-
-    Args:
-        corners: Flat corners (t, 3, 2) in m.
-        triangles: Vertex at each corner, (t, 3).
-    """
+    """Return the stiffness (n, n) of linear elements, ∫ ∇u·∇v, on flat triangles (t, 3, 2)."""
     opposite = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)  # turned gradients · 2 Ā
     entries = np.einsum("tik,tjk->tij", opposite, opposite)
     entries /= 4 * flat_areas(corners)[:, None, None]
@@ -338,11 +317,9 @@ def spd_factor(matrix: sparray) -> SuperLU:
 
 
 def harmonic_extension(matrix: csr_array, fixed: Bools) -> Callable[[Floats], Floats]:
-    """Return a function that replaces the values (n,) of free vertices by harmonic ones.
+    """Return a function that makes values (n,) harmonic, but at fixed vertices.
 
-    Args:
-        matrix: `Pattern.flat_laplacian`.
-        fixed: Vertices that keep their values, (n,).
+    The matrix is that of `Pattern.flat_laplacian`.
     """
     free = ~fixed
     if not free.any():
@@ -367,11 +344,7 @@ def expected_triangles(area: float, edge_length: float) -> float:
 
 
 def require_affordable(area: float, edge_length: float) -> None:
-    """Check that a mesh of an area in m² will not have more triangles than the limit.
-
-    Raises:
-        MeshSizeError: It will, with this edge length in m.
-    """
+    """Raise a MeshSizeError if a mesh of an area in m² will have more triangles than the limit."""
     most, count = _most.get(), expected_triangles(area, edge_length)
     if most is not None and count > most:
         longest = np.sqrt(area / (EQUILATERAL * most))
@@ -384,11 +357,7 @@ def require_affordable(area: float, edge_length: float) -> None:
 
 
 def require_fewer(count: int, area: float) -> None:
-    """Check that a mesh of a known number of triangles on an area in m² keeps the limit.
-
-    Raises:
-        MeshSizeError: It does not.
-    """
+    """Raise a MeshSizeError if a mesh on an area in m² would have more triangles than the limit."""
     most = _most.get()
     if most is not None and count > most:
         raise MeshSizeError(

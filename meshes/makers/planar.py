@@ -98,11 +98,6 @@ def region_mesh(
     Returns:
         Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point is on the
         outline, (m,). Other points of the border are on a cut, where a coordinate is exactly 0.
-
-    Raises:
-        OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
-            the edge length.
-        MeshSizeError: There would be more triangles than the limit.
     """
     whole = Polygon(_checked(outline))
     if not whole.is_valid:

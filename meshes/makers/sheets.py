@@ -80,10 +80,6 @@ def rectangle(
             square's centre), "union-jack" (diagonals that alternate), or "unstructured" (gmsh).
         place: Maps flat positions (m, 2) to assembled ones, (m, 3), in m. None: the sheet is in
             the plane z = 0.
-
-    Raises:
-        ParameterError: A length is not positive, or the kind of mesh is unknown.
-        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
@@ -121,10 +117,6 @@ def disc(
         edge_length: Target edge length in m.
         mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
         place: As in `rectangle`.
-
-    Raises:
-        ParameterError: A length is not positive, or the kind of mesh is unknown.
-        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
@@ -274,9 +266,6 @@ def moulded(
         triangles: Corners (t, 3), counter-clockwise seen from outside.
         panel: Number of the panel of each triangle, (t,), to name parts of the skin; None for one.
         panel_names: A name for each panel.
-
-    Raises:
-        PatternError: The arrays do not fit together, or the surface is no valid skin.
     """
     places = real_numbers("points", points, "(n, 3), in m", PatternError)
     corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)

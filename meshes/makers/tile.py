@@ -65,9 +65,6 @@ class Tile:
         Args:
             along: Number of copies along x.
             across: Number of copies along y.
-
-        Raises:
-            ParameterError: A number is not whole, or less than 1.
         """
         require_count(1, along=along, across=across)
         count = int(along) * int(across)
@@ -123,10 +120,6 @@ class Tile:
 
         Args:
             symmetry: One of `SYMMETRIES`, where the operations are in the same order.
-
-        Raises:
-            ParameterError: The symmetry is unknown, or needs a square tile.
-            PatternError: The mesh does not have the symmetry.
         """
         size = np.diagonal(self.lattice)
         check_symmetry(symmetry, size)
@@ -240,11 +233,7 @@ def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:
 
 
 def check_symmetry(symmetry: str, sides: Floats) -> None:
-    """Check that a rectangle with these sides in m can have a symmetry.
-
-    Raises:
-        ParameterError: The name is unknown, or the symmetry needs a square.
-    """
+    """Check that a rectangle with these sides in m can have a symmetry."""
     require_choice("symmetry", symmetry, tuple(SYMMETRIES))
     turned = np.abs(SYMMETRIES[symmetry]) @ sides
     if not np.allclose(turned, sides, rtol=1e-9, atol=0):

@@ -115,10 +115,6 @@ class Star:
         body_radius: Radius of the body in m.
         corner_radius: Radius of the fillets between arm and body, or between two arms, in m.
         angle: Angle from the x axis to the first arm, in rad.
-
-    Raises:
-        OutlineError: The arms are wider than the body, or shorter than the fillets.
-        ParameterError: A number is out of bounds.
     """
 
     arms: int
@@ -214,9 +210,6 @@ def walker(
         edge_length: Target edge length in m.
         star: The sizes.
         planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
-
-    Raises:
-        OutlineError: As in `two_panels`.
     """
     require_kind("star", star, Star, "a Star")
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
@@ -253,10 +246,6 @@ def finger(
         root: Length in m of the part that a mount holds; a line of mesh edges ends it.
         corner_radius: Radius of the two corners at x = 0, in m.
         planes: () for the whole, (1,) for the half at y ≥ 0.
-
-    Raises:
-        OutlineError: Root and tip overlap, or as in `rounded` and `two_panels`.
-        ParameterError: A size is not positive.
     """
     require_positive(length=length, width=width, root=root, corner_radius=corner_radius)
     half = width / 2

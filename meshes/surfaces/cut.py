@@ -82,15 +82,7 @@ def disc_cuts(points: Floats, triangles: Ints, *, tips: bool) -> Ints:
     doi:10.1016/0020-0190(88)90066-X). Sheffer and Hart (2002, Seamster) cut through such tips. A
     region without borders and tips is slit between two vertices far apart. The remaining handles
     are cut along the shortest loops of a tree-cotree decomposition (Erickson and Whittlesey 2005,
-    greedy homotopy generators).
-
-    Args:
-        points: Vertices (n, 3) in m.
-        triangles: Oriented triangles of one connected region (t, 3).
-        tips: Whether to cut through tips too.
-
-    Returns:
-        Indices of edges, as `edges_of(triangles)` numbers them.
+    greedy homotopy generators). Edges have the numbers of `edges_of(triangles)`.
     """
     used, local = np.unique(triangles, return_inverse=True)
     points, triangles = points[used], local.reshape(-1, 3)

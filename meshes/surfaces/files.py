@@ -63,9 +63,6 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Any:
         path: The file.
         failure: Type of the error to raise.
         formats: Formats that the error suggests, such as "OBJ or PLY".
-
-    Raises:
-        TorosError: Of the type `failure`. There is no such file, or it cannot be read.
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
@@ -117,11 +114,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
 
 
 def obj_lines(path: Path) -> Ints:
-    """Read the ends of the line elements of an OBJ file, (k, 2), which meshio ignores.
-
-    Raises:
-        SurfaceError: A line element does not give its vertices as numbers.
-    """
+    """Read the ends of the line elements of an OBJ file, (k, 2), which meshio ignores."""
     ends: list[tuple[int, int]] = []
     vertices = 0
     with path.open(encoding="utf-8", errors="replace") as file:

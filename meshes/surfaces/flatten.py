@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,6 @@ def unrolled(points: Floats, triangles: Ints) -> Floats:
 
     Triangles are turned as rigid pieces: scaled onto the edge before, rounding would grow
     exponentially on fine meshes. The first triangle that reaches a vertex places it.
-
-    Args:
-        points: Vertices (n, 3) in m.
-        triangles: Oriented triangles of a disc (t, 3) that use all of them.
     """
     edges, size = edges_of(triangles), len(triangles)
     one, two = edges.sides[edges.inner].T
@@ -74,11 +71,8 @@ def conformal(triangles: Ints, angles: Floats) -> Floats:
     doi:10.1145/566654.566590). With two pinned vertices the result would depend on these.
     Therefore the spread of the border is fixed instead: the result is the smallest eigenvector of
     Mullen et al. (2008, spectral conformal parameterization, doi:10.1111/j.1467-8659.2008.01289.x,
-    eq. 5), found by inverse iteration. In complex numbers its eigenvalue is simple.
-
-    Args:
-        triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
-        angles: Angle at each corner, (t, 3), in rad: those of the surface, or of `abf_angles`.
+    eq. 5), found by inverse iteration. In complex numbers its eigenvalue is simple. Angles at the
+    corners, (t, 3), are those of the surface, or of `abf_angles`.
     """
     size = int(triangles.max()) + 1
     weight = 1 / (4 * np.tan(angles.ravel()))
@@ -122,10 +116,6 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
     as a sum of logarithms, which makes the Hessian of the Lagrangian diagonal). Angles and triangle
     constraints are eliminated from Newton's system (section 3): two unknowns remain for each inner
     vertex.
-
-    Args:
-        triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
-        angles: Angle at each corner on the surface, (t, 3), in rad.
 
     Raises:
         SurfaceError: Newton's method does not converge.
@@ -197,25 +187,27 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
-    """Deformation from the flat panels, which are unstressed, to the assembled surface.
+    """Deformation from the unstressed flat panels of a pattern to its assembled shape."""
 
-    Attributes:
-        panel: Panel of each triangle, shape (t,).
-        panel_names: A name for each panel.
-        weight: Area of each triangle on the surface, shape (t,), in m², the weight in means.
-        stretches: Principal stretches of each triangle, the larger first, shape (t, 2).
-        area_ratio: Area on the surface over flat area, shape (t,).
-        angle_error: Largest change of a triangle's angles, shape (t,), in rad.
-        seam_gap: Relative difference of length of two edges sewn together, shape (s,).
-    """
+    pattern: Pattern
 
-    panel: Ints
-    panel_names: tuple[str, ...]
-    weight: Floats
-    stretches: Floats
-    area_ratio: Floats
-    angle_error: Floats
-    seam_gap: Floats
+    @cached_property
+    def stretches(self) -> Floats:
+        """Principal stretches of each triangle, the larger first, shape (t, 2)."""
+        return triangle_stretches(self.pattern.corners, self.pattern.points[self.pattern.triangles])
+
+    @cached_property
+    def area_ratio(self) -> Floats:
+        """Assembled over flat area of each triangle, shape (t,)."""
+        return np.asarray(self.stretches.prod(axis=1))
+
+    @cached_property
+    def angle_error(self) -> Floats:
+        """Largest change of each triangle's angles, shape (t,), in rad."""
+        of = self.pattern
+        assembled = corner_angles(of.points, of.triangles)
+        flat = corner_angles(of.flat_points, of.flat_triangles)
+        return np.asarray(np.abs(assembled - flat).max(axis=1))
 
     @property
     def strain(self) -> Floats:
@@ -229,13 +221,13 @@ class Distortion:
 
     @property
     def mean_stretch(self) -> float:
-        """Mean stretch or compression."""
-        return float(np.average(self.strain, weights=self.weight))
+        """Mean stretch or compression of the assembled area."""
+        return float(np.average(self.strain, weights=self.area_ratio * self.pattern.areas))
 
     @property
     def worst_seam(self) -> float:
         """Largest relative difference of length at a seam, 0 if there is none."""
-        return float(self.seam_gap.max(initial=0.0))
+        return float(self.pattern.seam_gaps.max(initial=0.0))
 
     def table(self) -> str:
         """Return the worst and mean values of each panel and of all, as lines of text."""
@@ -243,10 +235,12 @@ class Distortion:
             "panel             triangles  area/cm²   stretch        area ratio     angle error",
             "                                       worst   mean    min    max     worst   mean",
         ]
-        groups = [(name, self.panel == k) for k, name in enumerate(self.panel_names)]
-        for name, cells in [*groups, ("all", np.ones(len(self.panel), dtype=bool))]:
-            weight, ratio = self.weight[cells], self.area_ratio[cells]
-            strain, angle = self.strain[cells], np.degrees(self.angle_error[cells])
+        pattern = self.pattern
+        groups = [(name, pattern.panel == k) for k, name in enumerate(pattern.panel_names)]
+        for name, cells in [*groups, ("all", np.ones(len(pattern.panel), dtype=bool))]:
+            ratio = self.area_ratio[cells]
+            weight, strain = ratio * pattern.areas[cells], self.strain[cells]
+            angle = np.degrees(self.angle_error[cells])
             lines.append(
                 f"{name[:16]:16s}  {cells.sum():9d}  {1e4 * weight.sum():8.2f}"
                 f"  {strain.max():6.2%} {np.average(strain, weights=weight):6.2%}"
@@ -254,24 +248,6 @@ class Distortion:
                 f"  {angle.max():6.2f}°  {np.average(angle, weights=weight):5.2f}°"
             )
         return "\n".join([*lines, f"longest difference at a seam: {self.worst_seam:.2%}"])
-
-
-def distortion(pattern: Pattern) -> Distortion:
-    """Return the distortion between the flat and the assembled shape of a pattern."""
-    stretches = triangle_stretches(pattern.corners, pattern.points[pattern.triangles])
-    ratio = stretches.prod(axis=1)
-    angle = corner_angles(pattern.points, pattern.triangles) - corner_angles(
-        pattern.flat_points, pattern.flat_triangles
-    )
-    return Distortion(
-        panel=pattern.panel,
-        panel_names=pattern.panel_names,
-        weight=ratio * pattern.areas,
-        stretches=stretches,
-        area_ratio=ratio,
-        angle_error=np.abs(angle).max(axis=1),
-        seam_gap=pattern.seam_gaps,
-    )
 
 
 def triangle_stretches(flat: Floats, corners: Floats) -> Floats:

@@ -93,11 +93,7 @@ def asymmetry(surface: Surface, axis: int) -> float:
 
 
 def require_symmetric(surface: Surface, axis: int, what: str = "the surface") -> None:
-    """Check that a surface is its own mirror image in the plane x, y or z = 0, or half of one.
-
-    Raises:
-        SurfaceError: It is not, by more than its mesh explains.
-    """
+    """Check that a surface is its own mirror image in the plane x, y or z = 0, or half of one."""
     if surface.points[:, axis].min() >= -FLAT * surface.size and not surface.closed:
         return
     edge = float(lengths(surface.points, edges_of(surface.triangles).ends).mean())

@@ -44,17 +44,10 @@ def remove_thin(
     A needle's short edge is collapsed. A cap's long edge is flipped; where that edge is a border,
     the cap is dropped. The surface moves by less than `THIN` of the longest edge. A triangle
     is not changed if its repair would change the topology, fold the surface over or move a kept
-    edge.
+    edge, one of `kept`, (k, 2), or between parts.
 
-    Args:
-        points: Vertices (n, 3).
-        triangles: Consistently oriented manifold triangles (t, 3).
-        parts: Part of each triangle (t,); borders between parts are kept.
-        kept: Edges (k, 2) that are kept.
-
-    Returns:
-        Points (n, 3), triangles, parts, the vertex that replaces each old one (n,), and the
-        numbers of repairs.
+    Returned are points (n, 3), triangles and parts, the vertex that replaces each old one, (n,),
+    and the numbers of repairs.
     """
     points, triangles = points.copy(), triangles.copy()
     replaced_by = np.arange(len(points))

@@ -127,9 +127,6 @@ def oriented(triangles: Ints) -> Ints:
     """Reverse triangles (t, 3) to agree with the first one of their connected region.
 
     At most two triangles may meet at each edge.
-
-    Raises:
-        OrientationError: A region has one side only, as a Möbius strip has.
     """
     edges, size = edges_of(triangles), len(triangles)
     one, two = edges.sides[edges.inner].T

@@ -29,7 +29,6 @@ from toros_fem.meshes.surfaces.flatten import (
     abf_angles,
     closure_error,
     conformal,
-    distortion,
     strains,
     triangle_stretches,
     unrolled,
@@ -220,10 +219,11 @@ def _unwrapped(
         panel_names=_names(surface, [cells for cells, _ in panels]),
         seam_tolerance=1.0,
     )
-    found = distortion(loose)
+    gap = float(loose.seam_gaps.max(initial=0.0))
+    pattern = replace(loose, seam_tolerance=max(1e-6, (1 + ROUNDING) * gap))
     return Unwrapped(
-        pattern=replace(loose, seam_tolerance=max(1e-6, (1 + ROUNDING) * found.worst_seam)),
-        distortion=found,
+        pattern=pattern,
+        distortion=Distortion(pattern),
         seams=edges.ends[seams & (edges.count == 2)],
         methods=tuple(chart.method for _, chart in panels),
     )

@@ -11,7 +11,7 @@ from toros_fem.meshes import Skin, Tile, cylinder, sew, tile, walker
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.makers.two_panels import Star
 from toros_fem.meshes.skin import concatenated_index_map, parts_of
-from toros_fem.meshes.surfaces.flatten import distortion
+from toros_fem.meshes.surfaces.flatten import Distortion
 
 SIZE = (0.03, 0.02)
 EDGE = 3e-3
@@ -73,7 +73,7 @@ def test_geometry_is_flat_and_topology_assembled(comm: MPI.Comm, skin: Skin) -> 
     x.x.array[:] = pattern.points[skin.vertex].ravel()
     gradient = ufl.grad(x)
     square = dolfinx.fem.form(ufl.inner(gradient, gradient) * ufl.dx(degree=1))
-    stretches = distortion(pattern).stretches
+    stretches = Distortion(pattern).stretches
     exact = (pattern.areas * (stretches**2).sum(axis=1)).sum()
     assert total(comm, dolfinx.fem.assemble_scalar(square)) == pytest.approx(exact, rel=1e-12)
 

@@ -160,3 +160,20 @@ def test_a_tube_gets_one_slit_and_keeps_its_area(method: str) -> None:
     assert areas.sum() == pytest.approx(tube.area, rel=1e-9)
     already = lay_flat(tube.points, tube.triangles, chart.slits, method, np.inf, tips=False)
     assert not already.slits.any(), "what is cut already is not cut again"
+
+
+def test_names_of_panels_do_not_collide(alone: MPI.Comm) -> None:
+    """A part of several panels beside one that is named like one of these, or like a number."""
+    box = surfaces.welded_box(2)
+    side = np.argmax(
+        np.abs(np.cross(*np.diff(box.points[box.triangles], axis=1).swapaxes(0, 1))), 1
+    )
+    for names in (("arm", "arm-1", "arm-2"), ("arm-2", "arm", "arm-1"), ("a", "a-1", "a-1-1")):
+        made = unwrap(alone, replace(box, parts=side, part_names=names))
+        assert len(set(made.pattern.panel_names)) == 6
+        assert all(any(n.startswith(part) for part in names) for n in made.pattern.panel_names)
+    # Of the first part two rings are apart, and "arm-1" is taken.
+    tube = surfaces.prism(12, 5)
+    rows = np.repeat([0, 0, 1, 2, 0], len(tube.triangles) // 5)
+    found = unwrap(alone, replace(tube, parts=rows, part_names=("arm", "arm-1", "arm-2")))
+    assert found.pattern.panel_names == ("arm-3", "arm-4", "arm-1", "arm-2")
