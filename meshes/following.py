@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import (
     barycentric,
@@ -55,6 +55,7 @@ NEAR, ALIKE = 1.5, np.cos(np.radians(60.0))
 KEPT_ANGLE, HALVINGS = 0.4, 6
 
 
+@on_root
 def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -> Pattern:
     """Return the same triangles with vertices moved onto the borders of polygons (collective).
 
@@ -68,21 +69,17 @@ def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -
         pattern: The pattern, with edges that are not much longer than the polygons are wide.
         regions: Polygons on each panel, in m.
     """
-
-    def move() -> Pattern:
-        if len(regions) != len(pattern.panel_names):
-            raise PanelError(
-                f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give "
-                "one for each panel, an empty polygon where nothing is printed."
-            )
-        mesh = _MovingMesh(pattern, regions)
-        for turn in range(ROUNDS if mesh.any_border else 0):
-            if turn:
-                mesh.smooth()
-            mesh.snap()
-        return with_flat_points(pattern, mesh.flat)
-
-    return on_first_rank(comm, move)
+    if len(regions) != len(pattern.panel_names):
+        raise PanelError(
+            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give "
+            "one for each panel, an empty polygon where nothing is printed."
+        )
+    mesh = _MovingMesh(pattern, regions)
+    for turn in range(ROUNDS if mesh.any_border else 0):
+        if turn:
+            mesh.smooth()
+        mesh.snap()
+    return with_flat_points(pattern, mesh.flat)
 
 
 def with_flat_points(pattern: Pattern, flat: Floats) -> Pattern:

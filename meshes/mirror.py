@@ -195,11 +195,8 @@ def _flat_images(
     """Mirror each panel in the line of its first cut edge, where it continues.
 
     Its other cuts, as on a tube's wall, become seams. A panel without a cut, or with a crooked one,
-    gets a second panel as its image.
-
-    Returns:
-        The mirrored flat points, whether each is its own image, the panel of each mirrored
-        triangle, and the names of all panels.
+    gets a second panel as its image. Returned are the mirrored flat points, whether each is its own
+    image, the panel of each mirrored triangle, and the names of all panels.
     """
     flat, names, panel = pattern.flat_points.copy(), list(pattern.panel_names), pattern.panel.copy()
     near, kept = FLAT * pattern.size, np.zeros(len(flat), dtype=bool)

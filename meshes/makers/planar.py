@@ -46,9 +46,7 @@ def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
         Points (m, 2) in m, on arcs at most 5° apart.
 
     Raises:
-        OutlineError: A radius is too large for the sides at its corner, or the number of radii is
-            wrong.
-        ParameterError: A radius is negative or not finite.
+        OutlineError: A radius is too large for the sides at its corner.
     """
     points = _checked(corners)
     given = real_numbers("radius", radius, "one in m for all corners, or one for each")
@@ -86,14 +84,7 @@ def region_mesh(
     """Mesh the inside of an outline, or the part of it at positive coordinates (one rank).
 
     Between corners, ends of lines and cuts the border is divided evenly; a curve becomes the
-    polygon through its divisions.
-
-    Args:
-        outline: Points (k, 2) of the whole closed outline in m, clockwise or not. A point where it
-            turns by more than 20° is a corner. The others are on a curve.
-        edge_length: Target edge length in m.
-        lines: Straight lines across the outline, in m, along which the mesh gets edges.
-        planes: 0 keeps x ≥ 0 only, 1 keeps y ≥ 0 only.
+    polygon through its divisions. Arguments are those of `two_panels`.
 
     Returns:
         Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point is on the

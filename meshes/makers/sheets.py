@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_names,
     real_numbers,
@@ -43,13 +43,7 @@ Place = Callable[[Floats], Floats]
 
 
 def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Pattern:
-    """Make a pattern of one flat panel, `sheet`, without seams.
-
-    Args:
-        flat: Flat positions, (m, 2), in m.
-        triangles: Corners among the flat positions, (t, 3), counter-clockwise.
-        place: Maps flat positions to assembled ones, (m, 3). None: the sheet is in the plane z = 0.
-    """
+    """Make a pattern of one flat panel, `sheet`, without seams, at z = 0 or as `place` maps it."""
     return Pattern(
         flat_points=flat,
         flat_triangles=triangles,
@@ -60,7 +54,7 @@ def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Patt
     )
 
 
-@collective("comm")
+@on_root
 def rectangle(
     comm: MPI.Comm,
     length: float,
@@ -89,19 +83,15 @@ def rectangle(
     along = round(length / edge_length)
     row = edge_length * np.sqrt(0.75) if mesh == "equilateral" else edge_length
     across = max(1, round(width / row))
-
-    def build() -> Pattern:
-        if mesh == "unstructured":
-            corner = np.array([[0, 0], [length, 0], [length, width], [0, width]])
-            sides = [along, across, along, across]
-            return one_panel(*polygon_mesh(corner, edge_length, counts=sides), place)
-        made = staggered(along, across) if mesh == "equilateral" else grid(along, across, mesh)
-        return one_panel(made[0] * [length / along, width / across], made[1], place)
-
-    return on_first_rank(comm, build)
+    if mesh == "unstructured":
+        corner = np.array([[0, 0], [length, 0], [length, width], [0, width]])
+        sides = [along, across, along, across]
+        return one_panel(*polygon_mesh(corner, edge_length, counts=sides), place)
+    made = staggered(along, across) if mesh == "equilateral" else grid(along, across, mesh)
+    return one_panel(made[0] * [length / along, width / across], made[1], place)
 
 
-@collective("comm")
+@on_root
 def disc(
     comm: MPI.Comm,
     radius: float,
@@ -124,13 +114,9 @@ def disc(
     _require_place(place)
     require_affordable(np.pi * radius * radius, edge_length)
     around = round(2 * np.pi * radius / edge_length)
-
-    def build() -> Pattern:
-        if mesh == "structured":
-            return one_panel(*ringed_disc(around, radius), place)
-        return one_panel(*polygon_mesh(circle(around, radius), edge_length), place)
-
-    return on_first_rank(comm, build)
+    if mesh == "structured":
+        return one_panel(*ringed_disc(around, radius), place)
+    return one_panel(*polygon_mesh(circle(around, radius), edge_length), place)
 
 
 def _require_place(place: Place | None) -> None:
@@ -138,7 +124,7 @@ def _require_place(place: Place | None) -> None:
         require_callable("place", place, "a function of the flat positions (m, 2), or None")
 
 
-@collective("comm")
+@on_root
 def cylinder(
     comm: MPI.Comm,
     length: float,
@@ -178,8 +164,7 @@ def cylinder(
             (0, 1) for the quarter that also has x ≥ 0. The cut is not sewn.
 
     Raises:
-        ParameterError: A size is not positive, or too large for a tube of six sides and two rows;
-            or the planes, the caps or the kind of mesh are others.
+        ParameterError: The edges are too long for a tube of six sides and two rows.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
@@ -221,22 +206,19 @@ def cylinder(
             rim, counts = np.concatenate([rim, np.zeros((1, 2))]), [*counts, across, across]
         return [wall, polygon_mesh(rim, edge_length, counts=counts)]
 
-    def build() -> Pattern:
-        wall, *cap = meshes()
-        panels = [_wall_panel(*wall, radius, around * chord, begin)]
-        for name, height in ((BASE, 0.0), (TIP, length)) if cap else ():
-            if caps in ("both", name):
-                flat, triangles = cap[0]
-                points = np.column_stack([flat, np.full(len(flat), height)])
-                if name == BASE:  # seen from outside, that is from below, the disc is mirrored
-                    flat, triangles = flat * [1, -1], triangles[:, ::-1]
-                panels.append(Panel(name, flat, triangles, points))
-        if planes:  # the cut is exactly in its plane
-            for panel in panels:
-                panel.points[np.abs(panel.points) < TINY * diameter] = 0.0
-        return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
-
-    return on_first_rank(comm, build)
+    wall, *cap = meshes()
+    panels = [_wall_panel(*wall, radius, around * chord, begin)]
+    for name, height in ((BASE, 0.0), (TIP, length)) if cap else ():
+        if caps in ("both", name):
+            flat, triangles = cap[0]
+            points = np.column_stack([flat, np.full(len(flat), height)])
+            if name == BASE:  # seen from outside, that is from below, the disc is mirrored
+                flat, triangles = flat * [1, -1], triangles[:, ::-1]
+            panels.append(Panel(name, flat, triangles, points))
+    if planes:  # the cut is exactly in its plane
+        for panel in panels:
+            panel.points[np.abs(panel.points) < TINY * diameter] = 0.0
+    return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
 
 
 def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float, begin: float) -> Panel:

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
@@ -60,12 +60,7 @@ class Tile:
     wraps: Ints
 
     def repeated(self, along: int, across: int) -> Repeated:
-        """Return a tile made of copies of this one, the first in its own place.
-
-        Args:
-            along: Number of copies along x.
-            across: Number of copies along y.
-        """
+        """Return a tile of copies of this one along x and across, the first in its own place."""
         require_count(1, along=along, across=across)
         count = int(along) * int(across)
         require_fewer(len(self.wraps) * count, float(self.pattern.areas.sum()) * count)
@@ -85,22 +80,17 @@ class Tile:
     def sheet(self, along: int, across: int) -> tuple[Pattern, Ints]:
         """Return an open sheet made of copies of this tile, as those of `repeated`.
 
-        Returns:
-            The pattern, whose single panel `sheet` has no seams, and the triangle of this tile
-            that each of its triangles copies, shape (t · along · across,).
+        Its single panel `sheet` has no seams. The second array has the triangle of this tile that
+        each triangle copies, shape (t · along · across,).
         """
         whole = self.repeated(along, across)
         pattern = whole.tile.pattern
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
 
     def nearest(self, places: Floats) -> tuple[Ints, Floats]:
-        """Return the triangles with the nearest centroids to flat places on the torus.
+        """Return the triangles, (k,), with the nearest centroids to places on the torus, (k, 2).
 
-        Args:
-            places: Places in m, (k, 2), on any copy of the tile.
-
-        Returns:
-            The triangle, and the distance of its centroid in m, (k,) each.
+        The second array has their distances in m. Places may be on any copy of the tile.
         """
         places = checked_floats(
             "places", places, "(k, 2), in m", lambda shape: len(shape) == 2 and shape[1] == 2
@@ -116,11 +106,7 @@ class Tile:
         return np.asarray(found, dtype=np.int64), np.asarray(away)
 
     def symmetry_maps(self, symmetry: str) -> Ints:
-        """Return the triangle onto which each operation of a symmetry maps each one, shape (g, t).
-
-        Args:
-            symmetry: One of `SYMMETRIES`, where the operations are in the same order.
-        """
+        """Return the triangle onto which each operation of `SYMMETRIES` maps each one, (g, t)."""
         size = np.diagonal(self.lattice)
         check_symmetry(symmetry, size)
         maps = []
@@ -152,7 +138,7 @@ class Repeated:
     cell: Ints
 
 
-@collective("comm")
+@on_root
 def tile(
     comm: MPI.Comm,
     size: float | tuple[float, float],
@@ -174,8 +160,7 @@ def tile(
             that the sides allow. A chiral unstructured mesh is tetragonal.
 
     Raises:
-        ParameterError: A length is not positive or too large, a name is unknown, or tile or mesh
-            cannot have the symmetry.
+        ParameterError: A length is too large, or tile or mesh cannot have the symmetry.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     sides = real_numbers("size", size, "one side of a square in m, or two (a, b)")
@@ -193,26 +178,22 @@ def tile(
             f"mesh = 'right' cannot be {symmetry}: all its diagonals are parallel. Use 'crossed', "
             "'union-jack' or 'unstructured'."
         )
-
-    def build() -> Tile:
-        if mesh == "union-jack" or (mesh == "unstructured" and symmetry != "none"):
-            counts = np.maximum(2 * np.rint(sides / (2 * edge_length)).astype(int), LEAST + 1)
-        else:
-            counts = np.maximum(np.rint(sides / edge_length).astype(int), LEAST)
-        if mesh == "unstructured":
-            flat, triangles = unstructured(sides, counts, symmetry)
-        else:
-            unit, triangles = grid(int(counts[0]), int(counts[1]), mesh)
-            flat = unit * (sides / counts)
-        near = SAME * (sides / counts).min()
-        wraps = np.floor((flat + near) / sides).astype(int)
-        places = flat - wraps * sides
-        places[np.abs(places) <= near] = 0.0
-        vertex = coincident(places, near)
-        places = places[np.unique(vertex, return_index=True)[1]]
-        return _sewn(places, vertex[triangles], wraps[triangles], np.diag(sides))
-
-    return on_first_rank(comm, build)
+    if mesh == "union-jack" or (mesh == "unstructured" and symmetry != "none"):
+        counts = np.maximum(2 * np.rint(sides / (2 * edge_length)).astype(int), LEAST + 1)
+    else:
+        counts = np.maximum(np.rint(sides / edge_length).astype(int), LEAST)
+    if mesh == "unstructured":
+        flat, triangles = unstructured(sides, counts, symmetry)
+    else:
+        unit, triangles = grid(int(counts[0]), int(counts[1]), mesh)
+        flat = unit * (sides / counts)
+    near = SAME * (sides / counts).min()
+    wraps = np.floor((flat + near) / sides).astype(int)
+    places = flat - wraps * sides
+    places[np.abs(places) <= near] = 0.0
+    vertex = coincident(places, near)
+    places = places[np.unique(vertex, return_index=True)[1]]
+    return _sewn(places, vertex[triangles], wraps[triangles], np.diag(sides))
 
 
 def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:
@@ -247,15 +228,8 @@ def unstructured(sides: Floats, counts: Ints, symmetry: str) -> tuple[Floats, In
     """Mesh [0, a] × [0, b] with opposite borders that match and with a symmetry (one rank).
 
     Only a fundamental region is meshed: all, a quarter, or an eighth. Its images are side by side
-    and share no points; points on common lines coincide up to rounding.
-
-    Args:
-        sides: (a, b) in m.
-        counts: Number of edges along each side, even if there is a symmetry.
-        symmetry: One of `SYMMETRIES`. For "chiral" the mesh is tetragonal, which includes it.
-
-    Returns:
-        Points (m, 2) in m and counter-clockwise triangles (t, 3).
+    and share no points; points on common lines coincide up to rounding. Each side has a number of
+    edges, an even one if there is a symmetry. A chiral mesh is tetragonal, which includes it.
     """
     group = "tetragonal" if symmetry == "chiral" else symmetry
     high, half = sides / 2, counts // 2

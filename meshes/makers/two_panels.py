@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_axes,
     require_count,
@@ -33,7 +33,7 @@ TOP, BOTTOM = "top", "bottom"
 SLOPE = 0.02
 
 
-@collective("comm")
+@on_root
 def two_panels(
     comm: MPI.Comm,
     outline: npt.ArrayLike,
@@ -66,23 +66,19 @@ def two_panels(
     if not isinstance(lines, list | tuple):
         raise OutlineError(f"lines = {shown(lines)} must be a list of lines, () for none.")
     planes = checked_axes("planes", planes, (0, 1), OutlineError)
-
-    def build() -> Pattern:
-        flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)
-        count = len(flat)
-        height = _pillow(flat, triangles, seam)
-        above, below = (np.column_stack([flat, sign * height]) for sign in (1, -1))
-        other = np.where(seam, np.arange(count), count + np.cumsum(~seam) - 1)
-        return Pattern(
-            flat_points=np.concatenate([flat, flat * [1, -1]]),
-            flat_triangles=np.concatenate([triangles, count + triangles[:, ::-1]]),
-            panel=np.repeat([0, 1], len(triangles)),
-            sewn=np.concatenate([np.arange(count), other]),
-            points=np.concatenate([above, below[~seam]]),
-            panel_names=(TOP, BOTTOM),
-        )
-
-    return on_first_rank(comm, build)
+    flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)
+    count = len(flat)
+    height = _pillow(flat, triangles, seam)
+    above, below = (np.column_stack([flat, sign * height]) for sign in (1, -1))
+    other = np.where(seam, np.arange(count), count + np.cumsum(~seam) - 1)
+    return Pattern(
+        flat_points=np.concatenate([flat, flat * [1, -1]]),
+        flat_triangles=np.concatenate([triangles, count + triangles[:, ::-1]]),
+        panel=np.repeat([0, 1], len(triangles)),
+        sewn=np.concatenate([np.arange(count), other]),
+        points=np.concatenate([above, below[~seam]]),
+        panel_names=(TOP, BOTTOM),
+    )
 
 
 def plane_centroids(pattern: Pattern) -> Floats:

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError, TargetError, TorosError, UnitError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_path,
     real_numbers,
@@ -55,14 +55,9 @@ APART = 1e-5
 
 
 def load(path: Path, failure: type[TorosError], formats: str) -> Any:
-    """Read a mesh file by meshio.
+    """Read a mesh file by meshio; where this fails, an error suggests formats, "OBJ or PLY".
 
     Where meshio cannot read a file, it prints, and may call `sys.exit`: both become an error.
-
-    Args:
-        path: The file.
-        failure: Type of the error to raise.
-        formats: Formats that the error suggests, such as "OBJ or PLY".
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
@@ -144,7 +139,7 @@ def cells(mesh: Any, kind: str, corners: int) -> Ints:
 # ------------------------------------------------------------------------------------ surfaces
 
 
-@collective("comm")
+@on_root
 def read_surface(
     comm: MPI.Comm, path: Path | str, scale: float = 1.0, component: int | None = None
 ) -> Surface:
@@ -175,17 +170,9 @@ def read_surface(
     require_positive(scale=scale)
     if component is not None:
         require_count(0, component=component)
-    return on_first_rank(comm, lambda: _read(path, scale, component))
-
-
-def _read(path: Path, scale: float, component: int | None) -> Surface:
     points, triangles, tags, seams, names = _raw(path)
-    # Lines may have their own vertices, at the places of the triangles' vertices.
-    used = np.union1d(triangles, seams)
-    if not np.all(np.isfinite(points[used])):
-        raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
     with np.errstate(over="ignore", invalid="ignore"):
-        size = float(np.ptp(points[used], axis=0).max())
+        size = float(np.ptp(points, axis=0).max())
     if not SMALLEST <= size * scale <= LARGEST:
         raise UnitError(
             f"{path} is {size * scale:.3g} m across with scale = {scale:g}; surfaces are "
@@ -193,12 +180,9 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
         )
     points = points * scale
 
-    replaced_by, kept = weld(points[used], np.searchsorted(used, triangles))
-    repairs = Counter({MERGED: len(used) - len(np.unique(replaced_by))})
-    repairs[DROPPED] = len(triangles) - len(kept)
-    place = np.arange(len(points))
-    place[used] = used[replaced_by]
-    seams, triangles, tags = place[seams], place[triangles[kept]], tags[kept]
+    replaced_by, kept = weld(points, triangles)
+    merged, dropped = len(points) - len(np.unique(replaced_by)), len(triangles) - len(kept)
+    seams, triangles, tags = replaced_by[seams], replaced_by[triangles[kept]], tags[kept]
     if len(triangles) == 0:
         raise SurfaceError(f"all triangles of {path} have no area. Is `scale` = {scale:g} right?")
     seams = seams[seams[:, 0] != seams[:, 1]]
@@ -214,13 +198,12 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     triangles, tags = triangles[chosen], tags[chosen]
     require_two_at_edges(points, edges_of(triangles))
     read, triangles = triangles, _outwards(points, triangles)
-    repairs[REVERSED] = int(np.any(read != triangles, axis=1).sum())
     known, parts = np.unique(tags, return_inverse=True)
-    points, triangles, parts, replaced_by, mended = remove_thin(
-        points, triangles, parts.ravel(), seams
-    )
+    repairs = Counter({MERGED: merged, DROPPED: dropped})
+    repairs[REVERSED] = int(np.any(read != triangles, axis=1).sum())
+    points, triangles, parts, replaced_by, thin = remove_thin(points, triangles, parts, seams)
     points, triangles, seams = _renumbered(points, triangles, replaced_by[seams])
-    done = repairs + mended
+    done = repairs + thin
     return Surface(
         points=points,
         triangles=triangles,
@@ -240,7 +223,10 @@ def unit_hint(size: float) -> str:
 
 
 def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, dict[int, str]]:
-    """Return points (n, 3), triangles, their tags, lines, and names of tags, as a file has them."""
+    """Return points (n, 3), triangles, their tags, lines, and names of tags, as a file has them.
+
+    Lines may have their own vertices, at the places of the triangles' vertices.
+    """
     mesh = load(path, SurfaceError, FORMATS)
     points = real_numbers(f"points of {path}", mesh.points, "(n, 3)", SurfaceError)
     if not len(points) or not mesh.cells:
@@ -262,9 +248,12 @@ def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, dict[int, str]]:
                 f"{len(points) - 1}. Export it again; an OBJ's faces need positive numbers."
             )
     triangles, tags = _triangles(path, mesh, points)
-    return points, triangles, tags, lines, {
-        int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2
-    }  # fmt: skip
+    names = {int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2}
+    used, number = np.unique(np.append(triangles, lines), return_inverse=True)
+    if not np.all(np.isfinite(points[used])):
+        raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
+    corners, ends = np.split(number.ravel(), [triangles.size])
+    return points[used], corners.reshape(-1, 3), tags, ends.reshape(-1, 2), names
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
@@ -353,7 +342,7 @@ def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, I
 # ------------------------------------------------------------------------------------- targets
 
 
-@collective("comm")
+@on_root
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     """Read target positions from a deformed copy of the assembled skin (collective).
 
@@ -376,27 +365,12 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     """
     path = checked_path("path", path, TargetError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
-    return on_first_rank(comm, lambda: _positions(path, pattern))
-
-
-def _positions(path: Path, pattern: Pattern) -> Floats:
-    mesh = load(path, TargetError, DEFORMED_FORMATS)
-    points = real_numbers(f"points of {path}", mesh.points, "(n, 3), in m", TargetError)
-    if points.ndim != 2:
-        raise TargetError(f"{path} holds no vertices. Save the deformed skin itself.")
-    if points.shape != pattern.points.shape:
+    points, theirs = _mesh_in_space(path, DEFORMED_FORMATS)
+    if len(points) != len(pattern.points):
         raise TargetError(
-            f"{path} has {len(points)} vertices in {points.shape[1]} dimensions; the skin has "
-            f"{len(pattern.points)} in 3. Deform the skin itself, and keep the order of its "
-            "vertices."
+            f"{path} has {len(points)} vertices; the skin has {len(pattern.points)}. Deform the "
+            "skin itself, and keep the order of its vertices."
         )
-    wrong = ~np.isfinite(points).all(axis=1)
-    if wrong.any():
-        vertex = int(np.argmax(wrong))
-        raise TargetError(
-            f"vertex {vertex} of {path} lies at {points[vertex]}, which is not finite."
-        )
-    theirs = cells(mesh, "triangle", 3)
     if len(theirs) != len(pattern.panel):
         raise TargetError(
             f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
@@ -419,6 +393,25 @@ def _positions(path: Path, pattern: Pattern) -> Floats:
     return points
 
 
+def _mesh_in_space(path: Path, formats: str) -> tuple[Floats, Ints]:
+    """Read points (n, 3), in the unit of a file, and triangles (t, 3) of a deformed mesh."""
+    mesh = load(path, TargetError, formats)
+    points = real_numbers(f"points of {path}", mesh.points, "(n, 3)", TargetError)
+    triangles = cells(mesh, "triangle", 3)
+    if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
+        raise TargetError(f"{path} holds no triangles in space. Save the deformed surface.")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise TargetError(f"{path} has a triangle at a vertex that is not there. Export it again.")
+    wrong = triangles[~np.isfinite(points[triangles]).all(axis=2)]
+    if len(wrong):
+        vertex = wrong.min()
+        raise TargetError(
+            f"vertex {vertex} of {path} lies at {points[vertex]}, which is not finite."
+        )
+    return points, triangles
+
+
+@on_root
 def from_copy(
     comm: MPI.Comm, original: Path, deformed: Path, pattern: Pattern | Surface, scale: float
 ) -> Floats:
@@ -429,23 +422,16 @@ def from_copy(
 
     Args:
         comm: Communicator.
-        original: Mesh file that the pattern was made from by `read_surface` and `unwrap`.
-        deformed: The same mesh, deformed.
+        original, deformed: The file that `read_surface` read, and the same mesh, deformed.
         pattern: The pattern, or the surface that it is made of.
         scale: Length of the unit of both files in m.
-
-    Returns:
-        Position of each assembled vertex, (n, 3), in m.
 
     Raises:
         TargetError: A file cannot be read, they have other triangles, corners that meet in one
             file are apart in the other, or a vertex of the pattern is none of the file.
     """
-    return on_first_rank(comm, lambda: _copied(Path(original), Path(deformed), pattern, scale))
-
-
-def _copied(original: Path, deformed: Path, pattern: Pattern | Surface, scale: float) -> Floats:
-    before, after = _corners(original) * scale, _corners(deformed) * scale
+    meshes = [_mesh_in_space(path, f"STL, {DEFORMED_FORMATS}") for path in (original, deformed)]
+    before, after = (scale * points[triangles].reshape(-1, 3) for points, triangles in meshes)
     if len(before) != len(after):
         raise TargetError(
             f"{deformed} has {len(after) // 3} triangles, {original} has {len(before) // 3}. "
@@ -470,17 +456,3 @@ def _copied(original: Path, deformed: Path, pattern: Pattern | Surface, scale: f
             "the surface is torn. Export it so that the order is kept."
         )
     return np.asarray(target)
-
-
-def _corners(path: Path) -> Floats:
-    """Read the corners of all triangles of a file, (3 t, 3), in its unit."""
-    mesh = load(path, TargetError, f"STL, {DEFORMED_FORMATS}")
-    points, triangles = np.asarray(mesh.points, dtype=np.float64), cells(mesh, "triangle", 3)
-    if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
-        raise TargetError(f"{path} holds no triangles in space. Save the deformed surface.")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise TargetError(f"{path} has a triangle at a vertex that is not there. Export it again.")
-    corners = points[triangles].reshape(-1, 3)
-    if not np.isfinite(corners).all():
-        raise TargetError(f"{path} holds coordinates that are not finite. Export it again.")
-    return corners

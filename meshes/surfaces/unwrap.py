@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import SurfaceError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
 from toros_fem.meshes.panels import arranged
 from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern
@@ -107,7 +107,7 @@ class Unwrapped:
     methods: tuple[str, ...]
 
 
-@collective("comm")
+@on_root
 def unwrap(
     comm: MPI.Comm,
     surface: Surface,
@@ -147,18 +147,14 @@ def unwrap(
     require_positive(**{"crease_angle, in rad,": crease_angle}, at_most=np.pi)
     if max_stretch is not None:
         require_positive(max_stretch=max_stretch)
-
-    def build() -> Unwrapped:
-        edges = edges_of(surface.triangles)
-        given = _given(surface, edges, seams)
-        if given is not None:
-            bound = np.inf if max_stretch is None else max_stretch
-            return _unwrapped(surface, edges, given, method, bound, tips=False)
-        cuts = between(edges, crease_regions(surface.points, surface.triangles, crease_angle))
-        bound = MAX_STRETCH if max_stretch is None else max_stretch
-        return _unwrapped(surface, edges, cuts, method, bound, tips=True)
-
-    return on_first_rank(comm, build)
+    edges = edges_of(surface.triangles)
+    given = _given(surface, edges, seams)
+    if given is not None:
+        bound = np.inf if max_stretch is None else max_stretch
+        return _unwrapped(surface, edges, given, method, bound, tips=False)
+    cuts = between(edges, crease_regions(surface.points, surface.triangles, crease_angle))
+    bound = MAX_STRETCH if max_stretch is None else max_stretch
+    return _unwrapped(surface, edges, cuts, method, bound, tips=True)
 
 
 def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:

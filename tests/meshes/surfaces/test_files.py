@@ -242,7 +242,8 @@ def test_target_from_a_mesh(alone: MPI.Comm, tmp_path: Path, suffix: str) -> Non
     with pytest.raises(TargetError, match=f"has {len(shuffled) - 1} triangles; the skin has"):
         from_mesh(alone, path, pattern)
     write(bent[:-1], np.array([[0, 1, 2]]))
-    with pytest.raises(TargetError, match=f"has {len(bent) - 1} vertices in 3 dimensions"):
+    less = len(bent) - 1
+    with pytest.raises(TargetError, match=f"has {less} vertices; the skin has {less + 1}"):
         from_mesh(alone, path, pattern)
     write(bent, np.concatenate([pattern.triangles[:7], pattern.triangles[7:, ::-1]]))
     with pytest.raises(TargetError, match="triangle 7 of the skin"):
