@@ -65,7 +65,6 @@ def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -
     assembled shape a vertex moves along the curved surface that the normals of its panel suggest.
 
     Args:
-        comm: Communicator.
         pattern: The pattern, with edges that are not much longer than the polygons are wide.
         regions: Polygons on each panel, in m.
     """

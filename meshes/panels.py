@@ -85,7 +85,6 @@ def panel_places(
     other. Others, as those of `cylinder`, are packed in rows.
 
     Args:
-        pattern: The pattern.
         gap: Gap between panels that are packed here, in m.
         page: Width and height of a page, in any unit, on which all shall be as large as possible:
             slim panels may be turned for this, all alike, and small ones stand above each other.

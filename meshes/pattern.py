@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -51,21 +51,13 @@ MOST_NAMES = 8
 DAMPING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """A flat piece of cloth, with the positions of its vertices in the assembled skin.
-
-    Attributes:
-        name: Name in messages and pictures.
-        flat_points: Flat positions, shape (m, 2), in m.
-        triangles: Corners among the flat points, shape (t, 3), counter-clockwise.
-        points: Embedded positions, shape (m, 3), in m.
-    """
+class Panel(NamedTuple):
+    """A flat piece of cloth, with the positions of its vertices in the assembled skin, in m."""
 
     name: str
-    flat_points: Floats
-    triangles: Ints
-    points: Floats
+    flat_points: Floats  # (m, 2)
+    triangles: Ints  # (t, 3), counter-clockwise
+    points: Floats  # (m, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,10 +75,6 @@ class Skin:
 def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     """Sew a pattern into a skin, distributed over a communicator (collective).
 
-    Args:
-        comm: Communicator.
-        pattern: The same pattern on every rank.
-
     Raises:
         ParameterError: The pattern is no `Pattern`, or not the same on all ranks.
         PatternError: There are more ranks than triangles.

@@ -19,7 +19,7 @@ from toros_fem.meshes.triangles import barycentric, edges_of, flat_areas, requir
 SAME_SIZE = 0.15
 # An overlap smaller than this fraction of the triangle is rounding.
 ROUNDING = 1e-12
-# Source triangles reach beyond their borders by this fraction of their size: small triangles
+# Source triangles at a border reach beyond it by this fraction of their size: small triangles
 # between a circle and a side of a coarse polygon find one too.
 BEYOND = 0.25
 # Pairs of triangles treated at once: the work arrays stay small.
@@ -200,16 +200,18 @@ def scaled_points(source: Pattern, target: Pattern) -> Floats:
 
 def _neighbours(source: Pattern, target: Pattern, flat: Floats) -> Iterator[tuple[Ints, Ints]]:
     """Yield pairs of a target and a source triangle of one panel whose bounding boxes meet."""
+    edges, beyond = edges_of(source.flat_triangles), np.zeros((len(source.panel), 1))
+    beyond[edges.sides[edges.border, 0]] = BEYOND
 
-    def boxes(corners: Floats, wider: float) -> np.ndarray:
-        more = wider * np.ptp(corners, axis=1)
+    def boxes(corners: Floats, beyond: Floats | float = 0.0) -> np.ndarray:
+        more = beyond * np.ptp(corners, axis=1)
         low, high = corners.min(axis=1) - more, corners.max(axis=1) + more
         return np.asarray(shapely.box(*np.hstack([low, high]).T))
 
     for name in target.panel_names:
         here, there = target.cells_of(name), source.cells_of(name)
-        tree = shapely.STRtree(boxes(source.corners[there], BEYOND))
-        one, two = tree.query(boxes(flat[target.flat_triangles[here]], 0.0))
+        tree = shapely.STRtree(boxes(source.corners[there], beyond[there]))
+        one, two = tree.query(boxes(flat[target.flat_triangles[here]]))
         for part in np.array_split(np.arange(len(one)), 1 + len(one) // PAIRS):
             yield here[one[part]], there[two[part]]
 

@@ -66,7 +66,6 @@ def rectangle(
     """Make a rectangle [0, length] × [0, width] (collective).
 
     Args:
-        comm: Communicator.
         length, width: Size in m.
         edge_length: Target edge length in m; the sides are divided evenly.
         mesh: "right" triangles with diagonals that fall along the length, "left" with diagonals
@@ -102,9 +101,7 @@ def disc(
     """Make a disc around the origin, with a regular polygon as its border (collective).
 
     Args:
-        comm: Communicator.
         radius: Radius in m of the circle through the corners.
-        edge_length: Target edge length in m.
         mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
         place: As in `rectangle`.
     """
@@ -139,33 +136,25 @@ def cylinder(
 
     The wall is one flat rectangle, u around the tube and v = z along it. It is sewn along the line
     in the half-plane y = 0, x < 0: the outside of a bend towards +x. The tube is the prism over the
-    regular n-gon inscribed in the given circle, n = round(π diameter / edge_length). Rolling up
-    the structured mesh is therefore an exact isometry. The perimeter is smaller than π diameter by
-    the fraction π²/(6 n²).
-
-    Half a tube, or a quarter, is completed by `mirrored(part, (1,))` or `mirrored(part, (0, 1))`:
-    the wall continues across the plane at x > 0 and has its seam where the whole tube has it. Its
-    flat coordinates are those in the whole. n is then the nearest multiple of 2, or of 4.
+    regular n-gon inscribed in the given circle, n = round(π diameter / edge_length): rolling up the
+    structured mesh is an exact isometry. The perimeter is smaller than π diameter by the fraction
+    π²/(6 n²). Half a tube, or a quarter, is completed by `mirrored(part, (1,))` or
+    `mirrored(part, (0, 1))`; n is then the nearest multiple of 2, or of 4.
 
     Args:
-        comm: Communicator; gmsh runs on its first rank only.
         length: Length of the tube in m.
         diameter: Diameter of the circle through the vertices, in m.
-        edge_length: Target edge length in m.
         mesh: "unstructured" (gmsh, frontal Delaunay); or rows of rectangles, each divided by the
             diagonal that falls along u ("structured", on which the curvature "average" is exact
             for quadratics), by the one that rises ("left"), by both in turn ("union-jack"), or in
-            four ("crossed"). The centres of crossed rectangles lie on the circle, so that this
-            mesh alone of them is rolled up with a small strain.
+            four ("crossed", which alone is rolled up with a small strain).
         caps: Ends that are closed: "both", "base", "tip", or None. An open end carries pressure
-            only where a symmetry plane holds it: `symmetry_plane(pattern, 2)` at z = 0,
-            `symmetry_plane(pattern, 2, at=length)` at the tip.
+            only where a plane holds it, `symmetry_plane(pattern, 2, at=length)` at the tip.
         planes: Symmetry planes that cut the tube: () for the whole, (1,) for the half at y ≥ 0,
             (0, 1) for the quarter that also has x ≥ 0. The cut is not sewn.
 
     Raises:
         ParameterError: The edges are too long for a tube of six sides and two rows.
-        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
     require_choice("mesh", mesh, TUBE_KINDS)

@@ -149,7 +149,6 @@ def tile(
     """Make a tile [0, a] × [0, b] (collective).
 
     Args:
-        comm: Communicator.
         size: Its sides (a, b) in m, or the side of a square.
         edge_length: Target edge length in m. The sides are divided evenly, in 3 edges at least, and
             in an even number of edges for union-jack and symmetric unstructured meshes.
@@ -161,7 +160,6 @@ def tile(
 
     Raises:
         ParameterError: A length is too large, or tile or mesh cannot have the symmetry.
-        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     sides = real_numbers("size", size, "one side of a square in m, or two (a, b)")
     if sides.shape not in ((), (2,)):

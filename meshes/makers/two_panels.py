@@ -50,10 +50,8 @@ def two_panels(
     the outline on either panel. The flat coordinates of the bottom are mirrored, (x, −y).
 
     Args:
-        comm: Communicator; gmsh runs on its first rank only.
         outline: Points (k, 2) in m of the whole closed outline: corners, and points on arcs. A
             point where it turns by more than 20° is a corner. Between corners it is divided evenly.
-        edge_length: Target edge length in m.
         lines: Straight lines from border to border of the whole outline, ((x, y), (x, y)) in m,
             along which both panels get mesh edges.
         planes: Symmetry planes that cut the skin: 0 keeps x ≥ 0, 1 keeps y ≥ 0. The cut is not
@@ -202,8 +200,6 @@ def walker(
     where c · star.directions[k] > star.root.
 
     Args:
-        comm: Communicator.
-        edge_length: Target edge length in m.
         star: The sizes.
         planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
     """
@@ -236,8 +232,6 @@ def finger(
     The defaults are ours: the paper gives no sizes.
 
     Args:
-        comm: Communicator.
-        edge_length: Target edge length in m.
         length, width: Size in m.
         root: Length in m of the part that a mount holds; a line of mesh edges ends it.
         corner_radius: Radius of the two corners at x = 0, in m.

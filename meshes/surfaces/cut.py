@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import (
@@ -37,27 +35,15 @@ SMALLEST = 0.01
 BAND = (0.42, 0.58)
 
 
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """A surface cut open along seams.
+def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> tuple[Ints, Ints]:
+    """Cut oriented triangles along seams, (e,); a single edge that separates nothing stays whole.
 
-    Attributes:
-        chart: Chart of each triangle, shape (t,), from 0.
-        triangles: Corners of each triangle among the vertices of the cut surface, (t, 3).
-        sewn: Vertex of the original surface for each vertex of the cut one, shape (m,).
+    Returned are the triangles of the cut surface, (t, 3), and the original vertex of each of its
+    own, (m,).
     """
-
-    chart: Ints
-    triangles: Ints
-    sewn: Ints
-
-
-def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> Cut:
-    """Cut along seams, (e,). A single edge that separates nothing stays whole."""
     open_edges = seams.copy()
     while True:
-        crossed = edges.inner[~open_edges[edges.inner]]
-        fan = fans(triangles, edges, crossed)
+        fan = fans(triangles, edges, edges.inner[~open_edges[edges.inner]])
         slits = edges.inner[open_edges[edges.inner]]
         ends = half_edges(fan)[edges.twins[slits]]
         whole = (ends[:, 0] == ends[:, 1, ::-1]).all(axis=1)
@@ -66,7 +52,7 @@ def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> Cut:
         open_edges[slits[whole]] = False
     sewn = np.zeros(fan.max() + 1, dtype=np.int64)
     sewn[fan.ravel()] = triangles.ravel()
-    return Cut(connected_regions(edges, crossed), fan, sewn)
+    return fan, sewn
 
 
 def euler(triangles: Ints) -> int:
@@ -102,7 +88,7 @@ def disc_cuts(points: Floats, triangles: Ints, *, tips: bool) -> Ints:
         groups[_far_apart(points, edges)] = 0, 1
     if groups.max() > 0:
         seams[_tree(points, edges, groups)] = True
-        chi = euler(cut_open(triangles, edges, seams).triangles)
+        chi = euler(cut_open(triangles, edges, seams)[0])
     if chi != 1:
         seams[_loops(points, edges, seams)] = True
     return np.flatnonzero(seams)

@@ -153,7 +153,6 @@ def read_surface(
     parts. Points of two coordinates lie in z = 0.
 
     Args:
-        comm: Communicator; the first rank reads.
         path: STL, OBJ, PLY, MSH, XDMF or another format of meshio.
         scale: Length of the file's unit in m, 1e-3 for mm.
         component: Connected component to read, 0 for the one of largest area. None: the file must
@@ -351,7 +350,6 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
     and VTU files keep it; STL files do not.
 
     Args:
-        comm: Communicator.
         path: A file that meshio reads, in m.
         pattern: The pattern. The mesh must have its vertices, in their order, and its triangles,
             in any order.
@@ -421,7 +419,6 @@ def from_copy(
     collective.
 
     Args:
-        comm: Communicator.
         original, deformed: The file that `read_surface` read, and the same mesh, deformed.
         pattern: The pattern, or the surface that it is made of.
         scale: Length of the unit of both files in m.

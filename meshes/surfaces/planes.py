@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
@@ -27,34 +27,19 @@ FLAT = 1e-6
 STRAIGHT = 0.02
 
 
-@dataclass(frozen=True, eq=False)
-class CutSurface:
-    """The part of a surface at x, y or z ≥ 0.
-
-    Attributes:
-        surface: The part; it is open where it was cut.
-        weights: Matrix from values at the whole's vertices to those at its own, (m, n).
-    """
-
-    surface: Surface
-    weights: csr_array
-
-    def at_vertices(self, values: Floats) -> Floats:
-        """Interpolate values at the vertices of the whole, (n, …), to those of the part."""
-        return np.asarray(self.weights @ values)
-
-
-def cut_at_planes(surface: Surface, axes: Sequence[int]) -> CutSurface:
+def cut_at_planes(surface: Surface, axes: Sequence[int]) -> tuple[Surface, csr_array]:
     """Cut a symmetric surface at coordinate planes x, y or z = 0, given by their axes.
 
     Triangles that a plane crosses are divided, so that the mesh need not be symmetric. A vertex
     near a crossing moves into the plane. `require_symmetric` checks the surface before. A part that
-    lies on one side of a plane already is taken as it is.
+    lies on one side of a plane already is taken as it is. The matrix, (m, n), interpolates values
+    at the whole's vertices to those of the part.
     """
-    found = CutSurface(surface, csr_array(eye_array(len(surface.points))))
+    part, weights = surface, csr_array(eye_array(len(surface.points)))
     for axis in axes:
-        found = _cut(found, axis, FLAT * surface.size)
-    return found
+        part, own = _cut(part, axis, FLAT * surface.size)
+        weights = own @ weights
+    return part, weights
 
 
 def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
@@ -121,10 +106,9 @@ def _distances(point: Floats, corners: Floats) -> Floats:
     return np.where(inside, height, found)
 
 
-def _cut(whole: CutSurface, axis: int, near: float) -> CutSurface:
+def _cut(surface: Surface, axis: int, near: float) -> tuple[Surface, csr_array]:
     """Cut at one plane."""
-    surface, points = whole.surface, whole.surface.points
-    triangles, count = surface.triangles, len(points)
+    points, triangles, count = surface.points, surface.triangles, len(surface.points)
     away = np.where(np.abs(points[:, axis]) <= near, 0.0, points[:, axis])
     # A vertex near a crossing moves into the plane, and has the values of the nearest crossing.
     ends, part = _crossings(triangles, away)
@@ -169,7 +153,7 @@ def _cut(whole: CutSurface, axis: int, near: float) -> CutSurface:
         np.searchsorted(used, np.array(seams, dtype=np.int64).reshape(-1, 2)),
         surface.repairs,
     )
-    return CutSurface(half, (weights @ whole.weights)[used])
+    return half, weights[used]
 
 
 def _crossings(triangles: Ints, away: Floats) -> tuple[Ints, Floats]:

@@ -47,6 +47,7 @@ from toros_fem.meshes.triangles import (
     lengths,
     shapes,
     surface_areas,
+    surface_components,
 )
 
 AUTOMATIC = "auto"
@@ -124,7 +125,6 @@ def unwrap(
     shape overlaps itself or is stretched too far.
 
     Args:
-        comm: Communicator; the first rank works.
         surface: The surface, the same on all ranks.
         seams: Edges to cut, pairs of the surface's vertices (k, 2). "auto" cuts at creases and
             where the stretch is too large. None takes the surface's own seams and the borders
@@ -201,16 +201,16 @@ def _unwrapped(
     for cells, chart in panels:
         seams[edges.of_triangle[cells][chart.slits]] = True
     seams |= between(edges, label)
-    cut = cut_open(surface.triangles, edges, seams)
-    flat = np.zeros((len(cut.sewn), 2))
+    flat_triangles, sewn = cut_open(surface.triangles, edges, seams)
+    flat = np.zeros((len(sewn), 2))
     placed = arranged([chart.corners.reshape(-1, 2) for _, chart in panels])
     for (cells, _), corners in zip(panels, placed, strict=True):
-        flat[cut.triangles[cells].ravel()] = corners
+        flat[flat_triangles[cells].ravel()] = corners
     loose = Pattern(
         flat_points=flat,
-        flat_triangles=cut.triangles,
+        flat_triangles=flat_triangles,
         panel=label,
-        sewn=cut.sewn,
+        sewn=sewn,
         points=surface.points,
         panel_names=_names(surface, [cells for cells, _ in panels]),
         seam_tolerance=1.0,
@@ -343,21 +343,20 @@ def lay_flat(
     edges = edges_of(triangles)
     seams = np.zeros(len(edges.ends), dtype=bool)
     seams[edges.of_triangle[cuts]] = True
-    cut = cut_open(triangles, edges, seams)
+    opened, sewn = cut_open(triangles, edges, seams)
     if tips and len(edges.border) == 0 and not len(cones(points, triangles, edges)):
         raise ChartError("it is closed and round.")
-    further = disc_cuts(points[cut.sewn], cut.triangles, tips=tips)
-    slits = np.isin(edges_of(cut.triangles).of_triangle, further)
+    further = disc_cuts(points[sewn], opened, tips=tips)
+    slits = np.isin(edges_of(opened).of_triangle, further)
     seams[edges.of_triangle[slits]] = True
-    cut = cut_open(triangles, edges, seams)
-    if cut.chart.max() > 0 or euler(cut.triangles) != 1:
+    opened, sewn = cut_open(triangles, edges, seams)
+    if surface_components(opened).max() > 0 or euler(opened) != 1:
         raise ChartError("its cuts do not open it to a disc.")
-    embedded = points[cut.sewn]
-    flat, used = _mapped(embedded, cut.triangles, method)
-    corners = flat[cut.triangles]
-    _check_injective(flat, cut.triangles)
+    flat, used = _mapped(points[sewn], opened, method)
+    corners = flat[opened]
+    _check_injective(flat, opened)
     if np.isfinite(max_stretch):
-        strain = strains(triangle_stretches(corners, embedded[cut.triangles]))
+        strain = strains(triangle_stretches(corners, points[triangles]))
         area = surface_areas(points, triangles)
         if area[strain > max_stretch].sum() > SPOTS * area.sum():
             raise ChartError(f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}.")

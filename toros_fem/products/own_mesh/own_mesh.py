@@ -516,6 +516,6 @@ def read_skin(
             log.info("not cut at %s = 0: %s", "xyz"[axis], error)
         else:
             found.append(axis)
-    part = cut_at_planes(surface, found)
-    pattern = straightened(scene.skin.unwrapped(comm, part.surface).pattern, found)
-    return OwnSkin(pattern, None if goal is None else part.at_vertices(goal), tuple(found))
+    part, weights = cut_at_planes(surface, found)
+    pattern = straightened(scene.skin.unwrapped(comm, part).pattern, found)
+    return OwnSkin(pattern, None if goal is None else weights @ goal, tuple(found))
