@@ -23,7 +23,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
-from toros_fem.meshes.refine import refine
+from toros_fem.meshes.transfer import refine
 
 Floats = npt.NDArray[np.float64]
 LENGTH, DIAMETER = 0.1, 0.02  # m

@@ -1,60 +1,32 @@
 """Panels, seams and the sewn skin; ready-made patterns; target shapes."""
 
-from toros_fem.meshes.cylinder import cylinder
-from toros_fem.meshes.deformed import from_mesh
+from toros_fem.meshes.makers.planar import rounded
+from toros_fem.meshes.makers.sheets import cylinder, disc, moulded, rectangle
+from toros_fem.meshes.makers.tile import SYMMETRIES, Repeated, Tile, tile
+from toros_fem.meshes.makers.two_panels import (
+    GRIPPER,
+    WALKER,
+    Star,
+    finger,
+    gripper,
+    plane_centroids,
+    two_panels,
+    walker,
+)
 from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.meshes.moulded import moulded
-from toros_fem.meshes.outline import plane_centroids, two_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import read_pattern, write_pattern
-from toros_fem.meshes.planar import rounded
-from toros_fem.meshes.robots import GRIPPER, WALKER, Star, finger, gripper, walker
-from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.surface_file import read_surface
+from toros_fem.meshes.surfaces.files import from_mesh, read_surface
+from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.surfaces.unwrap import Unwrapped, unwrap
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
-from toros_fem.meshes.tile import Repeated, Tile, tile
-from toros_fem.meshes.tile_symmetry import SYMMETRIES
-from toros_fem.meshes.triangle_limit import triangle_limit
-from toros_fem.meshes.unwrap import Unwrapped, unwrap
+from toros_fem.meshes.triangles import triangle_limit
 
 __all__ = [
-    "GRIPPER",
-    "SYMMETRIES",
-    "WALKER",
-    "Deformer",
-    "Mirrored",
-    "Pattern",
-    "Repeated",
-    "Skin",
-    "Star",
-    "Surface",
-    "Tile",
-    "Unwrapped",
-    "bend",
-    "compose",
-    "contract",
-    "curl",
-    "cylinder",
-    "disc",
-    "finger",
-    "from_mesh",
-    "gripper",
-    "mirrored",
-    "moulded",
-    "plane_centroids",
-    "read_pattern",
-    "read_surface",
-    "rectangle",
-    "rounded",
-    "sew",
-    "stand",
-    "tile",
-    "triangle_limit",
-    "twist",
-    "two_panels",
-    "unwrap",
-    "walker",
-    "write_pattern",
-]
+    "GRIPPER", "SYMMETRIES", "WALKER", "Deformer", "Mirrored", "Pattern", "Repeated", "Skin",
+    "Star", "Surface", "Tile", "Unwrapped", "bend", "compose", "contract", "curl", "cylinder",
+    "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded", "plane_centroids",
+    "read_pattern", "read_surface", "rectangle", "rounded", "sew", "stand", "tile",
+    "triangle_limit", "twist", "two_panels", "unwrap", "walker", "write_pattern",
+]  # fmt: skip

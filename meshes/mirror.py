@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -12,7 +12,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.transfer import Refinement
 from toros_fem.meshes.triangles import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
@@ -49,20 +49,27 @@ class Mirrored:
         """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
 
-    def refined(self, finer: Refinement, axes: Sequence[int]) -> Refinement:
-        """Return the refinement of the whole that that of the part leads to.
+    def at_cells(self, values: Floats) -> Floats:
+        """Return values of the whole's triangles, such as densities, from those of the part's."""
+        return np.asarray(values[self.cell])
 
-        Args:
-            finer: The refined part.
-            axes: Normals of the planes, in the order of `mirrored`.
+    def refined(self, finer: Refinement, axes: Sequence[int]) -> Refinement:
+        """Return the refinement of the whole that a refinement of the part leads to.
+
+        The axes are those of `mirrored`, in their order.
         """
+
+        def keys(vertex: Ints, signs: Floats) -> Ints:
+            """Return a number for each vertex of the part, (…), and its image by signs (…, 3)."""
+            return np.asarray(8 * vertex + (signs < 0) @ [1, 2, 4])
+
         made, count = mirrored(finer.pattern, axes), int(self.vertex.max()) + 1
         # An image is known by its vertex and its signs, + across a plane that the vertex lies in.
         outside = np.zeros((count, 3), dtype=bool)
         np.logical_or.at(outside, self.vertex, self.signs < 0)
-        known, ends = _image_keys(self.vertex, self.signs), finer.ends[made.vertex]
+        known, ends = keys(self.vertex, self.signs), finer.ends[made.vertex]
         order = np.argsort(known)
-        wanted = _image_keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
+        wanted = keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
         triangles = len(self.cell) // self.parts
         return Refinement(
             made.pattern,
@@ -70,38 +77,8 @@ class Mirrored:
             order[np.searchsorted(known[order], wanted)],
         )
 
-    def at_cells(self, values: Floats) -> Floats:
-        """Return values of the whole's triangles, such as densities, from those of the part's."""
-        return np.asarray(values[self.cell])
-
-
-def _image_keys(vertex: Ints, signs: Floats) -> Ints:
-    """Return a number for each vertex of a part, (…), and its mirror image with signs (…, 3)."""
-    return np.asarray(8 * vertex + (signs < 0) @ [1, 2, 4])
-
 
 _WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDictionary()
-
-
-def plane_border(pattern: Pattern, axis: int, at: float = 0.0) -> Ints:
-    """Return the free half-edges, (k,), in a plane across a coordinate axis.
-
-    Args:
-        pattern: Half a skin, or a quarter.
-        axis: Normal of the plane, 0 for x = 0, …
-        at: Coordinate of the plane in m.
-
-    Raises:
-        ParameterError: There is none: the skin is not cut there.
-    """
-    flat = np.abs(pattern.points[:, axis] - at) <= FLAT * pattern.size
-    border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
-    if len(border) == 0:
-        raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = {at:g} m. Cut the skin there; by "
-            "default the plane goes through the origin."
-        )
-    return pattern.edges.twins[border, 0]
 
 
 def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
@@ -123,10 +100,10 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
         return wholes[key]
     found = Mirrored(
         pattern,
-        np.arange(len(pattern.points)),
-        np.arange(len(pattern.panel)),
-        np.arange(len(pattern.flat_points)),
-        np.ones_like(pattern.points),
+        vertex=np.arange(len(pattern.points)),
+        cell=np.arange(len(pattern.panel)),
+        flat=np.arange(len(pattern.flat_points)),
+        signs=np.ones_like(pattern.points),
     )
     for axis in key:
         found = _doubled(found, axis)
@@ -135,73 +112,16 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     return found
 
 
-def require_symmetric_map(
-    points: Floats, axes: Sequence[int], deform: Callable[[Floats], Floats]
-) -> None:
-    """Check that a map takes mirror images to mirror images.
-
-    Args:
-        points: Points to try, (n, 3), in m.
-        axes: Normals of the planes of reflection.
-        deform: The map of positions, of a target for instance.
-
-    Raises:
-        TargetError: It does not.
-    """
-    size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    for axis in axes:
-        flip = np.where(np.arange(3) == axis, -1.0, 1.0)
-        off = float(np.abs(deform(flip * points) - flip * deform(points)).max())
-        if off > SYMMETRIC * size:
-            raise TargetError(
-                f"the target is not symmetric about {'xyz'[axis]} = 0: a vertex and its image are "
-                f"{off:.3g} m apart. Leave this plane out."
-            )
-
-
-def _doubled(part: Mirrored, axis: int) -> Mirrored:
-    pattern = part.pattern
-    # In the order of the triangles: a panel continues across its first cut edge.
-    flat_cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
-    _check_side(pattern, axis)
-    flip = np.where(np.arange(3) == axis, -1.0, 1.0)
-    count = len(pattern.points)
-    shared = np.zeros(count, dtype=bool)
-    shared[pattern.sewn[flat_cut]] = True
-    image = np.where(shared, np.arange(count), count + np.cumsum(~shared) - 1)
-    flat, kept, panel, names = _flat_images(pattern, flat_cut, "xyz"[axis])
-    size = len(pattern.flat_points)
-    flat_image = np.where(kept, np.arange(size), size + np.cumsum(~kept) - 1)
-    return Mirrored(
-        pattern=Pattern(
-            flat_points=np.concatenate([pattern.flat_points, flat[~kept]]),
-            flat_triangles=np.concatenate(
-                [pattern.flat_triangles, flat_image[pattern.flat_triangles[:, ::-1]]]
-            ),
-            panel=np.concatenate([pattern.panel, panel]),
-            sewn=np.concatenate([pattern.sewn, image[pattern.sewn[~kept]]]),
-            points=np.concatenate([pattern.points, flip * pattern.points[~shared]]),
-            panel_names=names,
-            seam_tolerance=pattern.seam_tolerance,
-            moulded=pattern.moulded,
-        ),
-        vertex=np.concatenate([part.vertex, part.vertex[~shared]]),
-        cell=np.concatenate([part.cell, part.cell]),
-        flat=np.concatenate([part.flat, part.flat[~kept]]),
-        signs=np.concatenate([part.signs, flip * part.signs[~shared]]),
-    )
-
-
-def _check_side(pattern: Pattern, axis: int) -> None:
-    """Check that all vertices are on one side of a plane."""
-    away, name = pattern.points[:, axis], "xyz"[axis]
-    low, high = int(np.argmin(away)), int(np.argmax(away))
-    if -away[low] > FLAT * pattern.size < away[high]:
-        raise PatternError(
-            f"the part reaches across the plane {name} = 0 of reflection: vertex {low} lies at "
-            f"{name} = {away[low]:.6g} m, vertex {high} at {away[high]:.6g} m, so that the part "
-            "and its image would overlap. Cut it there, and give one side only."
+def plane_border(pattern: Pattern, axis: int, at: float = 0.0) -> Ints:
+    """Return the free half-edges, (k,), in the plane where a coordinate is `at`, in m."""
+    flat = np.abs(pattern.points[:, axis] - at) <= FLAT * pattern.size
+    border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
+    if len(border) == 0:
+        raise ParameterError(
+            f"no free edge lies in the plane {'xyz'[axis]} = {at:g} m. Cut the skin there; by "
+            "default the plane goes through the origin."
         )
+    return pattern.edges.twins[border, 0]
 
 
 def first_chain(edges: Ints) -> Ints:
@@ -210,12 +130,63 @@ def first_chain(edges: Ints) -> Ints:
     return edges[label[edges[:, 0]] == label[edges[0, 0]]]
 
 
-def _straight(pattern: Pattern, chain: Ints) -> bool:
-    """Return whether flat edges lie on the line of the first one."""
-    points, (begin, end) = pattern.flat_points[chain.ravel()], pattern.flat_points[chain[0]]
-    arm, along = points - begin, (end - begin) / np.hypot(*(end - begin))
-    off = arm[:, 0] * along[1] - arm[:, 1] * along[0]
-    return bool(np.abs(off).max() <= FLAT * pattern.size)
+def flip(axis: int) -> Floats:
+    """Return the factors of the coordinates, (3,), of a reflection across an axis."""
+    return np.where(np.arange(3) == axis, -1.0, 1.0)
+
+
+def require_symmetric_map(
+    points: Floats, axes: Sequence[int], deform: Callable[[Floats], Floats]
+) -> None:
+    """Check at points (n, 3) that a map of positions takes mirror images to mirror images."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    for axis in axes:
+        off = float(np.abs(deform(flip(axis) * points) - flip(axis) * deform(points)).max())
+        if off > SYMMETRIC * size:
+            raise TargetError(
+                f"the target is not symmetric about {'xyz'[axis]} = 0: a vertex and its image are "
+                f"{off:.3g} m apart. Leave this plane out."
+            )
+
+
+def _doubled(part: Mirrored, axis: int) -> Mirrored:
+    """Return a part with its image in one plane."""
+    pattern, name = part.pattern, "xyz"[axis]
+    # In the order of the triangles: a panel continues across its first cut edge.
+    cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
+    away = pattern.points[:, axis]
+    low, high = int(np.argmin(away)), int(np.argmax(away))
+    if -away[low] > FLAT * pattern.size < away[high]:
+        raise PatternError(
+            f"the part reaches across the plane {name} = 0 of reflection: vertex {low} lies at "
+            f"{name} = {away[low]:.6g} m, vertex {high} at {away[high]:.6g} m, so that the part "
+            "and its image would overlap. Cut it there, and give one side only."
+        )
+    shared = np.zeros(len(pattern.points), dtype=bool)
+    shared[pattern.sewn[cut]] = True
+    flat, kept, panel, names = _flat_images(pattern, cut, name)
+    image, flat_image = (
+        np.where(same, np.arange(len(same)), len(same) + np.cumsum(~same) - 1)
+        for same in (shared, kept)
+    )
+    whole = replace(
+        pattern,
+        flat_points=np.concatenate([pattern.flat_points, flat[~kept]]),
+        flat_triangles=np.concatenate(
+            [pattern.flat_triangles, flat_image[pattern.flat_triangles[:, ::-1]]]
+        ),
+        panel=np.concatenate([pattern.panel, panel]),
+        sewn=np.concatenate([pattern.sewn, image[pattern.sewn[~kept]]]),
+        points=np.concatenate([pattern.points, flip(axis) * pattern.points[~shared]]),
+        panel_names=names,
+    )
+    return Mirrored(
+        whole,
+        vertex=np.concatenate([part.vertex, part.vertex[~shared]]),
+        cell=np.concatenate([part.cell, part.cell]),
+        flat=np.concatenate([part.flat, part.flat[~kept]]),
+        signs=np.concatenate([part.signs, flip(axis) * part.signs[~shared]]),
+    )
 
 
 def _flat_images(
@@ -224,30 +195,24 @@ def _flat_images(
     """Mirror each panel in the line of its first cut edge, where it continues.
 
     Its other cuts, as on a tube's wall, become seams. A panel without a cut, or with a crooked one,
-    gets a second panel as its image.
-
-    Returns:
-        The mirrored flat points, whether each is its own image, the panel of each mirrored
-        triangle, and the names of all panels.
+    gets a second panel as its image. Returned are the mirrored flat points, whether each is its own
+    image, the panel of each mirrored triangle, and the names of all panels.
     """
-    flat, names = pattern.flat_points.copy(), list(pattern.panel_names)
-    panel = pattern.panel.copy()
-    kept = np.zeros(len(flat), dtype=bool)
-    of_point = np.zeros(len(flat), dtype=np.int64)
-    of_point[pattern.flat_triangles] = pattern.panel[:, None]
+    flat, names, panel = pattern.flat_points.copy(), list(pattern.panel_names), pattern.panel.copy()
+    near, kept = FLAT * pattern.size, np.zeros(len(flat), dtype=bool)
     for number, name in enumerate(pattern.panel_names):
-        points = np.flatnonzero(of_point == number)
-        here = cut[of_point[cut[:, 0]] == number]
-        if len(here) == 0 or not _straight(pattern, first_chain(here)):
+        points = np.flatnonzero(pattern.panel_of_point == number)
+        here = cut[pattern.panel_of_point[cut[:, 0]] == number]
+        if len(here):
+            begin, end = pattern.flat_points[here[0]]
+            normal = np.array([begin[1] - end[1], end[0] - begin[0]]) / np.hypot(*(end - begin))
+            away = (pattern.flat_points - begin) @ normal
+        if len(here) == 0 or np.abs(away[first_chain(here)]).max() > near:
             flat[points] *= [-1, 1]
             panel[pattern.panel == number] = len(names)
             names.append(f"{name}, mirrored in {plane} = 0")
             continue
-        begin, end = pattern.flat_points[here[0]]
-        normal = np.array([begin[1] - end[1], end[0] - begin[0]]) / np.hypot(*(end - begin))
-        away = (pattern.flat_points[points] - begin) @ normal
-        flat[points] -= 2 * away[:, None] * normal
+        flat[points] -= 2 * away[points, None] * normal
         border = np.unique(here)
-        off = np.abs((pattern.flat_points[border] - begin) @ normal)
-        kept[border[off <= FLAT * pattern.size]] = True
+        kept[border[np.abs(away[border]) <= near]] = True
     return flat, kept, panel, tuple(names)

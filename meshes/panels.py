@@ -1,97 +1,264 @@
-"""Panels from regions of a surface: divided until they lie flat, then merged where possible."""
+"""Panels as polygons: their places beside each other, and regions cut by their triangles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
 import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.affinity import affine_transform
+from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Ints
-from toros_fem.base.errors import SurfaceError
-from toros_fem.meshes.chart import Chart, ChartError, lay_flat
-from toros_fem.meshes.regions import halves
-from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.triangles import Edges, between, connected_regions, edges_of, lengths, normals
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangles import barycentric
 
-Panels = list[tuple[Ints, Chart]]
-"""Triangles of the surface in each panel, and the panel laid flat."""
+Polygons: TypeAlias = npt.NDArray[np.object_]
+
+# Gap between panels as a fraction of the side of a square of their whole area.
+GAP = 0.04
+# Widths of rows over this side: of panels turned upright, and of panels as they are.
+UPRIGHT_WIDTH, ROW_WIDTH = 1.3, 2.5
+# Panels whose bounding boxes are closer than this fraction of the drawing's size touch.
+TOUCHING = 1e-6
+# Panels are turned in a picture if it becomes this many times larger.
+LARGER = 1.1
+# Rounding that two sizes may differ by, in m.
+FITS = 1e-9
+# Number of widths of rows that are tried.
+WIDTHS = 12
+# Corners of the pieces that a region is divided into before it is cut by triangles.
+PIECE = 40
+# A part that is smaller than this fraction of its triangle comes from rounding.
+SLIVER = 1e-6
+
+# --------------------------------------------------------------------------- beside each other
 
 
-def flat_panels(
-    surface: Surface, edges: Edges, cuts: Bools, method: str, max_stretch: float, *, tips: bool
-) -> Panels:
-    """Lay the regions between cuts flat; divide those that cannot be laid flat as one panel.
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The place of a panel in a picture.
+
+    Attributes:
+        turned: Whether the panel is turned by 90° clockwise.
+        offset: Translation after the turn, (2,), in m.
+    """
+
+    turned: bool
+    offset: Floats
+
+    def points(self, points: Floats) -> Floats:
+        """Return points of the panel's chart, (…, 2), in the picture, in m."""
+        return self.vectors(points) + self.offset
+
+    def vectors(self, vectors: Floats) -> Floats:
+        """Return vectors of the panel's chart, (…, 2), in the picture."""
+        return np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1) if self.turned else vectors
+
+    def region(self, region: BaseGeometry) -> BaseGeometry:
+        """Return a region of the panel's chart in the picture, in m."""
+        turn = [0, 1, -1, 0] if self.turned else [1, 0, 0, 1]
+        return affine_transform(region, [*turn, *self.offset])
+
+
+def arranged(panels: Sequence[Floats]) -> list[Floats]:
+    """Turn panels, given by flat points (m, 2), upright, and pack them in rows.
+
+    They are rotated and translated into the first quadrant, in m. No two overlap.
+    """
+    upright = [_upright(points) for points in panels]
+    sizes = np.array([points.max(axis=0) for points in upright])
+    side = float(np.sqrt(sizes.prod(axis=1).sum()))
+    corners = _in_rows(sizes, UPRIGHT_WIDTH * side, GAP * side)
+    return [points + corner for points, corner in zip(upright, corners, strict=True)]
+
+
+def panel_places(
+    pattern: Pattern, gap: float, page: tuple[float, float] | None = None
+) -> list[Place]:
+    """Return the places of all panels in a picture, whose lower left corner is the origin.
+
+    Panels that are apart in the flat plane, as those of `unwrap`, keep their places beside each
+    other. Others, as those of `cylinder`, are packed in rows.
 
     Args:
-        surface: The surface.
-        edges: Its edges.
-        cuts: Edges that are always cut, (e,).
-        method, max_stretch, tips: As in `lay_flat`.
-
-    Raises:
-        SurfaceError: The method is "exact", but a region is not developable.
+        gap: Gap between panels that are packed here, in m.
+        page: Width and height of a page, in any unit, on which all shall be as large as possible:
+            slim panels may be turned for this, all alike, and small ones stand above each other.
+            None: no panel is turned.
     """
-    region = connected_regions(edges, edges.inner[~cuts[edges.inner]])
-    waiting = [np.flatnonzero(region == k) for k in range(region.max() + 1)][::-1]
-    panels: Panels = []
-    divided = False
-
-    def flat(cells: Ints) -> Chart:
-        sides = cuts[edges.of_triangle[cells]]
-        return lay_flat(surface.points, surface.triangles[cells], sides, method, max_stretch, tips)
-
-    while waiting:
-        cells = waiting.pop()
-        try:
-            panels.append((cells, flat(cells)))
-        except ChartError as error:
-            if len(cells) < 2:
-                raise SurfaceError(f"triangle {cells[0]} cannot be laid flat: {error}") from error
-            waiting += _divided(surface, edges, cuts, cells)
-            divided = True
-    refused: set[bytes] = set()
-    while divided:
-        for one, two in _neighbours(surface, edges, cuts, panels):
-            cells = np.sort(np.concatenate([panels[one][0], panels[two][0]]))
-            key = cells.tobytes()
-            if key in refused:
-                continue
-            try:
-                chart = flat(cells)
-            except ChartError:
-                refused.add(key)
-                continue
-            panels = [panel for k, panel in enumerate(panels) if k not in (one, two)]
-            panels.append((cells, chart))
-            break
+    corners = [
+        pattern.corners[pattern.panel == panel].reshape(-1, 2)
+        for panel in range(len(pattern.panel_names))
+    ]
+    best: tuple[float, list[Place]] = 0.0, []
+    for turned in (False, True) if page else (False,):
+        here = Place(turned, np.zeros(2))
+        low = np.array([here.points(points).min(axis=0) for points in corners])
+        high = np.array([here.points(points).max(axis=0) for points in corners])
+        sizes = high - low
+        if _apart(low, high):
+            packed = [low - low.min(axis=0)]
+        elif page:
+            widths = np.linspace(sizes[:, 0].max(), (sizes[:, 0] + gap).sum(), WIDTHS)
+            packed = [_in_rows(sizes, float(width), gap, stacked=True) for width in widths]
         else:
-            break
-    return sorted(panels, key=lambda panel: (int(surface.parts[panel[0][0]]), int(panel[0][0])))
+            packed = [_in_rows(sizes, ROW_WIDTH * float(np.sqrt(sizes.prod(axis=1).sum())), gap)]
+        for lower in packed:
+            scale = float((np.array(page or (1, 1)) / (lower + sizes).max(axis=0)).min())
+            if scale > best[0] * (LARGER if turned and not best[1][0].turned else 1 + 1e-9):
+                best = scale, [Place(turned, offset) for offset in lower - low]
+    return best[1]
 
 
-def _divided(surface: Surface, edges: Edges, cuts: Bools, cells: Ints) -> list[Ints]:
-    """Divide a region in two; return the triangles of each connected part."""
-    triangles = surface.triangles[cells]
-    side = halves(surface.points, triangles)
-    local = edges_of(triangles)
-    whole = np.ones(len(local.ends), dtype=bool)
-    whole[local.of_triangle[cuts[edges.of_triangle[cells]]]] = False
-    label = connected_regions(
-        local, np.flatnonzero(whole & (local.count == 2) & ~between(local, side))
-    )
-    return [cells[label == k] for k in range(label.max(), -1, -1)]
+def _apart(low: Floats, high: Floats) -> bool:
+    """Return whether no two boxes, given by their corners (p, 2), overlap or touch."""
+    near = TOUCHING * float(np.linalg.norm(high.max(axis=0) - low.min(axis=0)))
+    gaps = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
+    return bool(np.all(gaps[np.triu_indices(len(low), 1)] > near))
 
 
-def _neighbours(
-    surface: Surface, edges: Edges, cuts: Bools, panels: Panels
-) -> list[tuple[int, int]]:
-    """Return pairs of panels that meet at an edge outside `cuts`, the most compact pair first."""
-    label = np.zeros(len(surface.triangles), dtype=np.int64)
-    for number, (cells, _) in enumerate(panels):
-        label[cells] = number
-    area = np.bincount(label, np.linalg.norm(normals(surface.points, surface.triangles), axis=1))
-    meeting = between(edges, label) & ~cuts
-    pair, group = np.unique(
-        np.sort(label[edges.sides[meeting]], axis=1), axis=0, return_inverse=True
-    )
-    shared = np.bincount(group.ravel(), lengths(surface.points, edges.ends[meeting]))
-    order = np.argsort(area[pair].sum(axis=1) / np.maximum(shared, 1e-300) ** 2, kind="stable")
-    return [(int(one), int(two)) for one, two in pair[order]]
+def _in_rows(sizes: Floats, width: float, gap: float, *, stacked: bool = False) -> Floats:
+    """Return the lower left corner of each rectangle, (p, 2), in rows of about this width.
+
+    If they are stacked, lower rectangles stand above each other in a row as far as they fit.
+    """
+    width = max(width, float(sizes[:, 0].max()))
+    corners = np.zeros_like(sizes)
+    corner, height = np.zeros(2), 0.0
+    below: int | None = None  # the last one of the row, if another may stand on it
+    for k in np.argsort(-sizes[:, 1].round(9), kind="stable"):  # the tallest first
+        size = sizes[k]
+        if stacked and below is not None:
+            above = corners[below] + [0, sizes[below, 1] + gap]
+            if above[1] + size[1] <= corner[1] + height and size[0] <= sizes[below, 0] + FITS:
+                corners[k], below = above, k
+                continue
+        if corner[0] > 0 and corner[0] + size[0] > width:
+            corner, height = np.array([0.0, corner[1] + height + gap]), 0.0
+        corners[k], below = corner, k
+        corner = corner + [size[0] + gap, 0]
+        height = max(height, float(size[1]))
+    return corners
+
+
+def _upright(points: Floats) -> Floats:
+    """Return points turned so that their narrowest rectangle is upright, from the origin."""
+    corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
+    sides = np.diff(corners[:3], axis=0)
+    long = sides[np.argmax(np.linalg.norm(sides, axis=1))]
+    turn = np.exp(1j * (np.pi / 2 - np.arctan2(long[1], long[0])))
+    place = (points @ [1, 1j]) * turn
+    turned = np.column_stack([place.real, place.imag])
+    return turned - turned.min(axis=0)
+
+
+# ---------------------------------------------------------------------------- cut by triangles
+
+
+@dataclass(frozen=True, eq=False)
+class CutTriangles:
+    """Polygons, inside or outside of regions, that make up all triangles that the regions reach.
+
+    Their corners are given by the triangle, so that they can be put on any shape of the skin.
+
+    Attributes:
+        cell: Triangle of each polygon, (k,).
+        inside: Whether each polygon lies in the regions, (k,).
+        areas: Area of each polygon in its flat panel, (k,), in m².
+        weights: Barycentric coordinates of the corners of all rings, (n, 3); the first corner of a
+            ring comes again as its last. Holes run the other way around than outer rings.
+        polygon: Polygon of each ring, (r,), ascending; its outer ring comes first.
+        first: Number of the first corner of each ring, and n, (r + 1,).
+    """
+
+    cell: Ints
+    inside: Bools
+    areas: Floats
+    weights: Floats
+    polygon: Ints
+    first: Ints
+
+    def corners(self, corners: Floats) -> Floats:
+        """Return the corners of all rings, (n, d), from those of the triangles, (t, 3, d)."""
+        cells = np.repeat(self.cell[self.polygon], np.diff(self.first))
+        return np.asarray(np.einsum("nc,ncd->nd", self.weights, corners[cells]))
+
+    def repeated(self, count: int, triangles: int) -> CutTriangles:
+        """Return the polygons on several copies of a skin of t triangles, one after the other."""
+        copy = np.arange(count)[:, None]
+        size, corners = len(self.cell), len(self.weights)
+        return CutTriangles(
+            cell=(self.cell + triangles * copy).ravel(),
+            inside=np.tile(self.inside, count),
+            areas=np.tile(self.areas, count),
+            weights=np.tile(self.weights, (count, 1)),
+            polygon=(self.polygon + size * copy).ravel(),
+            first=np.append((self.first[:-1] + corners * copy).ravel(), count * corners),
+        )
+
+
+def cut_triangles(pattern: Pattern, regions: Sequence[BaseGeometry]) -> CutTriangles:
+    """Cut the triangles of all panels by a region of each panel, polygons in m."""
+    cells, flags, polygons = [], [], []
+    for panel, region in enumerate(regions):
+        here = np.flatnonzero(pattern.panel == panel)
+        corners, areas = pattern.corners[here], pattern.areas[here]
+        cell, parts = cut_by_triangles(region, corners)
+        share = np.bincount(cell, shapely.area(parts), minlength=len(here)) / areas
+        whole, cut = share >= 1 - SLIVER, (share > SLIVER) & (share < 1 - SLIVER)
+        bare, rest = cut_by_triangles(pattern.outline(panel).difference(region), corners[cut])
+        for found, inside, some in (
+            (here[whole], True, shapely.polygons(corners[whole])),
+            (here[cell[cut[cell]]], True, parts[cut[cell]]),
+            (here[cut][bare], False, rest),
+        ):
+            large = shapely.area(some) > SLIVER * pattern.areas[found]
+            cells.append(found[large])
+            flags.append(np.full(np.count_nonzero(large), inside))
+            polygons.append(shapely.normalize(some[large]))
+    cell, inside, parts = (np.concatenate(each) for each in (cells, flags, polygons))
+    rings, polygon = shapely.get_rings(parts, return_index=True)
+    first = np.concatenate([[0], np.cumsum(shapely.get_num_coordinates(rings))])
+    around = pattern.corners[np.repeat(cell[polygon], np.diff(first))]
+    weights = barycentric(around, shapely.get_coordinates(rings)[:, None])[:, 0]
+    return CutTriangles(cell, inside, shapely.area(parts), weights, polygon, first)
+
+
+def cut_by_triangles(region: BaseGeometry, corners: Floats) -> tuple[Ints, Polygons]:
+    """Return the parts of a region in triangles (t, 3, 2), polygons that only share borders.
+
+    The triangle of each polygon, (k,), comes first.
+    """
+    triangles, pieces = shapely.polygons(corners), _divided(region)
+    triangle, piece = shapely.STRtree(pieces).query(triangles, predicate="intersects")
+    parts = shapely.intersection(triangles[triangle], pieces[piece])
+    parts, origin = shapely.get_parts(parts, return_index=True)
+    flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    return triangle[origin[flat]], parts[flat]
+
+
+def _divided(region: BaseGeometry) -> Polygons:
+    """Return pieces of a region with few corners each; they only share borders."""
+    done: list[BaseGeometry] = []
+    left = list(shapely.get_parts(region))
+    while left:
+        part = left.pop()
+        if part.geom_type != "Polygon" or part.is_empty:
+            continue
+        if shapely.get_num_coordinates(part) <= PIECE:
+            done.append(part)
+            continue
+        x, y, right, top = part.bounds
+        if right - x > top - y:
+            middle = (x + right) / 2
+            halves = (x, y, middle, top), (middle, y, right, top)
+        else:
+            middle = (y + top) / 2
+            halves = (x, y, right, middle), (x, middle, right, top)
+        for half in halves:
+            left += list(shapely.get_parts(shapely.intersection(part, shapely.box(*half))))
+    return np.array(done, dtype=object)

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
+from scipy.sparse import csr_array, eye_array
 from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import (
     DegenerateTriangleError,
-    ManifoldError,
     OpenSkinError,
     OrientationError,
     PanelError,
     PatternError,
     SeamError,
+    TorosError,
 )
 from toros_fem.base.validation import (
     checked_names,
@@ -30,36 +34,30 @@ from toros_fem.base.validation import (
 from toros_fem.meshes.triangles import (
     Edges,
     chart_turns,
-    clashing,
     edges_of,
     flat_areas,
     half_edges,
+    laplacian,
+    lengths,
     linked,
-    pinched,
-    users,
+    require_manifold,
 )
 
 # A triangle thinner than this fraction of its longest edge has no usable shape functions.
 MIN_HEIGHT_RATIO = 1e-6
 # Number of names of panels in a message.
 MOST_NAMES = 8
+# Damping over the Laplacian's diagonal: without any fixed vertex a harmonic extension is zero.
+DAMPING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Panel:
-    """A flat piece of cloth, with the positions of its vertices in the assembled skin.
-
-    Attributes:
-        name: Name in messages and pictures.
-        flat_points: Flat positions, shape (m, 2), in m.
-        triangles: Corners among the flat points, shape (t, 3), counter-clockwise.
-        points: Embedded positions, shape (m, 3), in m.
-    """
+class Panel(NamedTuple):
+    """A flat piece of cloth, with the positions of its vertices in the assembled skin, in m."""
 
     name: str
-    flat_points: Floats
-    triangles: Ints
-    points: Floats
+    flat_points: Floats  # (m, 2)
+    triangles: Ints  # (t, 3), counter-clockwise
+    points: Floats  # (m, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +70,7 @@ class Pattern:
 
     Args:
         flat_points: Flat positions, shape (m, 2), in m. Panels may overlap: `panel` separates
-            them, not their places. `arrange.panel_offsets` gives places beside each other.
+            them, not their places. `panels.panel_places` gives places beside each other.
         flat_triangles: Corners of each triangle among the flat points, shape (t, 3),
             counter-clockwise seen from outside the skin.
         panel: Panel of each triangle, shape (t,), numbered from 0.
@@ -100,67 +98,43 @@ class Pattern:
     moulded: bool = False
 
     def __post_init__(self) -> None:
-        for name, kind, width in (
-            ("flat_points", np.float64, 2),
-            ("flat_triangles", np.int64, 3),
-            ("panel", np.int64, 0),
-            ("sewn", np.int64, 0),
-            ("points", np.float64, 3),
-        ):
-            required = f"(…, {width})" if width else "(…,)"
-            read = real_numbers if kind is np.float64 else whole_numbers
-            array = np.array(read(name, getattr(self, name), f"of shape {required}", PatternError))
-            if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-                raise PatternError(f"{name} has shape {array.shape}; it must be {required}.")
-            if not np.all(np.isfinite(array)):
-                row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
-                raise PatternError(f"{name}[{row}] = {array[row]} is not finite.")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        keep_arrays(
+            self, PatternError, flat_points=(float, 2), flat_triangles=(int, 3), panel=(int, 0),
+            sewn=(int, 0), points=(float, 3),
+        )  # fmt: skip
         names = checked_names("panel_names", self.panel_names, PatternError)
         object.__setattr__(self, "panel_names", names)
         require_flag(moulded=self.moulded)
         self._check_sizes()
         self._check_triangles()
-        self._check_edges()
-        self._check_vertices()
+        remedy = "Mirror one of their panels, or reverse a seam."
+        require_manifold(self.points, self.triangles, self.edges, remedy)
         self._check_seams()
 
     @classmethod
     def from_panels(
         cls, panels: Sequence[Panel], tolerance: float, seam_tolerance: float = 1e-6
     ) -> Pattern:
-        """Sew panels wherever their embedded border vertices coincide.
-
-        Args:
-            panels: Flat panels with their embedded positions.
-            tolerance: Distance in m below which two embedded border vertices coincide.
-            seam_tolerance: As in the constructor.
-        """
-        offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])
+        """Sew panels wherever their embedded border vertices coincide, within a tolerance in m."""
+        offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])[:-1]
         embedded = np.concatenate([panel.points for panel in panels])
-        flat = np.concatenate([off + p.triangles for off, p in zip(offsets, panels, strict=False)])
+        flat = np.concatenate([off + p.triangles for off, p in zip(offsets, panels, strict=True)])
         edges = edges_of(flat)
         border = np.unique(edges.ends[edges.border])
         pairs = border[cKDTree(embedded[border]).query_pairs(tolerance, output_type="ndarray")]
         sewn = linked(pairs[:, 0], pairs[:, 1], len(embedded))
-        _, first = np.unique(sewn, return_index=True)
         return cls(
             flat_points=np.concatenate([panel.flat_points for panel in panels]),
             flat_triangles=flat,
             panel=np.repeat(np.arange(len(panels)), [len(p.triangles) for p in panels]),
             sewn=sewn,
-            points=embedded[first],
+            points=embedded[np.unique(sewn, return_index=True)[1]],
             panel_names=tuple(panel.name for panel in panels),
             seam_tolerance=seam_tolerance,
         )
 
     def panel_index(self, name: str) -> int:
-        """Return the number of the panel with this name.
-
-        Raises:
-            PanelError: There is no such panel.
-        """
+        """Return the number of the panel with this name."""
         if not isinstance(name, str) or name not in self.panel_names:
             known = ", ".join(map(repr, self.panel_names[:MOST_NAMES]))
             more = ", …" if len(self.panel_names) > MOST_NAMES else ""
@@ -175,15 +149,52 @@ class Pattern:
         """Return the assembled vertices of a panel, by its name, including those on its seams."""
         return np.unique(self.triangles[self.cells_of(name)])
 
-    @property
+    def outline(self, panel: int) -> BaseGeometry:
+        """Return the outline of a panel, by its number, a polygon in m."""
+        return self._outlines[panel]
+
+    def mean_over_flat_points(self, values: Floats) -> Floats:
+        """Return values at assembled vertices, (n, …): means over those of their flat points."""
+        sewn, count = self.sewn, len(self.points)
+        shape = (count, len(sewn))
+        matrix = csr_array((np.ones(len(sewn)), (sewn, np.arange(len(sewn)))), shape=shape)
+        mean = (matrix @ values.reshape(len(values), -1)) / np.bincount(sewn)[:, None]
+        return np.asarray(mean).reshape(count, *values.shape[1:])
+
+    def flat_laplacian(self) -> csr_array:
+        """Return the stiffness of linear elements on the flat panels, sewn together, (n, n)."""
+        whole = laplacian(self.corners, self.triangles)
+        identity = csr_array(eye_array(len(self.points)))
+        return whole + DAMPING * whole.diagonal().mean() * identity
+
+    def require_closed(self) -> None:
+        """Check that the skin encloses a volume."""
+        if len(self.free_edges):
+            a, b = self.free_edges[0]
+            raise OpenSkinError(
+                f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
+                f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
+                "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
+                "lies in it (symmetry_plane), or set the pressure to 0."
+            )
+
+    def require_flat_panels(self, purpose: str) -> None:
+        """Check that panels are flat pieces of cloth; the purpose is for the message."""
+        if self.moulded:
+            raise PatternError(
+                f"{purpose} needs flat panels, but this skin is moulded: each of its triangles has "
+                "a chart of its own. Cut it from flat panels (meshes.unwrap), or leave this out."
+            )
+
+    @cached_property
     def triangles(self) -> Ints:
         """Assembled vertices of each triangle, shape (t, 3)."""
-        return self.sewn[self.flat_triangles]
+        return _fixed(self.sewn[self.flat_triangles])
 
-    @property
+    @cached_property
     def corners(self) -> Floats:
         """Flat corner positions of each triangle, shape (t, 3, 2), in m."""
-        return self.flat_points[self.flat_triangles]
+        return _fixed(self.flat_points[self.flat_triangles])
 
     @cached_property
     def areas(self) -> Floats:
@@ -199,8 +210,14 @@ class Pattern:
     def vertex_areas(self) -> Floats:
         """A third of the flat area around each assembled vertex, shape (n,), in m²."""
         third = np.repeat(self.areas / 3, 3)
-        count = len(self.points)
-        return np.bincount(self.triangles.ravel(), third, minlength=count).astype(np.float64)
+        return np.bincount(self.triangles.ravel(), third).astype(np.float64)
+
+    @cached_property
+    def panel_of_point(self) -> Ints:
+        """Panel of each flat point, shape (m,); −1 where no triangle uses it."""
+        found: Ints = np.full(len(self.flat_points), -1, dtype=np.int64)
+        found[self.flat_triangles] = self.panel[:, None]
+        return found
 
     @cached_property
     def size(self) -> float:
@@ -208,9 +225,21 @@ class Pattern:
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @cached_property
+    def edges(self) -> Edges:
+        """Edges of the assembled skin, between its vertices."""
+        return edges_of(self.triangles)
+
+    @cached_property
     def free_edges(self) -> Ints:
         """Assembled edges with only one triangle, shape (k, 2)."""
         return half_edges(self.triangles)[self.edges.twins[self.edges.border, 0]]
+
+    @cached_property
+    def flat_sides(self) -> Ints:
+        """Flat ends of both sides of each inner edge, sewn ones at the same index."""
+        sides = half_edges(self.flat_triangles)[self.edges.twins[self.edges.inner]]
+        sides[:, 1] = sides[:, 1, ::-1]
+        return sides
 
     @cached_property
     def seams(self) -> Ints:
@@ -218,8 +247,13 @@ class Pattern:
 
         `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
         """
-        flat = self.flat_sides
-        return flat[np.any(flat[:, 0] != flat[:, 1], axis=1)]
+        return self.flat_sides[np.any(self.flat_sides[:, 0] != self.flat_sides[:, 1], axis=1)]
+
+    @cached_property
+    def seam_gaps(self) -> Floats:
+        """Relative difference of length of the two edges of each seam, shape (s,)."""
+        length = lengths(self.flat_points, self.seams)
+        return np.asarray(np.abs(length[:, 0] - length[:, 1]) / length.max(axis=1))
 
     @cached_property
     def seam_edges(self) -> Bools:
@@ -229,41 +263,6 @@ class Pattern:
         seam[self.edges.inner] = np.any(flat[:, 0] != flat[:, 1], axis=1)
         # The edge from corner i + 1 to i + 2 is the one opposite corner i.
         return np.roll(seam[self.edges.of_triangle], -1, axis=1)
-
-    def require_closed(self) -> None:
-        """Check that the skin encloses a volume.
-
-        Raises:
-            OpenSkinError: An edge has no neighbour.
-        """
-        if len(self.free_edges):
-            a, b = self.free_edges[0]
-            raise OpenSkinError(
-                f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
-                f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
-                "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
-                "lies in it (symmetry_plane), or set the pressure to 0."
-            )
-
-    def require_flat_panels(self, purpose: str) -> None:
-        """Check that panels are flat pieces of cloth.
-
-        Args:
-            purpose: What needs them, for the message.
-
-        Raises:
-            PatternError: The skin is moulded.
-        """
-        if self.moulded:
-            raise PatternError(
-                f"{purpose} needs flat panels, but this skin is moulded: each of its triangles has "
-                "a chart of its own. Cut it from flat panels (meshes.unwrap), or leave this out."
-            )
-
-    @cached_property
-    def edges(self) -> Edges:
-        """Edges of the assembled skin, between its vertices."""
-        return edges_of(self.triangles)
 
     @cached_property
     def chart_turns(self) -> Floats:
@@ -275,11 +274,11 @@ class Pattern:
         return chart_turns(self.corners, self.edges)[self.edges.inner]
 
     @cached_property
-    def flat_sides(self) -> Ints:
-        """Flat ends of both sides of each inner edge, sewn ones at the same index."""
-        sides = half_edges(self.flat_triangles)[self.edges.twins[self.edges.inner]]
-        sides[:, 1] = sides[:, 1, ::-1]
-        return sides
+    def _outlines(self) -> list[BaseGeometry]:
+        return [
+            shapely.coverage_union_all(shapely.polygons(self.corners[self.panel == panel]))
+            for panel in range(len(self.panel_names))
+        ]
 
     def _check_sizes(self) -> None:
         m, t, n = len(self.flat_points), len(self.flat_triangles), len(self.points)
@@ -289,29 +288,24 @@ class Pattern:
             raise PatternError(f"panel has {len(self.panel)} entries for {t} triangles.")
         if len(self.sewn) != m:
             raise PatternError(f"sewn has {len(self.sewn)} entries for {m} flat points.")
-        for name, array, bound in (
-            ("flat_triangles", self.flat_triangles, m),
-            ("sewn", self.sewn, n),
-            ("panel", self.panel, len(self.panel_names)),
-        ):
-            if array.min() < 0 or array.max() >= bound:
-                wrong = array.min() if array.min() < 0 else array.max()
-                raise PatternError(f"{name} holds {wrong}; entries must lie in 0 … {bound - 1}.")
+        require_indices(
+            PatternError, flat_triangles=(self.flat_triangles, m), sewn=(self.sewn, n),
+            panel=(self.panel, len(self.panel_names)),
+        )  # fmt: skip
         for index, name in enumerate(self.panel_names):
             if not np.any(self.panel == index):
                 raise PanelError(f"panel {index} ({name!r}) has no triangle.")
-        low = np.full(m, len(self.panel_names))
-        high = np.full(m, -1)
-        corner = self.flat_triangles.ravel()
-        np.minimum.at(low, corner, np.repeat(self.panel, 3))
-        np.maximum.at(high, corner, np.repeat(self.panel, 3))
-        if np.any(high < 0):
-            raise PatternError(f"flat point {np.flatnonzero(high < 0)[0]} belongs to no triangle.")
-        if np.any(low != high):
-            point = np.flatnonzero(low != high)[0]
+        if np.any(self.panel_of_point < 0):
+            point = int(np.argmin(self.panel_of_point))
+            raise PatternError(f"flat point {point} belongs to no triangle.")
+        found = self.panel_of_point[self.flat_triangles]
+        shared = np.argwhere(found != self.panel[:, None])
+        if len(shared):
+            cell, corner = shared[0]
+            low, high = sorted((self.panel[cell], found[cell, corner]))
             raise PanelError(
-                f"flat point {point} is used by panels {low[point]} and {high[point]}. Give each "
-                "panel its own flat points and sew them by `sewn`."
+                f"flat point {self.flat_triangles[cell, corner]} is used by panels {low} and "
+                f"{high}. Give each panel its own flat points and sew them by `sewn`."
             )
         unused = np.setdiff1d(np.arange(n), self.sewn)
         if len(unused):
@@ -322,76 +316,76 @@ class Pattern:
             )
 
     def _check_triangles(self) -> None:
-        tri = self.triangles
-        twice = (tri[:, 0] == tri[:, 1]) | (tri[:, 1] == tri[:, 2]) | (tri[:, 2] == tri[:, 0])
+        def first(wrong: Bools) -> tuple[int, str]:
+            k = int(np.argmax(wrong))
+            return k, f"triangle {k} of panel {self.panel[k]} ({self.panel_names[self.panel[k]]!r})"
+
+        twice = np.any(self.triangles == np.roll(self.triangles, 1, axis=1), axis=1)
         if np.any(twice):
-            k = int(np.flatnonzero(twice)[0])
+            k, name = first(twice)
             raise DegenerateTriangleError(
-                f"triangle {k} of panel {self._panel_of(k)} uses an assembled vertex twice: "
-                f"{tri[k].tolist()}. Refine it, or correct `sewn`."
+                f"{name} uses an assembled vertex twice: {self.triangles[k].tolist()}. Refine it, "
+                "or correct `sewn`."
             )
-        corners = self.corners
-        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        sides = self.corners - np.roll(self.corners, 1, axis=1)
+        longest = np.linalg.norm(sides, axis=2).max(axis=1)
         flat = np.abs(self.areas) * 2 <= MIN_HEIGHT_RATIO * longest**2
         if np.any(flat):
-            k = int(np.flatnonzero(flat)[0])
+            k, name = first(flat)
             raise DegenerateTriangleError(
-                f"triangle {k} of panel {self._panel_of(k)} has a flat area of "
-                f"{self.areas[k]:.3g} m² on a longest edge of {longest[k]:.3g} m; its height must "
-                f"exceed {MIN_HEIGHT_RATIO:g} of that edge. Remesh the panel."
+                f"{name} has a flat area of {self.areas[k]:.3g} m² on a longest edge of "
+                f"{longest[k]:.3g} m; its height must exceed {MIN_HEIGHT_RATIO:g} of that edge. "
+                "Remesh the panel."
             )
         if np.any(self.areas < 0):
-            k = int(np.flatnonzero(self.areas < 0)[0])
             raise OrientationError(
-                f"triangle {k} of panel {self._panel_of(k)} is clockwise on its panel; seen from "
-                "outside the skin all triangles must be counter-clockwise. Swap two corners."
-            )
-
-    def _check_edges(self) -> None:
-        edges = self.edges
-        many = np.flatnonzero(edges.count > 2)
-        if len(many):
-            a, b = self._ends(many[0])
-            raise ManifoldError(
-                f"the edge between vertices {a} and {b} has {edges.count[many[0]]} triangles "
-                f"({users(edges, many[0]).tolist()}); a skin allows two."
-            )
-        wrong = clashing(self.triangles, edges)
-        if len(wrong):
-            a, b = self._ends(wrong[0])
-            one, two = edges.sides[wrong[0]]
-            raise OrientationError(
-                f"triangles {one} and {two} pass their common edge {a}-{b} in the same direction. "
-                "Mirror one of their panels, or reverse a seam."
-            )
-
-    def _check_vertices(self) -> None:
-        found = pinched(self.triangles, self.edges)
-        if len(found):
-            raise ManifoldError(
-                f"vertex {found[0]} at {self.points[found[0]]} m joins fans of triangles that "
-                "share no edge there; the skin pinches to a point. Separate the fans."
+                f"{first(self.areas < 0)[1]} is clockwise on its panel; seen from outside the skin "
+                "all triangles must be counter-clockwise. Swap two corners."
             )
 
     def _check_seams(self) -> None:
-        if not len(self.seams):
-            return
-        ends = self.flat_points[self.seams]
-        length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
-        gap = np.abs(length[:, 0] - length[:, 1]) / length.max(axis=1)
-        worst = int(np.argmax(gap))
-        if gap[worst] > self.seam_tolerance:
-            a, b = self.sewn[self.seams[worst, 0]]
+        if self.seam_gaps.max(initial=0.0) > self.seam_tolerance:
+            worst = int(np.argmax(self.seam_gaps))
+            (a, b), length = (
+                self.sewn[self.seams[worst, 0]],
+                lengths(self.flat_points, self.seams[worst]),
+            )
             raise SeamError(
-                f"the seam edge between vertices {a} and {b} is {length[worst, 0]:.6g} m long on "
-                f"one side and {length[worst, 1]:.6g} m on the other, a relative difference of "
-                f"{gap[worst]:.2g}; the bound is {self.seam_tolerance:g}. Correct the panels, or "
-                "raise seam_tolerance if the cloth is to be gathered."
+                f"the seam edge between vertices {a} and {b} is {length[0]:.6g} m long on one side "
+                f"and {length[1]:.6g} m on the other, a relative difference of "
+                f"{self.seam_gaps[worst]:.2g}; the bound is {self.seam_tolerance:g}. Correct the "
+                "panels, or raise seam_tolerance if the cloth is to be gathered."
             )
 
-    def _panel_of(self, triangle: int) -> str:
-        return f"{self.panel[triangle]} ({self.panel_names[self.panel[triangle]]!r})"
 
-    def _ends(self, edge: int) -> Ints:
-        """Return the ends of an edge in the direction in which its first triangle passes it."""
-        return half_edges(self.triangles)[self.edges.twins[edge, 0]]
+def keep_arrays(owner: Any, failure: type[TorosError], **kinds: tuple[type, int]) -> None:
+    """Check the arrays of a frozen dataclass, and keep copies that cannot be written.
+
+    Args:
+        owner: The dataclass.
+        failure: Type of the error.
+        **kinds: Of each array float or int, and the length of its second axis, 0 if it has none.
+    """
+    for name, (kind, width) in kinds.items():
+        required = f"(…, {width})" if width else "(…,)"
+        read = real_numbers if kind is float else whole_numbers
+        array = np.array(read(name, getattr(owner, name), f"of shape {required}", failure))
+        if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
+            raise failure(f"{name} has shape {array.shape}; it must be {required}.")
+        if not np.all(np.isfinite(array)):
+            row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
+            raise failure(f"{name}[{row}] = {array[row]} is not finite.")
+        object.__setattr__(owner, name, _fixed(array))
+
+
+def require_indices(failure: type[TorosError], **arrays: tuple[Ints, int]) -> None:
+    """Check that arrays of numbers lie below their bounds, and none is negative."""
+    for name, (array, bound) in arrays.items():
+        if array.size and (array.min() < 0 or array.max() >= bound):
+            wrong = array.min() if array.min() < 0 else array.max()
+            raise failure(f"{name} holds {wrong}; entries must lie in 0 … {bound - 1}.")
+
+
+def _fixed(array: Any) -> Any:
+    array.setflags(write=False)
+    return array

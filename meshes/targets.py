@@ -18,7 +18,6 @@ from toros_fem.base.validation import (
 
 # Map from positions, (n, 3) in m, to positions.
 Deformer = Callable[[Floats], Floats]
-"""Maps positions (n, 3) in m to positions (n, 3) in m."""
 
 # Largest cosine between two directions that must be perpendicular.
 SQUARE = 1e-6
@@ -40,10 +39,6 @@ def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
         length: Length in m over which the curvature is spread.
         neutral: Position x of the neutral line in m. In a tube of radius R, 0 is the centre line
             and R the inner side of the bend.
-
-    Raises:
-        ParameterError: A number is not finite, the angle is more than two turns, as an angle in
-            degrees would be, or the length is not positive.
     """
     require_finite(neutral=neutral)
     return curl(angle, length, origin=(neutral, 0, 0), along=(0, 0, 1), toward=(1, 0, 0))
@@ -70,10 +65,6 @@ def curl(
         origin: Point in m on the neutral line where the bend begins, (3,).
         along: Direction of the body, (3,), of any length.
         toward: Direction of the bend, (3,), perpendicular to `along`, of any length.
-
-    Raises:
-        ParameterError: A number is not finite, the length not positive, or the directions are
-            not perpendicular.
     """
     require_positive(length=length)
     _require_angle(angle, BEND_TURNS)
@@ -121,9 +112,6 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
         root: Distance along each arm from the z axis, in m, at which the bend begins. The arms
             must be apart there, as they are at `Star.root`: a point belongs to the arm with the
             nearest direction.
-
-    Raises:
-        ParameterError: A number is out of bounds, or the directions are not (k, 2).
     """
     require_positive(root=root)
     arms = checked_floats(
@@ -172,9 +160,6 @@ def compose(*deformers: Deformer) -> Deformer:
 
     Deformers expect a straight body along z, so that a bend comes last: compose(contract(0.9),
     twist(1.0, 0.15), bend(3.1, 0.135)).
-
-    Raises:
-        ParameterError: One of them cannot be called.
     """
     for number, deformer in enumerate(deformers):
         require_callable(f"deformers[{number}]", deformer, "a map from positions to positions")
@@ -188,11 +173,7 @@ def compose(*deformers: Deformer) -> Deformer:
 
 
 def _require_angle(angle: float, turns: int) -> None:
-    """Check that an angle is a number of rad, not of degrees.
-
-    Raises:
-        ParameterError: It is not finite, or means more than `turns` turns.
-    """
+    """Check that an angle is a number of rad, not of degrees, of so many turns at most."""
     require_finite(angle=angle)
     if abs(angle) > 2 * np.pi * turns:
         raise ParameterError(

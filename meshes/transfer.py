@@ -1,26 +1,72 @@
-"""Transfer of fields from one mesh of a pattern to another: densities, and deformed shapes."""
+"""Fields and shapes from one mesh of a pattern to another; uniform refinement."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.triangles import flat_areas
+from toros_fem.meshes.triangles import barycentric, edges_of, flat_areas, require_fewer
 
 # Largest relative difference in size of a panel on two meshes; a round outline that is a polygon
 # of six sides on one of them is smaller by 17 % in its area and by 13 % in its width.
 SAME_SIZE = 0.15
 # An overlap smaller than this fraction of the triangle is rounding.
 ROUNDING = 1e-12
+# Source triangles at a border reach beyond it by this fraction of their size: small triangles
+# between a circle and a side of a coarse polygon find one too.
+BEYOND = 0.25
 # Pairs of triangles treated at once: the work arrays stay small.
 PAIRS = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """A refined pattern, and its relation to the coarse one.
+
+    Attributes:
+        pattern: The refined pattern: the same flat panels, the same seams.
+        cell: Coarse triangle of which each triangle is a quarter, shape (4 t,).
+        ends: Two coarse vertices with each assembled vertex in their middle, shape (n, 2); both
+            are the same for a vertex of the coarse pattern.
+    """
+
+    pattern: Pattern
+    cell: Ints
+    ends: Ints
+
+    def at_vertices(self, values: Floats) -> Floats:
+        """Interpolate values at the coarse vertices, (n, …), to the refined ones."""
+        return np.asarray(values[self.ends].mean(axis=1))
+
+
+def refine(pattern: Pattern) -> Refinement:
+    """Divide each triangle into four by the middles of its edges; panels keep their outlines."""
+    require_fewer(4 * len(pattern.panel), float(pattern.areas.sum()))
+    flat, tri = pattern.flat_points, pattern.flat_triangles
+    edges, count = edges_of(tri), len(pattern.points)
+    # Two flat edges that are sewn together share their middle.
+    sewn_ends = np.sort(pattern.sewn[edges.ends], axis=1)
+    ends, sewn_middle = np.unique(sewn_ends, axis=0, return_inverse=True)
+    a, b, c = tri.T
+    ab, bc, ca = len(flat) + edges.of_triangle.T
+    quarters = np.array([(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)])
+    vertices = np.concatenate([np.repeat(np.arange(count)[:, None], 2, axis=1), ends])
+    fine = replace(
+        pattern,
+        flat_points=np.concatenate([flat, flat[edges.ends].mean(axis=1)]),
+        flat_triangles=quarters.transpose(2, 0, 1).reshape(-1, 3),
+        panel=np.repeat(pattern.panel, 4),
+        sewn=np.concatenate([pattern.sewn, count + sewn_middle.ravel()]),
+        points=pattern.points[vertices].mean(axis=1),
+    )
+    return Refinement(fine, np.repeat(np.arange(len(tri)), 4), vertices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +96,10 @@ class Transfer:
 
         The mean over each panel is kept, and with equal panels the integral. No value leaves the
         range of the values on its panel.
-
-        Args:
-            values: Values of the source's triangles, such as densities.
-
-        Raises:
-            PatternError: The values do not fit the source.
         """
-        if values.shape != (self.overlap.shape[1],):
+        if values.shape != self.source.panel.shape:
             raise PatternError(
-                f"values has shape {values.shape}; it must be ({self.overlap.shape[1]},), one for "
+                f"values has shape {values.shape}; it must be {self.source.panel.shape}, one for "
                 "each triangle of the source."
             )
         found = np.asarray(self.overlap @ values) / np.asarray(self.overlap.sum(axis=1))
@@ -67,65 +107,41 @@ class Transfer:
             here, there = self.target.cells_of(name), self.source.cells_of(name)
             low, high = values[there].min(), values[there].max()
             mean = np.average(values[there], weights=self.source.areas[there])
-            part = np.clip(found[here], low, high)
-            missing = mean - np.average(part, weights=self.target.areas[here])
+            part, areas = np.clip(found[here], low, high), self.target.areas[here]
+            missing = mean - np.average(part, weights=areas)
             # The same fraction of the way to the bound: nothing leaves the range.
             bound = high if missing > 0 else low
-            way = np.average(bound - part, weights=self.target.areas[here])
+            way = np.average(bound - part, weights=areas)
             part = part + (missing / way * (bound - part) if way else 0.0)
             found[here] = np.clip(part, low, high)  # rounding
         return found
 
     def at_vertices(self, values: Floats) -> Floats:
-        """Return values at the target's vertices, (n, …), interpolated in the flat triangles.
-
-        A vertex on a seam has the mean over its panels.
-
-        Args:
-            values: Values at all assembled vertices of the source, (m, …).
-        """
+        """Return values at vertices, (n, …), interpolated in the flat triangles; means at seams."""
         corners = values[self.source.triangles[self.cell]]
-        return self._sewn(np.einsum("ij,ij...->i...", self.weight, corners))
+        inside = np.einsum("ij,ij...->i...", self.weight, corners)
+        return self.target.mean_over_flat_points(inside)
 
     def positions(self, deformed: Floats) -> Floats:
-        """Return a deformed shape of the target, (n, 3), in m, from one of the source.
+        """Return a deformed shape of the target, (n, 3), from one of the source, in m.
 
         Assembled vertices of the target lie off the source's flat triangles where the skin is
         curved. This small offset turns with the triangle.
-
-        Args:
-            deformed: Positions of all assembled vertices of the source, (m, 3), in m.
         """
         triangles = self.source.triangles
-        before = _frames(self.source.points[triangles])
-        after = _frames(deformed[triangles])
-        corners = self.source.points[triangles[self.cell]]
-        offset = self.target.points[self.target.sewn] - np.einsum(
-            "ij,ijk->ik", self.weight, corners
+        before, after = _frames(self.source.points[triangles]), _frames(deformed[triangles])
+        flat, moved = (
+            np.einsum("ij,ijk->ik", self.weight, points[triangles[self.cell]])
+            for points in (self.source.points, deformed)
         )
+        offset = self.target.points[self.target.sewn] - flat
         local = np.einsum("ikj,ik->ij", before[self.cell], offset)
-        moved = np.einsum("ij,ijk->ik", self.weight, deformed[triangles[self.cell]])
-        return self._sewn(moved + np.einsum("ikj,ij->ik", after[self.cell], local))
-
-    def _sewn(self, values: Floats) -> Floats:
-        """Return the mean at each assembled vertex over its flat points."""
-        sewn, count = self.target.sewn, len(self.target.points)
-        matrix = csr_array(
-            (np.ones(len(sewn)), (sewn, np.arange(len(sewn)))), shape=(count, len(sewn))
-        )
-        flat = values.reshape(len(values), -1)
-        mean = (matrix @ flat) / np.bincount(sewn, minlength=count)[:, None]
-        return np.asarray(mean).reshape(count, *values.shape[1:])
+        turned = np.einsum("ikj,ij->ik", after[self.cell], local)
+        return self.target.mean_over_flat_points(moved + turned)
 
 
 def make_transfer(source: Pattern, target: Pattern) -> Transfer:
-    """Return the transfer between two meshes of the same panels.
-
-    The overlap of two triangles is exact: one is clipped by the three sides of the other.
-
-    Args:
-        source: The pattern that has the fields.
-        target: The pattern that gets them.
+    """Return the transfer between two meshes of the same panels, with exact overlaps.
 
     Raises:
         PanelError: The names of the panels are not the same, or a panel has another size or
@@ -140,45 +156,37 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
             f"{list(target.panel_names)} on the other; they must be the same panels."
         )
     count = len(target.flat_points)
-    rows: list[Ints] = []
-    columns: list[Ints] = []
-    areas: list[Floats] = []
     cell, weight = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     best = np.full(count, -np.inf)
+    overlaps: list[tuple[Ints, Ints, Floats]] = []
     flat = scaled_points(source, target)
-    for name in target.panel_names:
-        here, there = target.cells_of(name), source.cells_of(name)
-        corners, around = flat[target.flat_triangles[here]], source.corners[there]
-        for one, two in _candidates(corners, around):
-            inside = _barycentric(corners[one], around[two])
-            _locate(target.flat_triangles[here][one], there[two], inside, cell, weight, best)
-            kept = ~np.any(np.all(inside <= 0, axis=1), axis=1)
-            one, two = one[kept], two[kept]
-            rows.append(here[one])
-            columns.append(there[two])
-            areas.append(_clipped(inside[kept]) * source.areas[there[two]])
-    row, column, area = (np.concatenate(parts) for parts in (rows, columns, areas))
-    own = flat_areas(flat[target.flat_triangles])
-    real = area > ROUNDING * own[row]
+    for one, two in _neighbours(source, target, flat):
+        inside = barycentric(source.corners[two], flat[target.flat_triangles[one]])
+        _locate(target.flat_triangles[one], two, inside, cell, weight, best)
+        near = ~np.any(np.all(inside <= 0, axis=1), axis=1)
+        one, two = one[near], two[near]
+        overlaps.append((one, two, _clipped(inside[near]) * source.areas[two]))
+    row, column, area = (np.concatenate(parts) for parts in zip(*overlaps, strict=True))
+    real = area > ROUNDING * flat_areas(flat[target.flat_triangles])[row]
     shape = (len(target.panel), len(source.panel))
     overlap = csr_array((area[real], (row[real], column[real])), shape=shape)
     _check_cover(source, target, overlap)
+    # Triangles outside of the source take the source triangle nearest to their first corner.
+    bare = np.flatnonzero(np.asarray(overlap.sum(axis=1)) == 0)
+    if len(bare):
+        near = cell[target.flat_triangles[bare, 0]]
+        overlap = overlap + csr_array((target.areas[bare], (bare, near)), shape=shape)
     inner = np.maximum(weight, 0.0)
-    inner /= inner.sum(axis=1, keepdims=True)
-    return Transfer(source, target, _with_nearest(overlap, target, cell), cell, inner)
+    return Transfer(source, target, overlap, cell, inner / inner.sum(axis=1, keepdims=True))
 
 
 def scaled_points(source: Pattern, target: Pattern) -> Floats:
-    """Return the target's flat points, each panel scaled to the source's bounding box.
-
-    Raises:
-        PanelError: A panel has another size on the two meshes.
-    """
+    """Return the target's flat points, each panel scaled to the source's bounding box."""
     flat = target.flat_points.copy()
     for name in target.panel_names:
-        points = np.unique(target.flat_triangles[target.cells_of(name)])
+        points = np.flatnonzero(target.panel_of_point == target.panel_index(name))
         own = target.flat_points[points]
-        other = source.flat_points[np.unique(source.flat_triangles[source.cells_of(name)])]
+        other = source.flat_points[source.panel_of_point == source.panel_index(name)]
         size, wanted = np.ptp(own, axis=0), np.ptp(other, axis=0)
         if np.any(np.abs(size - wanted) > SAME_SIZE * wanted):
             raise PanelError(
@@ -190,51 +198,28 @@ def scaled_points(source: Pattern, target: Pattern) -> Floats:
     return flat
 
 
-def _candidates(one: Floats, two: Floats) -> Iterator[tuple[Ints, Ints]]:
-    """Yield pairs of triangles (k, 3, 2) that may overlap.
+def _neighbours(source: Pattern, target: Pattern, flat: Floats) -> Iterator[tuple[Ints, Ints]]:
+    """Yield pairs of a target and a source triangle of one panel whose bounding boxes meet."""
+    edges, beyond = edges_of(source.flat_triangles), np.zeros((len(source.panel), 1))
+    beyond[edges.sides[edges.border, 0]] = BEYOND
 
-    Triangles of similar size are searched together, so that a few large ones cost little.
-    """
-    centres, radii = zip(*(_circles(corners) for corners in (one, two)), strict=True)
-    classes = [np.floor(np.log2(radius)).astype(np.int64) for radius in radii]
-    for large in np.unique(classes[1]):
-        there = np.flatnonzero(classes[1] == large)
-        tree = cKDTree(centres[1][there])
-        for small in np.unique(classes[0]):
-            here = np.flatnonzero(classes[0] == small)
-            reach = float(radii[0][here].max() + radii[1][there].max())
-            expected = 1 + 4 * (reach / radii[1][there].mean()) ** 2
-            step = max(1, int(PAIRS / expected))
-            for begin in range(0, len(here), step):
-                part = here[begin : begin + step]
-                found = cKDTree(centres[0][part]).sparse_distance_matrix(
-                    tree, reach, output_type="ndarray"
-                )
-                first, second = part[found["i"]], there[found["j"]]
-                near = found["v"] <= radii[0][first] + radii[1][second]
-                yield first[near], second[near]
+    def boxes(corners: Floats, beyond: Floats | float = 0.0) -> np.ndarray:
+        more = beyond * np.ptp(corners, axis=1)
+        low, high = corners.min(axis=1) - more, corners.max(axis=1) + more
+        return np.asarray(shapely.box(*np.hstack([low, high]).T))
 
-
-def _circles(corners: Floats) -> tuple[Floats, Floats]:
-    """Return the centroid of each triangle, and the distance of its furthest corner."""
-    centre = corners.mean(axis=1)
-    return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-
-
-def _barycentric(corners: Floats, around: Floats) -> Floats:
-    """Return the coordinates of corners (k, 3, 2) in other triangles (k, 3, 2), (k, 3, 3)."""
-    a, b, c = np.moveaxis(around, 1, 0)
-    u, v, w = b - a, c - a, corners - a[:, None]
-    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    second = (w[..., 0] * v[:, None, 1] - w[..., 1] * v[:, None, 0]) / area[:, None]
-    third = (u[:, None, 0] * w[..., 1] - u[:, None, 1] * w[..., 0]) / area[:, None]
-    return np.stack([1 - second - third, second, third], axis=2)
+    for name in target.panel_names:
+        here, there = target.cells_of(name), source.cells_of(name)
+        tree = shapely.STRtree(boxes(source.corners[there], beyond[there]))
+        one, two = tree.query(boxes(flat[target.flat_triangles[here]]))
+        for part in np.array_split(np.arange(len(one)), 1 + len(one) // PAIRS):
+            yield here[one[part]], there[two[part]]
 
 
 def _locate(
     points: Ints, around: Ints, inside: Floats, cell: Ints, weight: Floats, best: Floats
 ) -> None:
-    """Take over, for each flat point, the triangle that it lies in or is nearest to."""
+    """Take over, for each flat point, the triangle that it lies in or is nearest to, in place."""
     depth, point = inside.min(axis=2).ravel(), points.ravel()
     order = np.lexsort((-depth, point))
     first = order[np.flatnonzero(np.diff(point[order], prepend=-1))]
@@ -247,18 +232,15 @@ def _locate(
 def _clipped(polygon: Floats) -> Floats:
     """Return which fraction of a triangle each other one covers, (k,).
 
-    Args:
-        polygon: Barycentric coordinates of the other's corners, (k, 3, 3). Each clip by a side,
-            where a coordinate is 0, adds at most one corner (Sutherland and Hodgman 1974).
+    A triangle is given by its barycentric coordinates in the other, (k, 3, 3). Each clip by a side,
+    where a coordinate is 0, adds at most one corner (Sutherland and Hodgman 1974).
     """
     fraction = np.zeros(len(polygon))
     whole = np.all(polygon >= 0, axis=(1, 2))
-    fraction[whole] = _polygon_area(polygon[whole])
-    cut = np.flatnonzero(~whole)
-    polygon = polygon[cut]
+    fraction[whole], rest = _polygon_area(polygon[whole]), polygon[~whole]
     for side in range(3):
-        polygon = _clip(polygon, side)
-    fraction[cut] = _polygon_area(polygon)
+        rest = _clip(rest, side)
+    fraction[~whole] = _polygon_area(rest)
     return fraction
 
 
@@ -291,22 +273,13 @@ def _check_cover(source: Pattern, target: Pattern, overlap: csr_array) -> None:
     """Check that both meshes cover most of each panel."""
     covered = np.asarray(overlap.sum(axis=1))
     for name in target.panel_names:
-        part = covered[target.cells_of(name)].sum()
         whole = source.areas[source.cells_of(name)].sum()
-        if part < (1 - SAME_SIZE) * whole:
+        part = covered[target.cells_of(name)].sum() / whole
+        if part < 1 - SAME_SIZE:
             raise PanelError(
-                f"panel {name!r}: only {100 * part / whole:.0f} % of it are covered by the other "
-                "mesh. Both must be meshes of the same flat panels."
+                f"panel {name!r}: only {100 * part:.0f} % of it are covered by the other mesh. "
+                "Both must be meshes of the same flat panels."
             )
-
-
-def _with_nearest(overlap: csr_array, target: Pattern, cell: Ints) -> csr_array:
-    """Give triangles outside of the source the source triangle nearest to their first corner."""
-    empty = np.flatnonzero(np.asarray(overlap.sum(axis=1)) == 0)
-    if len(empty) == 0:
-        return overlap
-    near = cell[target.flat_triangles[empty, 0]]
-    return overlap + csr_array((target.areas[empty], (empty, near)), shape=overlap.shape)
 
 
 def _frames(corners: Floats) -> Floats:

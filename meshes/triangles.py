@@ -1,17 +1,31 @@
-"""Triangles: edges, fans, regions, angles; shape functions of the flat ones."""
+"""Triangles: edges, fans, regions, angles, shape functions, and how many there may be."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, sparray
+from scipy.sparse import coo_array, csc_array, csr_array, sparray
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import ManifoldError, MeshSizeError, OrientationError
+from toros_fem.base.validation import require_count
+
+# Such a skin needs about 50 GB: docs/command_line.md.
+MOST_TRIANGLES = 2_000_000
+# Area of an equilateral triangle over the square of its edge.
+EQUILATERAL = np.sqrt(3) / 4
+
+_most: ContextVar[int | None] = ContextVar("toros_most_triangles", default=MOST_TRIANGLES)
+
+# ------------------------------------------------------------------------------------- topology
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,30 +51,30 @@ class Edges:
         """The two triangles at each edge, the second −1 at a border, shape (e, 2)."""
         return self.twins // 3
 
-    @property
+    @cached_property
     def inner(self) -> Ints:
         """Edges with two triangles."""
         return np.flatnonzero(self.count == 2)
 
-    @property
+    @cached_property
     def border(self) -> Ints:
         """Edges with one triangle."""
         return np.flatnonzero(self.count == 1)
 
 
 def edge_keys(ends: Ints, points: int) -> Ints:
-    """Return one number for each undirected edge.
-
-    Args:
-        ends: Both vertices of each edge, shape (…, 2).
-        points: Number of vertices of the mesh.
-    """
+    """Return one number for each undirected edge (…, 2) between this many points."""
     return np.asarray(ends.min(axis=-1) * np.int64(points) + ends.max(axis=-1))
 
 
 def half_edges(triangles: Ints) -> Ints:
     """Return start and end of half-edge 3 t + i, from corner i to i + 1 of triangle t, (3 t, 2)."""
     return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
+def following(half: Ints) -> Ints:
+    """Return the half-edge that follows each of the given ones around its triangle."""
+    return np.where(half % 3 == 2, half - 2, half + 1)
 
 
 def opposite_edges(triangles: np.ndarray) -> Ints:
@@ -85,51 +99,10 @@ def edges_of(triangles: Ints) -> Edges:
     return Edges(ends, number.reshape(-1, 3), twins, count)
 
 
-def users(edges: Edges, edge: int) -> Ints:
-    """Return all triangles at an edge: more than two if it is not manifold."""
-    return np.flatnonzero(np.any(edges.of_triangle == edge, axis=1))
-
-
-def clashing(triangles: Ints, edges: Edges) -> Ints:
-    """Return the edges, (k,), that both their triangles pass in the same direction."""
-    start = triangles.ravel()[edges.twins[edges.inner]]
-    return edges.inner[start[:, 0] == start[:, 1]]
-
-
-def pinched(triangles: Ints, edges: Edges) -> Ints:
-    """Return the vertices, (k,), at which consistently oriented triangles form several fans."""
-    first = np.unique(fans(triangles, edges, edges.inner), return_index=True)[1]
-    return np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
-
-
-def chart_turns(corners: Floats, edges: Edges) -> Floats:
-    """Return the angle by which a direction turns across each edge, (e,), in rad, (−π, π].
-
-    It is that of the edge in the chart of its second triangle minus that in the first's; 0 at
-    borders, and exactly 0 inside a panel.
-
-    Args:
-        corners: Corners of the triangles in their charts, (t, 3, 2).
-        edges: Edges of the triangles, which are consistently oriented.
-    """
-    flat = corners.reshape(-1, 2)
-    along = np.roll(corners, -1, axis=1).reshape(-1, 2) - flat
-    angle: Floats = np.zeros(len(edges.ends))
-    one, two = edges.twins[edges.inner].T
-    a, b = along[one], -along[two]
-    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
-    # Edges inside a panel and seams without a turn shall not add rounding.
-    angle[edges.inner] = np.where(np.abs(turn) < 1e-12, 0.0, turn)
-    return angle
-
-
 def linked(one: Ints, two: Ints, size: int) -> Ints:
-    """Return the connected component of each node of a graph, (n,), numbered by its first node.
+    """Return the connected component of each of `size` nodes, numbered by its first node.
 
-    Args:
-        one: One end of each link, (k,).
-        two: The other end, (k,).
-        size: Number of nodes n.
+    The k-th link is between the nodes one[k] and two[k].
     """
     graph = coo_array((np.ones(len(one)), (one, two)), shape=(size, size))
     label = connected_components(graph, directed=False)[1].astype(np.int64)
@@ -150,32 +123,24 @@ def connected_regions(edges: Edges, crossed: Ints) -> Ints:
     return linked(one, two, len(edges.of_triangle))
 
 
-def between(edges: Edges, label: Ints) -> Bools:
+def between(edges: Edges, label: Ints | Bools) -> Bools:
     """Return whether each edge, (e,), separates triangles of different labels (t,)."""
     one, two = label[edges.sides].T
     return (edges.count == 2) & (one != two)
 
 
 def surface_components(triangles: Ints) -> Ints:
-    """Return the connected component of each triangle, (t,).
-
-    All triangles at an edge are neighbours, also where there are more than two.
-    """
+    """Return the connected component of each triangle, (t,), also across edges with many."""
     count = len(triangles)
     edge = count + edges_of(triangles).of_triangle.ravel()
     return linked(np.repeat(np.arange(count), 3), edge, int(edge.max()) + 1)[:count]
 
 
 def fans(triangles: Ints, edges: Edges, crossed: Ints) -> Ints:
-    """Return the vertices of a mesh that is cut open: one for each fan around a vertex.
+    """Return the vertex at each corner, (t, 3), of a mesh that is cut along all but some edges.
 
-    Args:
-        triangles: Oriented triangles (t, 3).
-        edges: Their edges.
-        crossed: Edges that stay whole; all others are cut.
-
-    Returns:
-        The fan at each corner, shape (t, 3), numbered by first appearance.
+    A vertex is a fan of triangles, which the edges `crossed` join. They are numbered by first
+    appearance.
     """
     one, two = edges.twins[crossed].T
     # Corners are numbered as the half-edges they begin; twins run in opposite directions.
@@ -184,9 +149,54 @@ def fans(triangles: Ints, edges: Edges, crossed: Ints) -> Ints:
     return linked(rows, cols, triangles.size).reshape(-1, 3)
 
 
-def following(half: Ints) -> Ints:
-    """Return the half-edge that follows each of the given ones around its triangle."""
-    return np.where(half % 3 == 2, half - 2, half + 1)
+def clashing(triangles: Ints, edges: Edges) -> Ints:
+    """Return the edges, (k,), that both their triangles pass in the same direction."""
+    start = triangles.ravel()[edges.twins[edges.inner]]
+    return edges.inner[start[:, 0] == start[:, 1]]
+
+
+def require_two_at_edges(points: Floats, edges: Edges) -> None:
+    """Check that no edge has more than two triangles; a ManifoldError names the first that has."""
+    many = np.flatnonzero(edges.count > 2)
+    if len(many):
+        a, b = edges.ends[many[0]]
+        users = np.flatnonzero(np.any(edges.of_triangle == many[0], axis=1))
+        raise ManifoldError(
+            f"{len(many)} edges have more than two triangles, the first between vertices {a} and "
+            f"{b} at {points[[a, b]].mean(axis=0)} m with triangles {users.tolist()}. A skin has "
+            "one inside and one outside: correct the seams, remove inner walls, or export the "
+            "outer hull alone."
+        )
+
+
+def require_manifold(points: Floats, triangles: Ints, edges: Edges, remedy: str) -> None:
+    """Check that triangles form a surface, and neighbours have the same orientation.
+
+    The remedy is for neighbours that are oriented differently.
+    """
+    require_two_at_edges(points, edges)
+    wrong = clashing(triangles, edges)
+    if len(wrong):
+        (one, two), (a, b) = edges.sides[wrong[0]], half_edges(triangles)[edges.twins[wrong[0], 0]]
+        raise OrientationError(
+            f"triangles {one} and {two} pass their common edge {a}-{b} in the same direction. "
+            f"{remedy}"
+        )
+    first = np.unique(fans(triangles, edges, edges.inner), return_index=True)[1]
+    pinched = np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
+    if len(pinched):
+        raise ManifoldError(
+            f"vertex {pinched[0]} at {points[pinched[0]]} m joins fans of triangles that share no "
+            "edge there; the surface pinches to a point. Separate the fans."
+        )
+
+
+# --------------------------------------------------------------------------- lengths and angles
+
+
+def lengths(points: Floats, ends: Ints) -> Floats:
+    """Return the lengths of edges given by their ends (…, 2), in space or in the plane."""
+    return np.asarray(np.linalg.norm(points[ends[..., 1]] - points[ends[..., 0]], axis=-1))
 
 
 def normals(points: Floats, triangles: Ints) -> Floats:
@@ -195,11 +205,13 @@ def normals(points: Floats, triangles: Ints) -> Floats:
     return np.cross(b - a, c - a)
 
 
-def flat_areas(corners: Floats) -> Floats:
-    """Return the area of triangles in the plane, given by their corners (t, 3, 2).
+def surface_areas(points: Floats, triangles: Ints) -> Floats:
+    """Return the area of each triangle in space, (t,)."""
+    return np.asarray(np.linalg.norm(normals(points, triangles), axis=1) / 2)
 
-    It is negative where the corners are clockwise.
-    """
+
+def flat_areas(corners: Floats) -> Floats:
+    """Return the areas (t,) of triangles (t, 3, 2) in the plane, negative where clockwise."""
     a, b, c = np.moveaxis(corners, 1, 0)
     u, v = b - a, c - a
     return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -213,11 +225,6 @@ def shapes(points: Floats, triangles: Ints) -> Floats:
     return double / np.maximum(longest, np.finfo(float).tiny) ** 2
 
 
-def lengths(points: Floats, ends: Ints) -> Floats:
-    """Return the lengths of edges given by their ends (…, 2), in space or in the plane."""
-    return np.asarray(np.linalg.norm(points[ends[..., 1]] - points[ends[..., 0]], axis=-1))
-
-
 def corner_angles(points: Floats, triangles: Ints) -> Floats:
     """Return the angle at each corner in rad, (t, 3), in space or in the plane."""
     corners = points[triangles]
@@ -227,6 +234,13 @@ def corner_angles(points: Floats, triangles: Ints) -> Floats:
     else:
         sine = np.linalg.norm(np.cross(u, v), axis=2)
     return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)), dtype=np.float64)
+
+
+def least_angles(corners: Floats) -> Floats:
+    """Return the smallest angle of flat triangles (t, 3, 2) in rad, (t,); negative if clockwise."""
+    u, v = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    sine = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)).min(axis=1))
 
 
 def angle_defects(triangles: Ints, edges: Edges, angles: Floats) -> Floats:
@@ -240,14 +254,29 @@ def angle_defects(triangles: Ints, edges: Edges, angles: Floats) -> Floats:
 
 def dihedral_angles(points: Floats, triangles: Ints, edges: Edges) -> Floats:
     """Return the angle between the normals at each edge, (e,), in rad; 0 at borders."""
-    normal = normals(points, triangles)
-    one, two = normal[edges.sides[:, 0]], normal[edges.sides[:, 1]]
+    one, two = np.moveaxis(normals(points, triangles)[edges.sides], 1, 0)
     sine = np.linalg.norm(np.cross(one, two), axis=1)
     angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
     return np.where(edges.count == 2, angle, 0.0)
 
 
-# ----------------------------------------------------------------------- on the flat triangles
+def chart_turns(corners: Floats, edges: Edges) -> Floats:
+    """Return the angle by which a direction turns across each edge, (e,), in rad, (−π, π].
+
+    It is that of the edge in the chart of its second triangle, given by corners (t, 3, 2), minus
+    that in the first's; 0 at borders, and exactly 0 inside a panel.
+    """
+    along = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
+    angle: Floats = np.zeros(len(edges.ends))
+    one, two = edges.twins[edges.inner].T
+    a, b = along[one], -along[two]
+    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
+    # Edges inside a panel and seams without a turn shall not add rounding.
+    angle[edges.inner] = np.where(np.abs(turn) < 1e-12, 0.0, turn)
+    return angle
+
+
+# ------------------------------------------------------------------------------ shape functions
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:
@@ -267,6 +296,16 @@ def gradients(corners: Floats) -> Floats:
     return np.stack([-along[..., 1], along[..., 0]], axis=-1) / double[..., None, None]
 
 
+def laplacian(corners: Floats, triangles: Ints) -> csr_array:
+    """Return the stiffness (n, n) of linear elements, ∫ ∇u·∇v, on flat triangles (t, 3, 2)."""
+    opposite = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)  # turned gradients · 2 Ā
+    entries = np.einsum("tik,tjk->tij", opposite, opposite)
+    entries /= 4 * flat_areas(corners)[:, None, None]
+    rows, columns = np.repeat(triangles, 3, axis=1).ravel(), np.tile(triangles, (1, 3)).ravel()
+    count = int(triangles.max()) + 1
+    return csr_array(coo_array((entries.ravel(), (rows, columns)), shape=(count, count)))
+
+
 def spd_factor(matrix: sparray) -> SuperLU:
     """Factorise a symmetric or Hermitian positive definite matrix, without pivoting."""
     return splu(
@@ -275,3 +314,76 @@ def spd_factor(matrix: sparray) -> SuperLU:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+
+
+def harmonic_extension(matrix: csr_array, fixed: Bools) -> Callable[[Floats], Floats]:
+    """Return a function that makes values (n,) harmonic, but at fixed vertices.
+
+    The matrix is that of `Pattern.flat_laplacian`.
+    """
+    free = ~fixed
+    if not free.any():
+        return lambda values: values
+    rows = matrix[free]
+    inner, border = splu(rows[:, free].tocsc()), rows[:, fixed]
+
+    def extend(values: Floats) -> Floats:
+        out = values.copy()
+        out[free] = -inner.solve(border @ values[fixed])
+        return out
+
+    return extend
+
+
+# -------------------------------------------------------------------------- number of triangles
+
+
+def expected_triangles(area: float, edge_length: float) -> float:
+    """Return the number of equilateral triangles on an area in m², for an edge length in m."""
+    return float(area / (EQUILATERAL * edge_length**2))
+
+
+def require_affordable(area: float, edge_length: float) -> None:
+    """Raise a MeshSizeError if a mesh of an area in m² will have more triangles than the limit."""
+    most, count = _most.get(), expected_triangles(area, edge_length)
+    if most is not None and count > most:
+        longest = np.sqrt(area / (EQUILATERAL * most))
+        raise MeshSizeError(
+            f"edge_length = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} "
+            f"m², more than {most}. Give at least {longest:.2g} m, or, where the memory is there, "
+            "allow it by --allow-large or `with toros_fem.meshes.triangle_limit(None):`.",
+            area,
+        )
+
+
+def require_fewer(count: int, area: float) -> None:
+    """Raise a MeshSizeError if a mesh on an area in m² would have more triangles than the limit."""
+    most = _most.get()
+    if most is not None and count > most:
+        raise MeshSizeError(
+            f"{count:.3g} triangles are more than {most}. Make fewer copies or longer edges, or "
+            "allow it by `with toros_fem.meshes.triangle_limit(None):`.",
+            area,
+        )
+
+
+@contextmanager
+def triangle_limit(most: int | None) -> Iterator[None]:
+    """Make meshes inside a `with` block with another largest number of triangles.
+
+    Args:
+        most: The largest number; None for no limit.
+    """
+    if most is not None:
+        require_count(1, most=most)
+    token = _most.set(most)
+    try:
+        yield
+    finally:
+        _most.reset(token)
+
+
+def lowered_limit(most: int) -> AbstractContextManager[None]:
+    """Make meshes inside a `with` block with a largest number of triangles, if none is lower."""
+    now = _most.get()
+    return triangle_limit(most if now is None else min(most, now))

@@ -22,8 +22,8 @@ from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
-from toros_fem.meshes.refine import refine
-from toros_fem.meshes.sheet import one_panel
+from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.transfer import refine
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

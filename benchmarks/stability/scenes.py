@@ -18,9 +18,9 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin import supports
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.makers.flat import polygon_mesh
+from toros_fem.meshes.makers.sheets import one_panel
 from toros_fem.meshes.pattern import Panel
-from toros_fem.meshes.sheet import one_panel
 
 Floats = npt.NDArray[np.float64]
 Spacing = npt.NDArray[np.floating]
@@ -238,7 +238,8 @@ def _pillow() -> tuple[Pattern, Supports]:
 
 
 def _cross() -> tuple[Pattern, Supports]:
-    flat, triangles = polygon_meshes([cross_outline(0.03, 0.01, 5e-3)], 5e-3)[0]
+    corners, counts = cross_outline(0.03, 0.01, 5e-3)
+    flat, triangles = polygon_mesh(corners, 5e-3, counts=counts)
     pattern = two_layers(flat, triangles)
     # A small patch: what the middle of the lower layer rests on.
     lower = pattern.vertices_of("bottom")

@@ -86,9 +86,8 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
-from toros_fem.meshes.border_motion import border_motion
-from toros_fem.meshes.snap import snapped
-from toros_fem.meshes.tile_symmetry import check_symmetry
+from toros_fem.meshes.following import border_motion, snapped
+from toros_fem.meshes.makers.tile import check_symmetry
 from toros_fem.meshes.transfer import make_transfer
 
 ALONE = MPI.COMM_SELF

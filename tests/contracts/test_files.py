@@ -44,12 +44,12 @@ from toros_fem.materials.sheet import Knit, Membrane
 from toros_fem.meshes import (
     Pattern,
     from_mesh,
-    mesh_file,
     moulded,
     read_pattern,
     read_surface,
     write_pattern,
 )
+from toros_fem.meshes.surfaces import files
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
 from toros_fem.results.frames.files import Frame, read_frames, write_frame
@@ -547,7 +547,7 @@ MESHES: dict[str, dict[str, Any]] = {
 @pytest.fixture
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Files here are small: what hangs in meshio shall not last."""
-    monkeypatch.setattr(mesh_file, "SECONDS", 1.0)
+    monkeypatch.setattr(files, "SECONDS", 1.0)
 
 
 @pytest.mark.usefixtures("_impatient")

@@ -18,7 +18,6 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutlineError
 from toros_fem.making.panels.allowance import cut_outline
 from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
 from toros_fem.making.sheets.placement import nest
 from toros_fem.meshes import (
@@ -34,8 +33,8 @@ from toros_fem.meshes import (
     two_panels,
     walker,
 )
-from toros_fem.meshes.refine import refine
-from toros_fem.meshes.sheet import KINDS
+from toros_fem.meshes.makers.sheets import KINDS
+from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import flat_areas
 
 ALONE = MPI.COMM_SELF
@@ -299,7 +298,7 @@ def test_cleaned_prints(seed: int) -> None:
     rng, pattern = np.random.default_rng(seed), square(n=8)
     spots = shapely.buffer(shapely.points(rng.uniform(0, 0.02, (9, 2))), rng.uniform(2e-4, 3e-3, 9))
     strips = shapely.buffer(shapely.linestrings(rng.uniform(0, 0.02, (4, 2, 2))), 3e-4)
-    outline = panel_outline(pattern, 0)
+    outline = pattern.outline(0)
     region = shapely.union_all([*spots, *strips]).intersection(outline)
     cleaned = clean(Panels(pattern), [region], island_area=5e-6).regions
     found = printability(pattern, cleaned)

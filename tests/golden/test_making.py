@@ -32,7 +32,7 @@ from toros_fem.making.sheets.print_bodies import print_bodies
 from toros_fem.making.sheets.sewing_order import sewing_order
 from toros_fem.making.sheets.sheets import layout
 from toros_fem.meshes import cylinder, mirrored
-from toros_fem.meshes.sheet import disc, rectangle
+from toros_fem.meshes.makers.sheets import disc, rectangle
 
 pytestmark = [pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF

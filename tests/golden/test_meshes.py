@@ -16,12 +16,10 @@ from toros_fem import meshes as m
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.perimeter import Perimeter
-from toros_fem.meshes.harmonic_extension import flat_laplacian
+from toros_fem.meshes.following import snapped
+from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import refine
-from toros_fem.meshes.sheet import disc, rectangle
-from toros_fem.meshes.snap import snapped
-from toros_fem.meshes.transfer import make_transfer
+from toros_fem.meshes.transfer import make_transfer, refine
 
 pytestmark = pytest.mark.usefixtures("kept_meshes")
 GEOMETRY = 1e-9
@@ -111,7 +109,7 @@ def test_fields(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
     transfer = make_transfer(pattern, finer)
     figures["on a finer mesh"] = transfer.at_cells(found["seed 7"])
     figures["places on a finer mesh"] = transfer.positions(pattern.points * [1.1, 1.2, 0.9])
-    figures["laplacian"] = flat_laplacian(pattern).data
+    figures["laplacian"] = pattern.flat_laplacian().data
     pinned("fields", found | figures, rel=GEOMETRY)
 
 

@@ -10,8 +10,8 @@ from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.lines.line_mesh import LineMesh
+from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.sheet import rectangle
 
 
 def even_field(pattern: Pattern, shares: Sequence[float], degrees: Sequence[float]) -> LineField:

@@ -11,7 +11,6 @@ from shapely.geometry.base import BaseGeometry
 
 from helpers.surfaces import sphere, torus
 from toros_fem import meshes
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import Pattern
 
 KINDS = ("tube", "open tube", "walker", "gripper", "finger", "sphere", "torus", "sheet")
@@ -38,7 +37,7 @@ def striped(pattern: Pattern) -> list[BaseGeometry]:
     """Stripes of 2 mm at a distance of 8 mm on each panel, one of them with a hole."""
     found = []
     for panel in range(len(pattern.panel_names)):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         left, low, right, high = outline.bounds
         stripes = [shapely.box(left, y, right, y + 2e-3) for y in np.arange(low + 3e-3, high, 8e-3)]
         middle = outline.intersection(stripes[len(stripes) // 2]).representative_point()

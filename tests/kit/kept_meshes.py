@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toros_fem.meshes import gmsh_panels
+from toros_fem.meshes.makers import flat
 
 FILE = Path(__file__).parents[1] / "golden" / "meshes.npz"
-MESHER = "polygon_meshes"
+MESHER = "polygon_mesh"
 
 
 class KeptMeshes:
@@ -27,19 +27,26 @@ class KeptMeshes:
             with np.load(FILE) as file:
                 self.kept = dict(file)
 
-    def __call__(self, outlines: Sequence[Any], edge_length: float) -> list[Any]:
-        """Return the meshes of some outlines.
+    def __call__(
+        self,
+        corners: np.ndarray,
+        edge_length: float,
+        *,
+        counts: Sequence[int] | None = None,
+        faces: Sequence[np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mesh of some polygons.
 
         Raises:
-            KeyError: They are not in the file. `--write-pins` on one rank adds them.
+            KeyError: It is not in the file. `--write-pins` on one rank adds it.
         """
-        return [self._mesh(corners, counts, edge_length) for corners, counts in outlines]
-
-    def _mesh(self, corners: np.ndarray, counts: Sequence[int], edge_length: float) -> Any:
         rounded = np.round(1e9 * np.append(np.ravel(corners), edge_length)).astype(np.int64)
-        key = hashlib.sha1(repr((rounded.tolist(), list(map(int, counts)))).encode()).hexdigest()
+        asked: Any = rounded.tolist(), list(map(int, counts or [1] * len(corners)))
+        if faces is not None and len(faces) > 1:
+            asked = *asked, [face.tolist() for face in faces]
+        key = hashlib.sha1(repr(asked).encode()).hexdigest()
         if f"{key} points" not in self.kept and self.make is not None:
-            ((points, triangles),) = self.make([(corners, counts)], edge_length)
+            points, triangles = self.make(corners, edge_length, counts=counts, faces=faces)
             # A picometre is far below what a pin sees, and packs well.
             self.kept[f"{key} points"] = np.round(points, 12)
             self.kept[f"{key} triangles"] = triangles.astype(np.int32)
@@ -61,4 +68,4 @@ class KeptMeshes:
 
 def mesher() -> Callable[..., Any]:
     """Return the call of gmsh itself."""
-    return gmsh_panels.polygon_meshes
+    return flat.polygon_mesh

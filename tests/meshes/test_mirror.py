@@ -11,8 +11,8 @@ from mpi4py import MPI
 from benchmarks.stability.scenes import fan_tube
 from toros_fem.base.errors import PatternError
 from toros_fem.meshes import finger, mirrored
+from toros_fem.meshes.makers.sheets import one_panel
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.sheet import one_panel
 
 
 def check_mirrored(part: Pattern, axes: tuple[int, ...], panels: int) -> Pattern:

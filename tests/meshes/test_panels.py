@@ -1,22 +1,186 @@
-"""Regions are divided until they can be laid flat."""
+"""Panels beside each other do not overlap; triangles and regions cut by each other."""
 
+import numpy as np
+import pytest
+import shapely
 from helpers import surfaces
 from mpi4py import MPI
 
-from toros_fem.meshes import unwrap
+from toros_fem.meshes import Pattern, cylinder, rectangle, two_panels, unwrap
+from toros_fem.meshes.panels import (
+    CutTriangles,
+    Place,
+    arranged,
+    cut_by_triangles,
+    cut_triangles,
+    panel_places,
+)
+
+SQUARE = 0.02 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def test_a_strip_that_would_overlap_is_divided(alone: MPI.Comm) -> None:
-    """A helicoidal ramp of two turns is developable here, but lies over itself when flat."""
-    made = unwrap(alone, surfaces.ramp(), seams=[])
-    assert made.methods in (("exact",) * 2, ("exact",) * 3)
-    assert made.distortion.worst_stretch < 1e-12
+def offsets(pattern: Pattern, gap: float) -> list[np.ndarray]:
+    """Translations of panels on a drawing without a page, where none is turned."""
+    places = panel_places(pattern, gap)
+    assert not any(place.turned for place in places)
+    return [place.offset for place in places]
 
 
-def test_a_tighter_bound_gives_more_panels(alone: MPI.Comm) -> None:
-    counts = [
-        len(unwrap(alone, surfaces.sphere(), max_stretch=bound).methods)
-        for bound in (0.3, 0.15, 0.08)
+def boxes(pattern: Pattern, moves: list[np.ndarray]) -> np.ndarray:
+    """Corners of each panel's bounding box on the drawing, (p, 2 corners, 2)."""
+    placed = [
+        pattern.corners[pattern.panel == k].reshape(-1, 2) + move for k, move in enumerate(moves)
     ]
-    assert counts == sorted(counts)
-    assert counts[0] < counts[2]
+    return np.array([[points.min(axis=0), points.max(axis=0)] for points in placed])
+
+
+def least_gap(found: np.ndarray) -> float:
+    """Smallest gap between two boxes; negative where two overlap."""
+    low, high = found[:, 0], found[:, 1]
+    gaps = np.maximum(low[:, None] - high, low - high[:, None]).max(axis=2)
+    return float(gaps[np.triu_indices(len(low), 1)].min())
+
+
+def test_arranged_panels_are_upright_and_apart() -> None:
+    """Rectangles of several sizes and directions: congruent, long sides along y, no overlap."""
+    rng = np.random.default_rng(0)
+    panels = []
+    for size in rng.uniform(0.01, 0.05, (7, 2)):
+        angle = rng.uniform(0, 2 * np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        panels.append(SQUARE / 0.02 * size @ np.array([[c, s], [-s, c]]) + rng.normal(size=2))
+    placed = arranged(panels)
+    for before, after in zip(panels, placed, strict=True):
+        one, two = (np.linalg.norm(p[:, None] - p, axis=2) for p in (before, after))
+        assert two == pytest.approx(one, abs=1e-15)
+        width, height = np.ptp(after, axis=0)
+        assert width * height == pytest.approx(one[0, 1] * one[1, 2], rel=1e-12)
+        assert width <= height
+    found = np.array([[points.min(axis=0), points.max(axis=0)] for points in placed])
+    side = np.sqrt(np.prod(found[:, 1] - found[:, 0], axis=1).sum())
+    assert least_gap(found) == pytest.approx(0.04 * side)
+    assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["tube", "two panels", "touching"])
+def test_panels_that_overlap_or_touch_are_packed(alone: MPI.Comm, kind: str) -> None:
+    if kind == "tube":
+        pattern = cylinder(alone, 0.06, 0.02, 5e-3, mesh="structured")
+    else:  # the bottom is (x, −y): it touches the top along y = 0 if the outline begins there
+        pattern = two_panels(alone, SQUARE - (0 if kind == "touching" else 0.01), 5e-3)
+    found = boxes(pattern, offsets(pattern, 7e-3))
+    assert least_gap(found) == pytest.approx(7e-3)
+    assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-15)
+
+
+def test_panels_that_are_apart_keep_their_places(alone: MPI.Comm) -> None:
+    pattern = unwrap(alone, surfaces.welded_box(2)).pattern
+    assert len(pattern.panel_names) == 6
+    same = offsets(pattern, 0.1)
+    assert np.ptp(same, axis=0) == pytest.approx([0, 0], abs=0)
+    found = boxes(pattern, same)
+    assert least_gap(found) > 1e-3
+    assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-15)
+    places = panel_places(pattern, 0.1, (1, 1))
+    assert np.ptp([place.offset for place in places], axis=0) == pytest.approx([0, 0], abs=0)
+    one = rectangle(alone, 0.02, 0.01, 5e-3)
+    assert np.array(offsets(one, 0.1)) == pytest.approx(-one.flat_points.min(axis=0)[None], abs=0)
+
+
+@pytest.mark.parametrize(
+    ("page", "turned", "size"),
+    # The wall lies, with both ends above each other beside it; or it stands, with both below it.
+    [((13, 6.5), True, (0.15 + 0.015 + 0.02, 0.0628)), ((4, 9), False, (0.0628, 0.185))],
+)
+def test_slim_panels_fill_a_page(
+    alone: MPI.Comm, page: tuple[float, float], turned: bool, size: tuple[float, float]
+) -> None:
+    pattern = cylinder(alone, 0.15, 0.02, 5e-3, mesh="structured")
+    places = panel_places(pattern, 0.015, page)
+    placed = [
+        place.points(pattern.corners[pattern.panel == k].reshape(-1, 2))
+        for k, place in enumerate(places)
+    ]
+    found = np.array([[points.min(axis=0), points.max(axis=0)] for points in placed])
+    assert [place.turned for place in places] == [turned] * 3
+    assert least_gap(found) >= 0.015 - 1e-12
+    assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-12)
+    assert found.max(axis=(0, 1)) == pytest.approx(size, rel=0.02)
+
+
+def test_a_place_turns_points_and_regions_alike() -> None:
+    place = Place(True, np.array([0.1, 0.2]))
+    square = shapely.box(0, 0, 0.02, 0.05)
+    corners = shapely.get_coordinates(square)
+    assert shapely.get_coordinates(place.region(square)) == pytest.approx(place.points(corners))
+    assert place.region(square).area == pytest.approx(square.area)
+    assert place.vectors(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.0]), "clockwise"
+
+
+@pytest.fixture(scope="module")
+def pattern(alone: MPI.Comm) -> Pattern:
+    return cylinder(alone, 0.04, 0.02, 4e-3)
+
+
+@pytest.fixture(scope="module")
+def regions(pattern: Pattern) -> list[shapely.Geometry]:
+    """A wavy line on the wall, and the base with a hole inside one triangle."""
+    s = np.linspace(-0.01, 0.08, 300)
+    line = shapely.LineString(np.stack([s, 0.02 + 4e-3 * np.sin(300 * s)], axis=1)).buffer(3e-3)
+    hole = shapely.Point(pattern.centroids[pattern.cells_of("base")[0]]).buffer(2e-4, quad_segs=2)
+    shapes = {"wall": line, "base": shapely.box(-1, -1, 1, 1) - hole, "tip": shapely.Polygon()}
+    outlines = [
+        shapely.union_all(shapely.polygons(pattern.corners[pattern.panel == panel]))
+        for panel in range(3)
+    ]
+    names = pattern.panel_names
+    return [o & shapes[name] for o, name in zip(outlines, names, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def cut(pattern: Pattern, regions: list[shapely.Geometry]) -> CutTriangles:
+    return cut_triangles(pattern, regions)
+
+
+def test_print_keeps_its_area(
+    pattern: Pattern, regions: list[shapely.Geometry], cut: CutTriangles
+) -> None:
+    area = sum(region.area for region in regions)
+    assert cut.areas[cut.inside].sum() == pytest.approx(area, rel=1e-6)
+    reached = np.unique(cut.cell)
+    by_triangle = np.bincount(cut.cell, cut.areas, minlength=len(pattern.panel))
+    assert by_triangle[reached] == pytest.approx(pattern.areas[reached], rel=1e-5)
+    base = pattern.panel[cut.cell] == pattern.panel_index("base")
+    assert np.array_equal(cut.cell[base & ~cut.inside], pattern.cells_of("base")[:1])
+    assert not np.any(pattern.panel[cut.cell] == pattern.panel_index("tip"))
+
+
+def test_corners_are_where_the_rings_are(pattern: Pattern, cut: CutTriangles) -> None:
+    """Areas by the corners of all rings, holes counted negative, are those of the polygons."""
+    points = cut.corners(pattern.corners)
+    found = np.zeros(len(cut.cell))
+    for ring, polygon in enumerate(cut.polygon):
+        x, y = points[cut.first[ring] : cut.first[ring + 1]].T
+        assert (x[0], y[0]) == pytest.approx((x[-1], y[-1]), abs=1e-15)
+        found[polygon] += (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
+    assert np.abs(found) == pytest.approx(cut.areas, rel=1e-6, abs=1e-15)
+    assert len(cut.polygon) > len(cut.cell), "one has a hole"
+    assert cut.weights.min() > -1e-9
+
+
+def test_copies_are_on_their_own_triangles(pattern: Pattern, cut: CutTriangles) -> None:
+    count = len(pattern.panel)
+    twice = cut.repeated(2, count)
+    corners = np.concatenate([pattern.corners, pattern.corners + 1.0])
+    one, two = np.split(twice.corners(corners), 2)
+    assert two == pytest.approx(one + 1.0, abs=1e-12)
+    assert np.array_equal(twice.cell, np.append(cut.cell, cut.cell + count))
+    assert twice.first[-1] == len(twice.weights) == 2 * len(cut.weights)
+
+
+def test_nothing_to_cut(pattern: Pattern) -> None:
+    cell, parts = cut_by_triangles(shapely.Polygon(), pattern.corners)
+    assert len(cell) == len(parts) == 0
+    empty = cut_triangles(pattern, [shapely.Polygon()] * 3)
+    assert len(empty.cell) == len(empty.weights) == 0
+    assert empty.corners(pattern.corners).shape == (0, 2)

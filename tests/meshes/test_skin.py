@@ -1,4 +1,4 @@
-"""The sewn skin has the same mesh on any number of ranks."""
+"""The sewn skin has the same mesh on any number of ranks, which own compact parts."""
 
 import dolfinx
 import numpy as np
@@ -7,10 +7,11 @@ import ufl
 from mpi4py import MPI
 
 from toros_fem.base.mpi import total
-from toros_fem.meshes import Skin, Tile, cylinder, sew, tile
-from toros_fem.meshes.distortion import distortion
-from toros_fem.meshes.skin import concatenated_index_map
-from toros_fem.meshes.tile import KINDS
+from toros_fem.meshes import Skin, Tile, cylinder, sew, tile, walker
+from toros_fem.meshes.makers.tile import KINDS
+from toros_fem.meshes.makers.two_panels import Star
+from toros_fem.meshes.skin import concatenated_index_map, parts_of
+from toros_fem.meshes.surfaces.flatten import Distortion
 
 SIZE = (0.03, 0.02)
 EDGE = 3e-3
@@ -72,7 +73,7 @@ def test_geometry_is_flat_and_topology_assembled(comm: MPI.Comm, skin: Skin) -> 
     x.x.array[:] = pattern.points[skin.vertex].ravel()
     gradient = ufl.grad(x)
     square = dolfinx.fem.form(ufl.inner(gradient, gradient) * ufl.dx(degree=1))
-    stretches = distortion(pattern).stretches
+    stretches = Distortion(pattern).stretches
     exact = (pattern.areas * (stretches**2).sum(axis=1)).sum()
     assert total(comm, dolfinx.fem.assemble_scalar(square)) == pytest.approx(exact, rel=1e-12)
 
@@ -93,3 +94,30 @@ def test_concatenated_index_maps(comm: MPI.Comm, skin: Skin) -> None:
     mine = dict(zip(number.tolist(), origin.tolist(), strict=True))
     for other in comm.allgather(mine):
         assert all(other[key] == value for key, value in mine.items() if key in other)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_parts_have_equal_sizes_and_short_borders(count: int) -> None:
+    pattern = cylinder(MPI.COMM_SELF, 0.15, 0.02, 4e-3)
+    part = parts_of(pattern, count)
+    sizes = np.bincount(part, minlength=count)
+    assert len(sizes) == count
+    assert np.ptp(sizes) <= count.bit_length()
+    one, two = part[pattern.edges.twins[pattern.edges.inner] // 3].T
+    around = np.pi * 0.02 / 4e-3
+    assert (one != two).sum() <= 2.5 * around * (count - 1), "cuts go around, not along"
+
+
+def test_ranks_own_their_parts_in_every_run(comm: MPI.Comm) -> None:
+    star = Star(4, 0.04, 0.02, 0.02, 6e-3, np.pi / 4)
+    pattern = walker(comm, 5e-3, star)
+    part = parts_of(pattern, comm.size)
+    for _ in range(3):
+        skin = sew(comm, pattern)
+        assert np.array_equal(np.sort(skin.owned_cells), np.flatnonzero(part == comm.rank))
+        # Ghosts are the neighbours across edges.
+        ghosts = skin.cell[len(skin.owned_cells) :]
+        twins = pattern.edges.twins[pattern.edges.inner] // 3
+        near = np.concatenate([twins, twins[:, ::-1]])
+        across = near[(part[near[:, 0]] == comm.rank) & (part[near[:, 1]] != comm.rank), 1]
+        assert np.array_equal(np.sort(ghosts), np.unique(across))

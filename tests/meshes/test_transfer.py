@@ -6,8 +6,8 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from toros_fem.meshes import Pattern, bend, cylinder, rectangle, walker
-from toros_fem.meshes.refine import refine
-from toros_fem.meshes.transfer import make_transfer
+from toros_fem.meshes.makers.sheets import one_panel
+from toros_fem.meshes.transfer import make_transfer, refine
 
 FINE, COARSE = 4.5e-3, 9e-3
 
@@ -92,7 +92,7 @@ def test_rigid_motion_moves_the_finer_skin_alike(tubes: tuple[Pattern, Pattern])
 
 
 def test_large_triangles_beside_small_ones(alone: MPI.Comm) -> None:
-    """Pairs are searched by classes of size."""
+    """A tree of boxes finds the pairs of both."""
     pattern = rectangle(alone, 0.02, 0.02, 1e-3)
     graded = Pattern(
         pattern.flat_points * (pattern.flat_points / 0.02) ** 2,
@@ -106,3 +106,20 @@ def test_large_triangles_beside_small_ones(alone: MPI.Comm) -> None:
     for source, target in ((graded, even), (even, graded)):
         transfer = make_transfer(source, target)
         assert np.abs(transfer.overlap.sum(axis=1) / target.areas - 1).max() < 1e-9
+
+
+def test_small_triangles_beyond_a_coarse_border(alone: MPI.Comm) -> None:
+    """A fine border bulges over a straight coarse side: there is a nearest triangle too."""
+
+    def raised(edge: float, bulge: float) -> Pattern:
+        sheet = rectangle(alone, 0.02, 0.02, edge)
+        x, y = sheet.flat_points.T / 0.02
+        lift = 0.2 * np.maximum(0, x - 0.5) + bulge * np.maximum(0, np.sin(2 * np.pi * x))
+        return one_panel(0.02 * np.stack([x, y * (1 + lift)], axis=1), sheet.flat_triangles)
+
+    coarse, fine = raised(5e-3, 0.0), raised(5e-4, 0.04)
+    transfer = make_transfer(coarse, fine)
+    assert transfer.at_cells(np.ones(len(coarse.panel))) == pytest.approx(1, rel=1e-12)
+    found = transfer.at_vertices(coarse.points)
+    # The bulge is 0.8 mm high; a place outside is told by the coordinates that are not negative.
+    assert np.linalg.norm(found - fine.points, axis=1).max() < 1e-3

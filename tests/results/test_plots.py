@@ -16,11 +16,10 @@ from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from toros_fem.design.loop.options import Iteration
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.printability import PrintLimits, printability
 from toros_fem.measures.metrics import Measurement, Metric
 from toros_fem.meshes import Pattern, Surface, cylinder, unwrap
-from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.meshes.panels import cut_triangles
 from toros_fem.results.pictures.curve_plot import (
     MEASURED,
     plot_convergence,
@@ -162,7 +161,7 @@ def test_print_has_the_border_of_its_contours(pattern: Pattern) -> None:
     """Stripes on the flat end are dark where they are, whatever triangles they cross."""
     tip = pattern.panel_index("tip")
     stripes = shapely.union_all([shapely.box(-1, y, 1, y + 1e-3) for y in (-6e-3, -1e-3, 4e-3)])
-    regions = [shapely.Polygon()] * tip + [panel_outline(pattern, tip) & stripes]
+    regions = [shapely.Polygon()] * tip + [pattern.outline(tip) & stripes]
     figure, axes = plt.subplots(figsize=(6, 6))
     axes.set_axis_off()
     frame(axes, pattern.points, View(90, 0))
@@ -176,7 +175,7 @@ def test_print_has_the_border_of_its_contours(pattern: Pattern) -> None:
     places = 1e-3 * axes.transData.inverted().transform(pixels)
     plt.close(figure)
     near = 1.5e-3 * np.abs(np.diff(axes.transData.inverted().transform(pixels[:2]), axis=0)).max()
-    borders = shapely.union_all([stripes.boundary, panel_outline(pattern, tip).boundary])
+    borders = shapely.union_all([stripes.boundary, pattern.outline(tip).boundary])
     far = shapely.distance(borders, shapely.points(places)) > near
     assert np.array_equal(dark[far], shapely.contains_xy(regions[tip], places[far]))
     assert 0.5 < far.mean() < 1
@@ -287,7 +286,7 @@ def test_pattern(pattern: Pattern, tmp_path: Path) -> None:
 def test_printability(pattern: Pattern, figures: list[Figure]) -> None:
     """Each flaw has its colour and its size; without flaws nothing is marked."""
     limits, sizes = PrintLimits(), []
-    for regions in (flawed_tube(pattern, 40), [panel_outline(pattern, k) for k in range(3)]):
+    for regions in (flawed_tube(pattern, 40), [pattern.outline(k) for k in range(3)]):
         found = printability(pattern, regions, limits)
         plot_printability(Path("no.png"), pattern, regions, found, limits)
         axes = figures[-1].axes[0]

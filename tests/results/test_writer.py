@@ -16,7 +16,6 @@ from toros_fem.base.files import write_together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import Metric, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -154,7 +153,7 @@ def test_all_ranks_raise_what_one_meets(comm: MPI.Comm, tmp_path: Path) -> None:
 
 def test_comparison(comm: MPI.Comm, tmp_path: Path, tube: Skin) -> None:
     folder = shared(comm, tmp_path)
-    wall = panel_outline(tube.pattern, tube.pattern.panel_index("wall"))
+    wall = tube.pattern.outline(tube.pattern.panel_index("wall"))
     variants = [("one", wall, "a caption"), ("other", wall.buffer(-5e-3), "another")]
     write_comparison(comm, folder, "table", {"rows": [1, 2]}, tube.pattern, "wall", variants)
     comm.barrier()

@@ -190,6 +190,20 @@ def collective(
     return decorate
 
 
+def on_root(entry: Callable[P, T]) -> Callable[P, T]:
+    """Decorate an entry that all ranks call, and that the first rank of its `comm` alone runs.
+
+    Its arguments must be equal on all ranks, which return the same and raise the same.
+    """
+
+    @functools.wraps(entry)
+    def shared(*args: P.args, **kwargs: P.kwargs) -> T:
+        comm: Any = kwargs.get("comm", args[0] if args else None)
+        return on_first_rank(comm, lambda: entry(*args, **kwargs))
+
+    return collective("comm")(shared)
+
+
 class _Owned:
     """What one rank has of an argument."""
 

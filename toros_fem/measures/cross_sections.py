@@ -14,7 +14,7 @@ from toros_fem.base.validation import real_numbers, require_count, require_kind,
 from toros_fem.measures.rotation import axial, polar_rotation, require_determined
 from toros_fem.measures.shape import Nodes, checked_target
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.transfer import Refinement
 
 
 def label_cross_sections(

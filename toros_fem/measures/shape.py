@@ -14,7 +14,7 @@ from toros_fem.base.errors import ParameterError, TargetError
 from toros_fem.base.mpi import dot, sum_over_ranks
 from toros_fem.base.validation import real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.transfer import Refinement
 
 # Largest size of a target, and distance from the skin, over the skin's size.
 FAR = 10.0

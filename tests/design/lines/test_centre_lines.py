@@ -8,7 +8,7 @@ from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
 from toros_fem.design.lines.stripes import Stripes, Waves
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.makers.sheets import rectangle
 
 
 def stripes_of(mesh: LineMesh, phase: np.ndarray) -> Stripes:

@@ -3,7 +3,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.makers.sheets import rectangle
 
 SHEET = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
 COUNT = len(SHEET.panel)

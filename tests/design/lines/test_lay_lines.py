@@ -11,10 +11,9 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.line_mesh import make_line_mesh
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker
-from toros_fem.meshes.sheet import one_panel, rectangle
+from toros_fem.meshes.makers.sheets import one_panel, rectangle
 
 
 @pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])
@@ -105,7 +104,7 @@ def test_no_line_and_no_gap_is_thinner_than_can_be_printed(name: str) -> None:
     laid = lay_lines(field, options, printed=~wall)
     panel = tube.panel_index("wall")
     limit = options.print_width
-    outline = panel_outline(laid.pattern, panel)
+    outline = laid.pattern.outline(panel)
     # Slivers that the cut leaves of them are cleaned with the print.
     off_cut = outline.buffer(-limit)
     lines, gaps = measure_widths(

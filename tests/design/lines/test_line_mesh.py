@@ -5,8 +5,8 @@ from mpi4py import MPI
 
 from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
+from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.sheet import rectangle
 
 
 def whole(pattern: Pattern) -> LineMesh:

@@ -5,7 +5,7 @@ from mpi4py import MPI
 from toros_fem.design.lines.line_mesh import LineMesh, make_line_mesh
 from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.sheet import disc, rectangle
+from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.triangles import following
 
 SPACING = 5e-3

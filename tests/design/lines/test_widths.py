@@ -9,7 +9,7 @@ from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.widths import smooth_functions, width_changes, within_bounds
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.makers.sheets import rectangle
 
 SIDE = 0.04
 

@@ -19,7 +19,7 @@ from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.skin.supports import symmetry_planes
 from toros_fem.meshes import Pattern, bend, cylinder, mirrored, sew
-from toros_fem.meshes.refine import refine
+from toros_fem.meshes.transfer import refine
 
 LENGTH, EDGE, RADIUS = 0.06, 3.2e-3, 5e-3
 

@@ -8,7 +8,6 @@ from shapely.geometry import LineString
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings
-from toros_fem.making.print.contours import panel_outline
 
 OPTIONS = ManufactureOptions(weld_allowance=6e-3, connector_width=8e-3, connector_length=20e-3)
 
@@ -58,7 +57,7 @@ def test_other_skins_get_their_panels(kind: str) -> None:
     sheets = bladder_drawings(pattern, OPTIONS.updated(connector_width=None))
     assert [sheet.name for sheet in sheets] == [f"bladder {name}" for name in pattern.panel_names]
     for panel, sheet in enumerate(sheets):
-        assert sheet.outline.equals(panel_outline(pattern, panel))
+        assert sheet.outline.equals(pattern.outline(panel))
         assert sheet.outline.distance(sheet.cut.boundary) == pytest.approx(6e-3, rel=2e-3)
         assert len(sheet.crosses) == 0
         assert sheet.grain == ()

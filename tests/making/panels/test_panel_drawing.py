@@ -11,7 +11,6 @@ from shapely.geometry import LineString
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import cylinder
 
 OPTIONS = ManufactureOptions()
@@ -99,7 +98,7 @@ def test_without_allowance_the_cut_is_the_seam_line() -> None:
 def test_a_fully_printed_panel_is_marked_beside_its_print(alone: MPI.Comm) -> None:
     """The allowance of a cap of 20 mm has room for the shorter text only."""
     pattern = cylinder(alone, 0.06, 0.02, 4e-3)
-    regions = [panel_outline(pattern, panel) for panel in range(3)]
+    regions = [pattern.outline(panel) for panel in range(3)]
     for drawing in panel_drawings(pattern, regions)[1:]:
         assert {"up", drawing.name} <= {label.text for label in drawing.labels}
         for label in drawing.labels:

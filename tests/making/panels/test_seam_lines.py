@@ -6,7 +6,6 @@ import shapely
 from helpers.panels import KINDS, pattern_of
 
 from toros_fem.making.panels.seam_lines import sewn_seams
-from toros_fem.making.print.contours import panel_outline
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:
@@ -50,6 +49,6 @@ def test_panels_lie_left_of_the_first_side_and_right_of_the_second(kind: str) ->
         for side, panel in enumerate(seam.panels):
             beside = seam.at(side, arc) + 1e-5 * seam.outward(side, arc, 1e-6)
             inside = seam.at(side, arc) - 1e-5 * seam.outward(side, arc, 1e-6)
-            outline = panel_outline(pattern, panel)
+            outline = pattern.outline(panel)
             assert not shapely.contains_xy(outline, beside).any()
             assert shapely.contains_xy(outline, inside).all()

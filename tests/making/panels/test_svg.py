@@ -9,7 +9,6 @@ from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import cylinder
 
 SPACE = "{http://www.w3.org/2000/svg}"
@@ -34,7 +33,7 @@ def test_scale_and_places(alone: MPI.Comm, tmp_path: Path) -> None:
     """A millimetre is a millimetre, y points up on the panel, and no two panels overlap."""
     folder = tmp_path
     pattern = cylinder(alone, 0.04, 0.02, 4e-3)
-    outlines = [panel_outline(pattern, k) for k in range(3)]
+    outlines = [pattern.outline(k) for k in range(3)]
     regions = [Polygon()] * 3
     wall = pattern.panel_index("wall")
     regions[wall] = box(0.01, 0.03, 0.02, 0.035) - Point(0.015, 0.0325).buffer(1e-3)

@@ -12,7 +12,6 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
 from toros_fem.making.print.regions import mirrored_regions, part_regions
@@ -28,7 +27,7 @@ def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
     assert not found.free_islands
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
     for panel, region in enumerate(cleaned.regions):
-        assert worn_alike(region, panel_outline(pattern, panel), 0.27 * MM)
+        assert worn_alike(region, pattern.outline(panel), 0.27 * MM)
     return cleaned.regions
 
 
@@ -78,7 +77,7 @@ def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
 def test_pieces_that_only_touch_a_seam_are_islands(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, 0.04, 0.02, 2e-3)
     wall = pattern.panel_index("wall")
-    regions = [panel_outline(pattern, k) for k in range(3)]
+    regions = [pattern.outline(k) for k in range(3)]
     tip = Polygon([(30, 40), (33, 37), (27, 37)])
     foot = box(10, 35, 13, 40)
     regions[wall] = metres(shapely.MultiPolygon([box(20, 0, 40, 20), tip, foot]))
@@ -93,15 +92,15 @@ def test_symmetric_prints_stay_symmetric(alone: MPI.Comm) -> None:
     part = cylinder(alone, 0.04, 0.02, 3e-3, planes=(1,))
     whole = mirrored(part, (1,))
     wall = part.panel_index("wall")
-    left, _, right, top = panel_outline(part, wall).bounds
+    left, _, right, top = part.outline(wall).bounds
     lines = [
         box(left, 0, left + 0.25e-3, top),
         box(right - 0.25e-3, 0, right, top),
         shapely.LineString([(left, 0.01), (right, 0.03)]).buffer(0.2e-3),
         box(left, 0.004, right, 0.0044),
     ]
-    regions = [panel_outline(part, k) for k in range(len(part.panel_names))]
-    regions[wall] = shapely.union_all(lines) & panel_outline(part, wall)
+    regions = [part.outline(k) for k in range(len(part.panel_names))]
+    regions[wall] = shapely.union_all(lines) & part.outline(wall)
     onto = mirrored_regions(part, whole, regions)
     after = checked(whole.pattern, clean(MirroredPanels(part, whole), onto))
     again = mirrored_regions(part, whole, part_regions(part, after))
@@ -114,9 +113,9 @@ def test_bridges_get_mirror_images(alone: MPI.Comm) -> None:
     part = cylinder(alone, 0.04, 0.02, 3e-3, planes=(1,))
     whole = mirrored(part, (1,))
     wall = part.panel_index("wall")
-    left, low, right, top = panel_outline(whole.pattern, wall).bounds
+    left, low, right, top = whole.pattern.outline(wall).bounds
     middle = (left + right) / 2
-    regions = [panel_outline(whole.pattern, k) for k in range(len(part.panel_names))]
+    regions = [whole.pattern.outline(k) for k in range(len(part.panel_names))]
     body = box(left, low, right, low + 10e-3)
     at = [middle - 8e-3, middle + 8e-3]
     arms = [box(x - 1e-3, low, x + 1e-3, top - 15e-3) for x in at]

@@ -9,7 +9,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
-from toros_fem.making.print.contours import panel_outline, printed_region, printed_regions
+from toros_fem.making.print.contours import printed_region, printed_regions
 from toros_fem.meshes import cylinder
 
 
@@ -47,7 +47,7 @@ def test_whole_and_empty_panels(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, 0.04, 0.02, 4e-3)
     ones = np.ones(len(pattern.flat_points)), np.ones(len(pattern.panel))
     for panel, region in enumerate(printed_regions(pattern, *ones, 0.5)):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         assert region.normalize().equals_exact(outline.normalize(), 0)
         assert region.area == pytest.approx(pattern.areas[pattern.panel == panel].sum(), rel=1e-13)
     assert all(r.is_empty for r in printed_regions(pattern, 0 * ones[0], 0 * ones[1], 0.5))

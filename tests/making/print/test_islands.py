@@ -8,7 +8,6 @@ from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.cleaning import Panels, clean
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import find_holes, find_pieces
 from toros_fem.making.print.printability import printability
 from toros_fem.meshes import Pattern, cylinder
@@ -25,7 +24,7 @@ def test_pieces_across_seams(alone: MPI.Comm) -> None:
         "spot across": box(0, 11e-3, 5e-3, 16e-3),
         "spot": box(0.02, 5e-3, 0.025, 10e-3),
     }
-    (outline,) = (panel_outline(pattern, 0),)
+    (outline,) = (pattern.outline(0),)
     region = shapely.MultiPolygon(list(shapes.values())) & outline
     pieces = find_pieces(pattern, [region])
     assert [piece.main for piece in pieces] == [True] + 4 * [False]
@@ -45,9 +44,9 @@ def test_caps_hold_what_touches_them(alone: MPI.Comm) -> None:
     wall, tip = pattern.panel_index("wall"), pattern.panel_index("tip")
     shapes = [box(0.02, 0.01, 0.04, 0.02), box(0.02, 0.03, 0.03, 0.05)]
     regions: list[BaseGeometry] = [Polygon()] * 3
-    regions[wall] = shapely.MultiPolygon(shapes) & panel_outline(pattern, wall)
+    regions[wall] = shapely.MultiPolygon(shapes) & pattern.outline(wall)
     assert [p.attached for p in find_pieces(pattern, regions)] == [True, False]
-    regions[tip] = panel_outline(pattern, tip)
+    regions[tip] = pattern.outline(tip)
     pieces = find_pieces(pattern, regions)
     assert all(piece.attached for piece in pieces)
     assert sum(piece.main for piece in pieces) == 2
@@ -65,7 +64,7 @@ def test_cut_outs_are_no_holes() -> None:
         points=whole.points[used],
         panel_names=whole.panel_names,
     )
-    region = panel_outline(pattern, 0)
+    region = pattern.outline(0)
     assert len(region.interiors) == 1
     assert not find_holes(pattern, [region])
     assert clean(Panels(pattern), [region], island_area=1.0).regions[0].equals(region)

@@ -17,7 +17,7 @@ from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import cylinder, sew
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.makers.sheets import rectangle
 
 LENGTH, WIDTH = 0.06, 0.01
 

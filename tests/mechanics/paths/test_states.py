@@ -9,7 +9,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes import Skin, sew
-from toros_fem.meshes.sheet import disc
+from toros_fem.meshes.makers.sheets import disc
 
 RADIUS = 0.02
 

@@ -19,7 +19,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.tile import tile
+from toros_fem.meshes.makers.tile import tile
 from toros_fem.products.tiles.solver import TileSolver
 
 RATIO = 3.0

@@ -64,7 +64,7 @@ class SceneCommand(Command):
 
     def meshes_allowed(self) -> AbstractContextManager[None]:
         """Lift the limit on triangles inside a `with` block, if the options ask for it."""
-        from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
+        from toros_fem.meshes.triangles import MOST_TRIANGLES, triangle_limit
 
         return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
 

@@ -29,7 +29,7 @@ class Resume(Progress):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Go on with the run (collective)."""
         from toros_fem.cli.command_line.running import resume_scene
-        from toros_fem.meshes.triangle_limit import triangle_limit
+        from toros_fem.meshes.triangles import triangle_limit
 
         with self.petsc_given(), triangle_limit(None):  # what the run began with was allowed
             return resume_scene(comm, self.run, every=self.every, verbose=self.verbose)

@@ -39,7 +39,7 @@ class Tolerance(Command, ToleranceConfig):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate the variants, and write them (collective)."""
         from toros_fem.cli.scene_files.scene_of_run import scene_of_run
-        from toros_fem.meshes.triangle_limit import triangle_limit
+        from toros_fem.meshes.triangles import triangle_limit
         from toros_fem.products.tolerance.of_run import tolerances_of_run
         from toros_fem.products.tolerance.writing import FILES, write_tolerances
 

@@ -58,7 +58,7 @@ class Unwrap(Command, Unwrapping):
             "size_m": float(np.ptp(surface.points, axis=0).max()),
             "closed": surface.closed,
             "area_m2": surface.area,
-            "repairs": str(surface.repairs),
+            "repairs": surface.repairs,
             "panels": dict(zip(pattern.panel_names, unwrapped.methods, strict=True)),
             "worst_stretch": distortion.worst_stretch,
             "mean_stretch": distortion.mean_stretch,

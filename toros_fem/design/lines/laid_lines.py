@@ -18,7 +18,7 @@ from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.line_mesh import Complexes, LineMesh
 from toros_fem.design.lines.ribbons import Joint, cleaned, joints_of, ribbons
 from toros_fem.design.lines.stripes import Stripes
-from toros_fem.meshes.cut_triangles import cut_by_triangles
+from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
 

@@ -20,7 +20,7 @@ from toros_fem.design.lines.ribbons import EXCESS
 from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import refine
+from toros_fem.meshes.transfer import refine
 
 # Edges of the mesh that lines are laid on are at most this fraction of the least spacing, but it
 # has at most so many triangles.

@@ -28,12 +28,11 @@ from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight, refined_force
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.following import snapped
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.snap import snapped
-from toros_fem.meshes.transfer import make_transfer
+from toros_fem.meshes.transfer import make_transfer, refine
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,8 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.print.regions import part_regions
-from toros_fem.meshes.border_motion import border_motion
+from toros_fem.meshes.following import border_motion, snapped, with_flat_points
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.snap import snapped, with_flat_points
 
 
 @dataclass(frozen=True, eq=False)

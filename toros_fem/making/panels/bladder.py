@@ -15,7 +15,6 @@ from toros_fem.base.validation import checked_floats
 from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, drawing_of
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 
 # A border that differs by less than this fraction of an allowance is the same.
@@ -123,7 +122,7 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
     lone = all(wall in seam.panels for seam in others) and len(set(caps)) == len(caps) <= 2
     if not lone or apart.min() < 0.5 * apart.max():
         return None
-    radii = [shapely.minimum_bounding_radius(panel_outline(pattern, cap)) for cap in caps]
+    radii = [shapely.minimum_bounding_radius(pattern.outline(cap)) for cap in caps]
     size = np.array([apart.mean() / 2, own[0].length + sum(radii)])
     # The weld begins at a corner, so that its double notch is not where the tab is.
     corners = np.array([[0.5, 0], [0.5, 1], [-0.5, 1], [-0.5, 0], [0, 0], [0.5, 0]]) * size
@@ -140,7 +139,7 @@ def _panels(
     options: ManufactureOptions,
 ) -> _Sheets:
     """Return a sheet for each panel."""
-    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
     if connector is None:
         panel = int(np.argmax(shapely.area(outlines)))
         point = shapely.get_coordinates(outlines[panel].centroid)[0]

@@ -17,7 +17,6 @@ from toros_fem.making.panels.allowance import cut_outline
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
 from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label, upright
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -141,7 +140,7 @@ def panel_drawings(
     return [
         drawing_of(
             [(name,), (f"{options.print_side} up", "up")],
-            panel_outline(pattern, panel),
+            pattern.outline(panel),
             regions[panel],
             [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
             pattern.panel_names,

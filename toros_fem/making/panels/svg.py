@@ -12,8 +12,7 @@ from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.print.contours import panel_outline
-from toros_fem.meshes.arrange import panel_offsets
+from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 
 # Gap in m between panels that are packed here.
@@ -34,11 +33,11 @@ def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> 
         pattern: The pattern.
         regions: Print on each panel, polygons in m.
     """
-    offsets = panel_offsets(pattern, GAP)
+    offsets = [place.offset for place in panel_places(pattern, GAP)]
     groups = []
     high: Floats = np.zeros(2)
     for panel, (offset, printed) in enumerate(zip(offsets, regions, strict=True)):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         high = np.maximum(high, np.array(outline.bounds[2:]) + offset)
         groups.append((pattern.panel_names[panel], outline, printed, offset))
     width, height = 1e3 * high + 2 * MARGIN

@@ -13,7 +13,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import symmetric_regions
@@ -75,7 +74,7 @@ class Panels:
 
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
-        self.outlines = [panel_outline(pattern, k) for k in range(len(pattern.panel_names))]
+        self.outlines = [pattern.outline(k) for k in range(len(pattern.panel_names))]
 
     def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
         """Return the print inside each outline, of the print on each panel."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from weakref import WeakKeyDictionary
-
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -15,17 +13,6 @@ from toros_fem.meshes.pattern import Pattern
 # Values this close to the threshold count as equal to it, so that the contour passes through the
 # vertex. Otherwise rounding would merge corners of very thin polygons.
 SNAP = 1e-9
-
-_OUTLINES: WeakKeyDictionary[Pattern, dict[int, BaseGeometry]] = WeakKeyDictionary()
-
-
-def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
-    """Return the outline of a panel, a polygon in m; kept as long as the pattern is."""
-    known = _OUTLINES.setdefault(pattern, {})
-    if panel not in known:
-        corners = pattern.corners[pattern.panel == panel]
-        known[panel] = shapely.coverage_union_all(shapely.polygons(corners))
-    return known[panel]
 
 
 def printed_regions(

@@ -11,7 +11,6 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Ints
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import linked
 
@@ -91,7 +90,7 @@ def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole,
     """Return the holes of the print, the smallest first; cut-outs of the panel are no holes."""
     holes = []
     for panel, region in enumerate(regions):
-        border = panel_outline(pattern, panel).boundary
+        border = pattern.outline(panel).boundary
         shapely.prepare(border)
         rings = [ring for part in shapely.get_parts(region) for ring in part.interiors]
         cut = shapely.dwithin(border, rings, TOUCHING * pattern.size)

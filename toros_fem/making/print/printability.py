@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools
 from toros_fem.base.validation import require_positive
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.widths import LocalWidth, measure_widths
 from toros_fem.meshes.pattern import Pattern
@@ -122,7 +121,7 @@ def printability(
         regions: Print on each panel, polygons in m.
         limits: Narrower lines and gaps are listed.
     """
-    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
     pieces = find_pieces(pattern, regions, limits.contact)
     widths = [
         measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)

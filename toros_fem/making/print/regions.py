@@ -11,7 +11,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
@@ -93,7 +92,7 @@ def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeo
         part: The part, whose panels are the first of the whole, at the same places.
         regions: Polygons on each panel of the whole, in m.
     """
-    return [regions[k] & panel_outline(part, k) for k in range(len(part.panel_names))]
+    return [regions[k] & part.outline(k) for k in range(len(part.panel_names))]
 
 
 def symmetric_regions(
@@ -112,7 +111,7 @@ def symmetric_regions(
     own = part_regions(part, regions)
     for panel, image, map_ in _images(part, whole):
         there = affinity.affine_transform(regions[image], _inverse(map_))
-        own[panel] = with_more(own[panel], there, panel_outline(part, panel), detail)
+        own[panel] = with_more(own[panel], there, part.outline(panel), detail)
     return mirrored_regions(part, whole, own)
 
 

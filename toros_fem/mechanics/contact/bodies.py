@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.mechanics.contact.library import collision_mesh, ipctk
 from toros_fem.mechanics.contact.motion import placed
-from toros_fem.meshes.surface import Surface, volume
+from toros_fem.meshes.surfaces.surface import Surface, volume
 from toros_fem.meshes.triangles import corner_angles, normals
 
 # Faces around a vertex whose normals spread by less than this, in rad, count as one plane.

@@ -12,9 +12,13 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.meshes.surface_file import read_surface
-from toros_fem.meshes.triangle_limit import EQUILATERAL, expected_triangles, require_affordable
-from toros_fem.meshes.triangles import coincident
+from toros_fem.meshes.surfaces.files import read_surface
+from toros_fem.meshes.triangles import (
+    EQUILATERAL,
+    coincident,
+    expected_triangles,
+    require_affordable,
+)
 
 # Distance of facets from the round surface that default triangles keep to, over the radius and in
 # m, as far as so many triangles allow it.

@@ -11,8 +11,8 @@ from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.mirror import FLAT
+from toros_fem.meshes.triangles import harmonic_extension
 
 # Motion in differences of the residual, over the distance of contact.
 PROBE = 1e-3
@@ -116,7 +116,7 @@ class PrescribedDisplacement:
 
     def _extension(self, jump: Floats) -> Floats:
         if not self._solvers:
-            laplacian = flat_laplacian(self._model.skin.pattern)
+            laplacian = self._model.skin.pattern.flat_laplacian()
             for fixed in self._model.supports.fixed.T:
                 self._solvers.append(harmonic_extension(laplacian, fixed))
         return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)

@@ -38,8 +38,8 @@ from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, 
 from toros_fem.mechanics.equilibrium.ways import Search
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.skin import Skin, sew
+from toros_fem.meshes.transfer import Refinement
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0

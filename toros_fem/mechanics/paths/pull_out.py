@@ -17,7 +17,7 @@ from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
-from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
+from toros_fem.meshes.triangles import harmonic_extension
 
 # Smallest step of a pull over the size of the skin.
 SMALLEST = 1e-5
@@ -100,7 +100,7 @@ class _Pull:
 
     @cached_property
     def _laplacian(self) -> csr_array:
-        return flat_laplacian(self.solver.skin.pattern)
+        return self.solver.skin.pattern.flat_laplacian()
 
     def follow(self, depths: Floats, closed: Floats) -> Iterator[PullPoint]:
         """Return an iterator over the equilibria at the depths."""

@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_between, require_kind
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.transfer import Refinement
 
 # Largest distance of the place of a force from the skin, as a fraction of the skin's size.
 ON_SKIN = 0.01

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
-from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangles import harmonic_extension
 
 # Fraction of the bounds above which a triangle is relaxed.
 RELAXED = 0.95
@@ -36,7 +36,7 @@ def relaxed_into_bounds(
         if use.max(initial=0.0) <= RELAXED:
             break
         if laplacian is None:
-            laplacian = flat_laplacian(pattern)
+            laplacian = pattern.flat_laplacian()
         near = np.zeros(len(found), dtype=bool)
         near[triangles[~(use <= RELAXED)]] = True
         for _ in range(rings):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.meshes.tile import Tile
+from toros_fem.meshes.makers.tile import Tile
 
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
 UNIAXIAL = ((True, False), (True, False), (True, True))

@@ -24,7 +24,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.meshes.mirror import mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement
+from toros_fem.meshes.transfer import Refinement
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
 
 # Cosine between a guided edge and the normal of its plane.

@@ -16,7 +16,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
-from toros_fem.meshes.triangle_limit import expected_triangles, lowered_limit, require_affordable
+from toros_fem.meshes.triangles import expected_triangles, lowered_limit, require_affordable
 from toros_fem.products.actuators.pressure_curve import HALVINGS
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed

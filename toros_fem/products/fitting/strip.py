@@ -13,7 +13,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import require_comm
 from toros_fem.base.validation import require_count, require_positive
 from toros_fem.materials.sheet import Composite, Knit, Material
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.uniaxial import uniaxial_curve
 from toros_fem.products.tiles.pull_test import pull

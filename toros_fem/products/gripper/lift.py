@@ -15,7 +15,7 @@ from toros_fem.base.files import write_together
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
-from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import repeated, write_series

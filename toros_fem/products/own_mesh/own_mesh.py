@@ -20,14 +20,14 @@ from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.metrics import Metric, distance
 from toros_fem.measures.shape import Part, ShapePart
 from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
-from toros_fem.meshes.cut_at_planes import cut_at_planes, require_symmetric, straightened
-from toros_fem.meshes.deformed import from_copy, from_mesh
 from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.meshes.refine import refine
-from toros_fem.meshes.surface import Surface
+from toros_fem.meshes.surfaces.files import from_copy, from_mesh
+from toros_fem.meshes.surfaces.planes import cut_at_planes, require_symmetric, straightened
+from toros_fem.meshes.surfaces.surface import Surface
 from toros_fem.meshes.targets import Deformer
+from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
@@ -516,6 +516,6 @@ def read_skin(
             log.info("not cut at %s = 0: %s", "xyz"[axis], error)
         else:
             found.append(axis)
-    part = cut_at_planes(surface, found)
-    pattern = straightened(scene.skin.unwrapped(comm, part.surface).pattern, found)
-    return OwnSkin(pattern, None if goal is None else part.at_vertices(goal), tuple(found))
+    part, weights = cut_at_planes(surface, found)
+    pattern = straightened(scene.skin.unwrapped(comm, part).pattern, found)
+    return OwnSkin(pattern, None if goal is None else weights @ goal, tuple(found))

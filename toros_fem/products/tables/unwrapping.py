@@ -13,8 +13,8 @@ from mpi4py import MPI
 from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
 
 if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
-    from toros_fem.meshes.surface import Surface
-    from toros_fem.meshes.unwrap import Unwrapped
+    from toros_fem.meshes.surfaces.surface import Surface
+    from toros_fem.meshes.surfaces.unwrap import Unwrapped
 
 log = logging.getLogger(__name__)
 # Sizes of skins in m; those of other surfaces are told.
@@ -50,7 +50,7 @@ class Unwrapping(Table):
         Raises:
             SurfaceError, UnitError: As of `read_surface`.
         """
-        from toros_fem.meshes.surface_file import read_surface, unit_hint
+        from toros_fem.meshes.surfaces.files import read_surface, unit_hint
 
         surface = read_surface(comm, path, self.scale, self.component)
         size = float(np.ptp(surface.points, axis=0).max())
@@ -65,7 +65,7 @@ class Unwrapping(Table):
         Raises:
             SurfaceError: A region cannot be laid flat by the requested method.
         """
-        from toros_fem.meshes.unwrap import unwrap
+        from toros_fem.meshes.surfaces.unwrap import unwrap
 
         return unwrap(
             comm,

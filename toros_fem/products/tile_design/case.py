@@ -19,8 +19,8 @@ from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
-from toros_fem.meshes.tile import Tile
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
 from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem

@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.design.loop.problem import DesignProblem
-from toros_fem.meshes.tile import Tile
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.products.tile_design.starts import random_waves
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.meshes.tile import Tile
-from toros_fem.meshes.tile_symmetry import SYMMETRIES
+from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 
 # A random start has waves of 0 to WAVES − 1 periods along each side.
 WAVES = 4

@@ -25,8 +25,8 @@ from mpi4py import MPI
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes import tile
-from toros_fem.meshes.tile import KINDS
-from toros_fem.meshes.triangle_limit import require_affordable
+from toros_fem.meshes.makers.tile import KINDS
+from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, probe
 from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem

@@ -14,9 +14,8 @@ from matplotlib.figure import Figure
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
+from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.tile import Tile
-from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.products.tiles.objectives import ProfileTarget
 from toros_fem.products.tiles.pull_test import PulledSheet
 from toros_fem.products.tiles.sheet import region_of_triangles

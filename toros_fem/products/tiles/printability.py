@@ -17,8 +17,7 @@ from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
-from toros_fem.meshes.tile import Tile
-from toros_fem.meshes.tile_symmetry import SYMMETRIES
+from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.triangles import edges_of, linked
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.

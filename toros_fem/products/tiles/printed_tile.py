@@ -20,8 +20,7 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.meshes.tile import KINDS, Tile, tile
-from toros_fem.meshes.tile_symmetry import check_symmetry
+from toros_fem.meshes.makers.tile import KINDS, Tile, check_symmetry, tile
 
 NAME, KIND = "tile.npz", "tile"
 MEMBRANE = Composite(bending=None)

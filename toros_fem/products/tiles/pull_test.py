@@ -20,10 +20,10 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.tile import Tile
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.sheet import TileSheet
 from toros_fem.products.tiles.solver import TileSolver

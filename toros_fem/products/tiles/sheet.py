@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_between, require_choice
+from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.tile import Tile, tile
 from toros_fem.products.tiles.printability import repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile
 

@@ -26,9 +26,8 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.border_motion import border_motion
+from toros_fem.meshes.following import border_motion, snapped, with_flat_points
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.snap import snapped, with_flat_points
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.rates import (

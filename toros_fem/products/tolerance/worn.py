@@ -9,7 +9,6 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Ints
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import fabric_of
 from toros_fem.meshes.pattern import Pattern
 
@@ -27,7 +26,7 @@ def offset_print(
     """
     found = []
     for panel, region in enumerate(regions):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         if offset >= 0:
             found.append(region.buffer(offset) & outline)
         else:
@@ -45,7 +44,7 @@ def broken_lines(
     lines: Ints = np.zeros(3, dtype=np.int64)
     gaps: Ints = np.zeros(3, dtype=np.int64)
     for panel, (one, two) in enumerate(zip(drawn, made, strict=True)):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         lines += _events(one, two)
         gaps += _events(*(fabric_of(region, outline, resolution) for region in (one, two)))
     # A ring of print that opens joins the fabric inside to that around it, and the reverse.

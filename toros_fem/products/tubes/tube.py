@@ -25,7 +25,7 @@ from toros_fem.measures.metrics import (
 )
 from toros_fem.measures.shape import Part
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_planes
-from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
+from toros_fem.meshes.makers.sheets import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer

@@ -23,8 +23,8 @@ from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path

@@ -14,7 +14,7 @@ from matplotlib.path import Path as Outline
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.cut_triangles import CutTriangles
+from toros_fem.meshes.panels import CutTriangles
 
 FABRIC = np.array([0.93, 0.86, 0.72])
 PRINTED = np.array([0.13, 0.20, 0.33])

@@ -9,7 +9,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI
 
@@ -37,7 +36,7 @@ def plot_fields(
     """
     number = pattern.panel_index(panel)
     cells = pattern.cells_of(panel)
-    left, bottom, right, top = 1e3 * np.array(panel_outline(pattern, number).bounds)
+    left, bottom, right, top = 1e3 * np.array(pattern.outline(number).bounds)
     across, fields = min(IN_A_ROW, len(designs)), len(designs[0][1])
     width = HEIGHT * (right - left) / (top - bottom) + 0.12
     down = -(-len(designs) // across)

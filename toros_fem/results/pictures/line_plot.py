@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.design.lines.field import LineField
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
-from toros_fem.meshes.arrange import Place
+from toros_fem.meshes.panels import Place
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI
 from toros_fem.results.pictures.pattern_plot import draw_panels

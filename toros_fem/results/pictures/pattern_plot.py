@@ -17,11 +17,10 @@ from matplotlib.patches import Patch
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.making.print.widths import LocalWidth
-from toros_fem.meshes.arrange import Place, panel_places
+from toros_fem.meshes.panels import Place, panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, fill
 from toros_fem.results.pictures.labels import Label, groups, write_labels
@@ -145,7 +144,7 @@ def draw_panels(
     """
     places = panel_places(pattern, GAP * pattern.size, page)
     for panel, (place, region) in enumerate(zip(places, regions, strict=True)):
-        outline = place.region(panel_outline(pattern, panel))
+        outline = place.region(pattern.outline(panel))
         fill(axes, outline, FABRIC, edge="0.25")
         fill(axes, place.region(region), PRINTED)
         left, _, right, top = np.array(outline.bounds) * 1e3
@@ -208,7 +207,7 @@ def plot_variants(
         panel: Name of the panel to show.
         variants: For each variant its title, its print on that panel, in m, and a caption.
     """
-    outline = panel_outline(pattern, pattern.panel_index(panel))
+    outline = pattern.outline(pattern.panel_index(panel))
     left, bottom, right, top = outline.bounds
     height = 9.0
     width = height * (right - left) / (top - bottom)

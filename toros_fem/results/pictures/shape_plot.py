@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.meshes.cut_triangles import CutTriangles, cut_triangles
+from toros_fem.meshes.panels import CutTriangles, cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, TARGET, View, draw_skin
 

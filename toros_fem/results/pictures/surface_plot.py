@@ -12,8 +12,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.print.contours import panel_outline
-from toros_fem.meshes.unwrap import Unwrapped
+from toros_fem.meshes.surfaces.unwrap import Unwrapped
 from toros_fem.results.pictures.drawing import DPI, View, draw_polygons, frame
 
 COLOURS = "RdBu_r"
@@ -52,7 +51,7 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
         PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
     )
     for panel, name in enumerate(pattern.panel_names):
-        outline = panel_outline(pattern, panel)
+        outline = pattern.outline(panel)
         axes.plot(*(1e3 * np.asarray(outline.exterior.coords).T), color=SEAM, lw=1)
         middle = 1e3 * np.asarray(outline.point_on_surface().coords)[0]
         left, low, high, top = outline.bounds

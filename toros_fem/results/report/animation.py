@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import replace_file
-from toros_fem.meshes.cut_triangles import CutTriangles, cut_triangles
+from toros_fem.meshes.panels import CutTriangles, cut_triangles
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.report.run_folder import SERIES, Run, read_run

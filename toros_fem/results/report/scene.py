@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.measures.rotation import polar_rotation
-from toros_fem.meshes.cut_triangles import CutTriangles, cut_triangles
+from toros_fem.meshes.panels import CutTriangles, cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin

@@ -1,0 +1,1 @@
+"""Ready-made patterns: sheets, tubes, flat robots, tiles, moulded skins."""

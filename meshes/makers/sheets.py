@@ -1,0 +1,275 @@
+"""Sheets of one panel, open or closed to a tube: rectangles, discs, cylinders; moulded skins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.mpi import on_root
+from toros_fem.base.validation import (
+    checked_names,
+    real_numbers,
+    require_callable,
+    require_choice,
+    require_positive,
+    shown,
+    whole_numbers,
+)
+from toros_fem.meshes.makers.flat import (
+    circle,
+    grid,
+    polygon_mesh,
+    ringed_disc,
+    sector,
+    staggered,
+)
+from toros_fem.meshes.pattern import Panel, Pattern
+from toros_fem.meshes.triangles import require_affordable
+
+SHEET, WALL, BASE, TIP = "sheet", "wall", "base", "tip"
+KINDS = ("right", "left", "equilateral", "crossed", "union-jack", "unstructured")
+TUBE_KINDS = ("unstructured", "structured", "left", "union-jack", "crossed")
+# Rounding of a coordinate, as a fraction of the tube's diameter or perimeter.
+TINY = 1e-9
+# Distance of neighbouring charts of a moulded skin over the longest edge: they do not touch.
+PITCH = 1.1
+
+Place = Callable[[Floats], Floats]
+
+
+def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Pattern:
+    """Make a pattern of one flat panel, `sheet`, without seams, at z = 0 or as `place` maps it."""
+    return Pattern(
+        flat_points=flat,
+        flat_triangles=triangles,
+        panel=np.zeros(len(triangles), dtype=np.int64),
+        sewn=np.arange(len(flat)),
+        points=np.column_stack([flat, np.zeros(len(flat))]) if place is None else place(flat),
+        panel_names=(SHEET,),
+    )
+
+
+@on_root
+def rectangle(
+    comm: MPI.Comm,
+    length: float,
+    width: float,
+    edge_length: float,
+    mesh: str = "right",
+    place: Place | None = None,
+) -> Pattern:
+    """Make a rectangle [0, length] × [0, width] (collective).
+
+    Args:
+        length, width: Size in m.
+        edge_length: Target edge length in m; the sides are divided evenly.
+        mesh: "right" triangles with diagonals that fall along the length, "left" with diagonals
+            that rise, "equilateral" ones (halved at two borders), "crossed" (four around each
+            square's centre), "union-jack" (diagonals that alternate), or "unstructured" (gmsh).
+        place: Maps flat positions (m, 2) to assembled ones, (m, 3), in m. None: the sheet is in
+            the plane z = 0.
+    """
+    require_positive(length=length, width=width)
+    require_positive(edge_length=edge_length, at_most=min(length, width))
+    require_choice("mesh", mesh, KINDS)
+    _require_place(place)
+    require_affordable(length * width, edge_length)
+    along = round(length / edge_length)
+    row = edge_length * np.sqrt(0.75) if mesh == "equilateral" else edge_length
+    across = max(1, round(width / row))
+    if mesh == "unstructured":
+        corner = np.array([[0, 0], [length, 0], [length, width], [0, width]])
+        sides = [along, across, along, across]
+        return one_panel(*polygon_mesh(corner, edge_length, counts=sides), place)
+    made = staggered(along, across) if mesh == "equilateral" else grid(along, across, mesh)
+    return one_panel(made[0] * [length / along, width / across], made[1], place)
+
+
+@on_root
+def disc(
+    comm: MPI.Comm,
+    radius: float,
+    edge_length: float,
+    mesh: str = "structured",
+    place: Place | None = None,
+) -> Pattern:
+    """Make a disc around the origin, with a regular polygon as its border (collective).
+
+    Args:
+        radius: Radius in m of the circle through the corners.
+        mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
+        place: As in `rectangle`.
+    """
+    require_positive(radius=radius)
+    require_positive(edge_length=edge_length, at_most=radius)
+    require_choice("mesh", mesh, ("structured", "unstructured"))
+    _require_place(place)
+    require_affordable(np.pi * radius * radius, edge_length)
+    around = round(2 * np.pi * radius / edge_length)
+    if mesh == "structured":
+        return one_panel(*ringed_disc(around, radius), place)
+    return one_panel(*polygon_mesh(circle(around, radius), edge_length), place)
+
+
+def _require_place(place: Place | None) -> None:
+    if place is not None:
+        require_callable("place", place, "a function of the flat positions (m, 2), or None")
+
+
+@on_root
+def cylinder(
+    comm: MPI.Comm,
+    length: float,
+    diameter: float,
+    edge_length: float,
+    *,
+    mesh: str = "unstructured",
+    caps: str | None = "both",
+    planes: Sequence[int] = (),
+) -> Pattern:
+    """Make a tube along z from z = 0 (panel "base") to z = length (panel "tip") (collective).
+
+    The wall is one flat rectangle, u around the tube and v = z along it. It is sewn along the line
+    in the half-plane y = 0, x < 0: the outside of a bend towards +x. The tube is the prism over the
+    regular n-gon inscribed in the given circle, n = round(π diameter / edge_length): rolling up the
+    structured mesh is an exact isometry. The perimeter is smaller than π diameter by the fraction
+    π²/(6 n²). Half a tube, or a quarter, is completed by `mirrored(part, (1,))` or
+    `mirrored(part, (0, 1))`; n is then the nearest multiple of 2, or of 4.
+
+    Args:
+        length: Length of the tube in m.
+        diameter: Diameter of the circle through the vertices, in m.
+        mesh: "unstructured" (gmsh, frontal Delaunay); or rows of rectangles, each divided by the
+            diagonal that falls along u ("structured", on which the curvature "average" is exact
+            for quadratics), by the one that rises ("left"), by both in turn ("union-jack"), or in
+            four ("crossed", which alone is rolled up with a small strain).
+        caps: Ends that are closed: "both", "base", "tip", or None. An open end carries pressure
+            only where a plane holds it, `symmetry_plane(pattern, 2, at=length)` at the tip.
+        planes: Symmetry planes that cut the tube: () for the whole, (1,) for the half at y ≥ 0,
+            (0, 1) for the quarter that also has x ≥ 0. The cut is not sewn.
+
+    Raises:
+        ParameterError: The edges are too long for a tube of six sides and two rows.
+    """
+    require_positive(length=length, diameter=diameter, edge_length=edge_length)
+    require_choice("mesh", mesh, TUBE_KINDS)
+    if caps is not None:
+        require_choice("caps", caps, ("both", BASE, TIP))
+    require_positive(edge_length=edge_length, at_most=min(np.pi * diameter / 5.5, length / 1.5))
+    listed = isinstance(planes, list | tuple)
+    if not listed or tuple(planes) not in ((), (1,), (0, 1), (1, 0)):
+        raise ParameterError(
+            f"planes = {shown(planes)} must be () for the whole tube, (1,) for the half at y ≥ 0, "
+            "or (0, 1) for the quarter with x ≥ 0 as well."
+        )
+    parts = 2 ** len(planes)
+    require_affordable(np.pi * diameter * (length + diameter / 2) / parts, edge_length)
+    # Vertices must lie in all planes.
+    around = parts * max(2, round(np.pi * diameter / edge_length / parts))
+    sides, rows = around // parts, max(2, round(length / edge_length))
+    radius = diameter / 2
+    chord = 2 * radius * np.sin(np.pi / around)
+    begin = around // 2 * chord if planes else 0.0
+    end = begin + sides * chord
+
+    def meshes() -> list[tuple[Floats, Ints]]:
+        """Return flat points and triangles of the wall and, if there are any, of the caps."""
+        if mesh != "unstructured":
+            unit, triangles = grid(sides, rows, "right" if mesh == "structured" else mesh)
+            flat = unit * [(end - begin) / sides, length / rows] + [begin, 0.0]
+            return [(flat, triangles), *([ringed_disc(around, radius, parts)] if caps else [])]
+        corner = np.array([[begin, 0], [end, 0], [end, length], [begin, length]])
+        wall = polygon_mesh(corner, edge_length, counts=[sides, rows, sides, rows])
+        if not caps:
+            return [wall]
+        rim, counts = sector(around, radius, parts), [1] * sides
+        across = max(1, round(radius / edge_length))
+        if parts == 2:
+            counts.append(2 * across)
+        elif parts == 4:
+            rim, counts = np.concatenate([rim, np.zeros((1, 2))]), [*counts, across, across]
+        return [wall, polygon_mesh(rim, edge_length, counts=counts)]
+
+    wall, *cap = meshes()
+    panels = [_wall_panel(*wall, radius, around * chord, begin)]
+    for name, height in ((BASE, 0.0), (TIP, length)) if cap else ():
+        if caps in ("both", name):
+            flat, triangles = cap[0]
+            points = np.column_stack([flat, np.full(len(flat), height)])
+            if name == BASE:  # seen from outside, that is from below, the disc is mirrored
+                flat, triangles = flat * [1, -1], triangles[:, ::-1]
+            panels.append(Panel(name, flat, triangles, points))
+    if planes:  # the cut is exactly in its plane
+        for panel in panels:
+            panel.points[np.abs(panel.points) < TINY * diameter] = 0.0
+    return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
+
+
+def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float, begin: float) -> Panel:
+    angle = np.pi + 2 * np.pi * flat[:, 0] / width
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # `mirrored` continues a panel across its first cut edge: it shall be that at x > 0.
+    at_begin = (flat[triangles, 0] - begin < TINY * width).sum(axis=1) == 2
+    triangles = triangles[np.argsort(~at_begin, kind="stable")] if begin else triangles
+    return Panel(WALL, flat, triangles, np.column_stack([ring, flat[:, 1]]))
+
+
+def moulded(
+    points: npt.ArrayLike,
+    triangles: npt.ArrayLike,
+    panel: npt.ArrayLike | None = None,
+    panel_names: Sequence[str] = ("skin",),
+) -> Pattern:
+    """Return a skin that is free of membrane stress in the given shape, however curved it is.
+
+    Every triangle has a flat chart of its own, congruent to it in space; its first axis runs along
+    its first edge. What needs cloth cut from flat panels is refused (docs/geometry.md): the cone
+    filter, prints, lines, courses of a knit, transfer between meshes. For bending the rest shape
+    is the choice of `Bending.rest`: "assembled" for a shell without moments in this shape.
+
+    Args:
+        points: Positions (n, 3) in m.
+        triangles: Corners (t, 3), counter-clockwise seen from outside.
+        panel: Number of the panel of each triangle, (t,), to name parts of the skin; None for one.
+        panel_names: A name for each panel.
+    """
+    places = real_numbers("points", points, "(n, 3), in m", PatternError)
+    corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)
+    if places.ndim != 2 or places.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
+        raise PatternError(
+            f"points and triangles have shapes {places.shape} and {corners.shape}; they must be "
+            "(n, 3) and (t, 3)."
+        )
+    if not np.isfinite(places).all():
+        raise PatternError("points must be finite, in m.")
+    if len(corners) == 0 or corners.min() < 0 or corners.max() >= len(places):
+        raise PatternError(f"triangles must hold corners among the {len(places)} points.")
+    a, b, c = np.moveaxis(places[corners], 1, 0)
+    length = np.linalg.norm(b - a, axis=1)
+    if not (length > 0).all():
+        k = int(np.argmin(length > 0))
+        raise PatternError(f"triangle {k} has an edge of length {length[k]:g} m. Collapse it.")
+    along = (b - a) / length[:, None]
+    flat = np.zeros((len(corners), 3, 2))
+    flat[:, 1, 0] = length
+    flat[:, 2, 0] = np.einsum("ij,ij->i", c - a, along)
+    flat[:, 2, 1] = np.linalg.norm(np.cross(along, c - a), axis=1)
+    flat -= flat.min(axis=1, keepdims=True)
+    number = np.arange(len(corners))
+    columns = int(np.ceil(np.sqrt(len(corners))))
+    place = np.stack([number % columns, number // columns], axis=1)
+    flat += (PITCH * float(flat.max()) * place)[:, None]
+    return Pattern(
+        flat_points=flat.reshape(-1, 2),
+        flat_triangles=np.arange(3 * len(corners)).reshape(-1, 3),
+        panel=0 * number if panel is None else whole_numbers("panel", panel, "(t,)", PatternError),
+        sewn=corners.ravel(),
+        points=places,
+        panel_names=checked_names("panel_names", panel_names, PatternError),
+        moulded=True,
+    )

@@ -1,0 +1,1 @@
+"""Surfaces and targets from files; surfaces cut and laid flat as sewing patterns."""

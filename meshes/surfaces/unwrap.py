@@ -1,0 +1,416 @@
+"""Sewing patterns from surfaces: seams, charts laid flat and checked, panels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import SurfaceError
+from toros_fem.base.mpi import on_root
+from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
+from toros_fem.meshes.panels import arranged
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Pattern
+from toros_fem.meshes.surfaces.cut import (
+    cones,
+    crease_regions,
+    cut_open,
+    disc_cuts,
+    euler,
+    halves,
+)
+from toros_fem.meshes.surfaces.flatten import (
+    Distortion,
+    abf_angles,
+    closure_error,
+    conformal,
+    strains,
+    triangle_stretches,
+    unrolled,
+)
+from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.triangles import (
+    Edges,
+    angle_defects,
+    between,
+    connected_regions,
+    corner_angles,
+    edge_keys,
+    edges_of,
+    flat_areas,
+    half_edges,
+    lengths,
+    shapes,
+    surface_areas,
+    surface_components,
+)
+
+AUTOMATIC = "auto"
+METHODS = ("auto", "exact", "abf", "lscm")
+# Default of the largest stretch or compression of panels with automatic seams.
+MAX_STRETCH = 0.15
+# The pattern computes seam lengths again: its tolerance allows for the rounding.
+ROUNDING = 1e-9
+# Edges whose lengths differ by less than this fraction are equal: an STL has seven digits.
+DEVELOPABLE = 1e-4
+# Patterns refuse flat triangles of half this thickness (height over longest edge).
+SLIVER = 2 * MIN_HEIGHT_RATIO
+# Fraction of a region's area, at rough spots, on which the bound on stretch may be exceeded.
+SPOTS = 0.02
+
+Seams = npt.ArrayLike | str | None
+
+
+class ChartError(Exception):
+    """A region cannot be laid flat as one panel; dividing it may help."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A region laid flat.
+
+    Attributes:
+        corners: Flat corners of each triangle, shape (t, 3, 2), in m.
+        slits: Whether the region was cut from corner i to i + 1 of each triangle to become a
+            disc, shape (t, 3).
+        method: "exact", "abf" or "lscm".
+    """
+
+    corners: Floats
+    slits: Bools
+    method: str
+
+
+Panels = list[tuple[Ints, Chart]]
+"""Triangles of the surface in each panel, and the panel laid flat."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unwrapped:
+    """A surface as a sewing pattern.
+
+    Attributes:
+        pattern: The flat panels and their seams. Its assembled shape is the surface, with the
+            surface's vertices and triangles in the same order.
+        distortion: Distortion between the panels and the surface.
+        seams: Edges of the surface that are cut, pairs of vertices, shape (k, 2).
+        methods: Method by which each panel was laid flat, "exact", "abf" or "lscm".
+    """
+
+    pattern: Pattern
+    distortion: Distortion
+    seams: Ints
+    methods: tuple[str, ...]
+
+
+@on_root
+def unwrap(
+    comm: MPI.Comm,
+    surface: Surface,
+    seams: Seams = None,
+    method: str = "auto",
+    *,
+    crease_angle: float = np.radians(45),
+    max_stretch: float | None = None,
+) -> Unwrapped:
+    """Cut a surface along seams and lay it out as flat panels (collective).
+
+    Each panel keeps the area that it has on the surface, and is counter-clockwise seen from
+    outside. A region that is no disc is opened by further cuts. It is divided in two if its flat
+    shape overlaps itself or is stretched too far.
+
+    Args:
+        surface: The surface, the same on all ranks.
+        seams: Edges to cut, pairs of the surface's vertices (k, 2). "auto" cuts at creases and
+            where the stretch is too large. None takes the surface's own seams and the borders
+            between its parts, or "auto" if it has neither.
+        method: "exact" unrolls developable regions. "abf" changes angles as little as possible
+            (ABF++). "lscm" solves one linear problem for nearly the same. "auto" unrolls where
+            possible, otherwise takes "abf", or "lscm" where "abf" does not converge.
+        crease_angle: Angle between normals above which an automatic seam follows an edge, in rad.
+        max_stretch: Largest stretch or compression, 0.1 for 10 %. A region that exceeds it on more
+            than 2 % of its area is divided. None is 0.15 with automatic seams, and no bound with
+            given ones.
+
+    Raises:
+        ParameterError: An option is outside its bounds.
+        SurfaceError: A seam is no edge of the surface, or a region cannot be laid flat by the
+            requested method.
+    """
+    require_kind("surface", surface, Surface, "a Surface, by read_surface")
+    require_choice("method", method, METHODS)
+    require_positive(**{"crease_angle, in rad,": crease_angle}, at_most=np.pi)
+    if max_stretch is not None:
+        require_positive(max_stretch=max_stretch)
+    edges = edges_of(surface.triangles)
+    given = _given(surface, edges, seams)
+    if given is not None:
+        bound = np.inf if max_stretch is None else max_stretch
+        return _unwrapped(surface, edges, given, method, bound, tips=False)
+    cuts = between(edges, crease_regions(surface.points, surface.triangles, crease_angle))
+    bound = MAX_STRETCH if max_stretch is None else max_stretch
+    return _unwrapped(surface, edges, cuts, method, bound, tips=True)
+
+
+def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
+    """Return whether each edge is a given seam; None if seams are to be found."""
+    if isinstance(seams, str):
+        require_choice("seams", seams, (AUTOMATIC,))
+        return None
+    if seams is None:
+        own = between(edges, surface.parts) | _named(surface, edges, surface.seams)
+        return own if own[edges.inner].any() else None
+    pairs = whole_numbers("seams", seams, "pairs of vertices (k, 2)", SurfaceError)
+    if pairs.size == 0:
+        return np.zeros(len(edges.ends), dtype=bool)
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise SurfaceError(f"seams has shape {pairs.shape}; it must hold pairs of vertices (k, 2).")
+    return _named(surface, edges, pairs)
+
+
+def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:
+    """Return whether each edge is one of some pairs of vertices, (e,)."""
+    size = len(surface.points)
+    wrong = np.flatnonzero(np.any((pairs < 0) | (pairs >= size), axis=1))
+    if len(wrong):
+        raise SurfaceError(
+            f"seams[{wrong[0]}] = {pairs[wrong[0]].tolist()} names no vertices; they lie in "
+            f"0 … {size - 1}."
+        )
+    keys, known = edge_keys(pairs, size), edge_keys(edges.ends, size)
+    wrong = np.flatnonzero(~np.isin(keys, known))
+    if len(wrong):
+        a, b = pairs[wrong[0]].tolist()
+        raise SurfaceError(
+            f"seams[{wrong[0]}] = {[a, b]} is no edge: no triangle has both vertices, at "
+            f"{surface.points[a]} and {surface.points[b]} m. Give seams edge by edge."
+        )
+    return np.isin(known, keys)
+
+
+def _unwrapped(
+    surface: Surface, edges: Edges, cuts: Bools, method: str, max_stretch: float, *, tips: bool
+) -> Unwrapped:
+    panels = _flat_panels(surface, edges, cuts, method, max_stretch, tips=tips)
+    label, seams = _labels(surface, panels), cuts.copy()
+    for cells, chart in panels:
+        seams[edges.of_triangle[cells][chart.slits]] = True
+    seams |= between(edges, label)
+    flat_triangles, sewn = cut_open(surface.triangles, edges, seams)
+    flat = np.zeros((len(sewn), 2))
+    placed = arranged([chart.corners.reshape(-1, 2) for _, chart in panels])
+    for (cells, _), corners in zip(panels, placed, strict=True):
+        flat[flat_triangles[cells].ravel()] = corners
+    loose = Pattern(
+        flat_points=flat,
+        flat_triangles=flat_triangles,
+        panel=label,
+        sewn=sewn,
+        points=surface.points,
+        panel_names=_names(surface, [cells for cells, _ in panels]),
+        seam_tolerance=1.0,
+    )
+    gap = float(loose.seam_gaps.max(initial=0.0))
+    pattern = replace(loose, seam_tolerance=max(1e-6, (1 + ROUNDING) * gap))
+    return Unwrapped(
+        pattern=pattern,
+        distortion=Distortion(pattern),
+        seams=edges.ends[seams & (edges.count == 2)],
+        methods=tuple(chart.method for _, chart in panels),
+    )
+
+
+def _labels(surface: Surface, panels: Panels) -> Ints:
+    """Return the number of the panel that each triangle is in, (t,)."""
+    label: Ints = np.zeros(len(surface.triangles), dtype=np.int64)
+    for number, (cells, _) in enumerate(panels):
+        label[cells] = number
+    return label
+
+
+def _names(surface: Surface, charts: Sequence[Ints]) -> tuple[str, ...]:
+    """Name each chart after the part that it is in, or by a number if it is in several parts."""
+    parts = [np.unique(surface.parts[cells]) for cells in charts]
+    several = len(surface.part_names) == 1
+    known = [-1 if several or len(part) > 1 else int(part[0]) for part in parts]
+    alone = [k for k, part in enumerate(known) if part >= 0 and known.count(part) == 1]
+    names = {k: surface.part_names[known[k]] for k in alone}
+    for chart, part in enumerate(known):
+        if chart not in names:
+            stem = "panel" if part < 0 else surface.part_names[part]
+            number = 1 + (chart if part < 0 else known[:chart].count(part))
+            while (name := f"{stem}-{number}") in names.values():
+                number += 1
+            names[chart] = name
+    return tuple(names[chart] for chart in range(len(charts)))
+
+
+# -------------------------------------------------------------------------- regions and charts
+
+
+def _flat_panels(
+    surface: Surface, edges: Edges, cuts: Bools, method: str, max_stretch: float, *, tips: bool
+) -> Panels:
+    """Lay the regions between cuts flat; divide those that cannot be laid flat as one panel.
+
+    Divided regions are merged again where that is possible. Arguments are those of `lay_flat`.
+    """
+    region = connected_regions(edges, edges.inner[~cuts[edges.inner]])
+    waiting = [np.flatnonzero(region == k) for k in range(region.max() + 1)][::-1]
+    panels: Panels = []
+    divided = False
+
+    def flat(cells: Ints) -> Chart:
+        sides = cuts[edges.of_triangle[cells]]
+        return lay_flat(surface.points, surface.triangles[cells], sides, method, max_stretch, tips)
+
+    while waiting:
+        cells = waiting.pop()
+        try:
+            panels.append((cells, flat(cells)))
+        except ChartError as error:
+            if len(cells) < 2:
+                raise SurfaceError(f"triangle {cells[0]} cannot be laid flat: {error}") from error
+            waiting += _divided(surface, edges, cuts, cells)
+            divided = True
+    refused: set[bytes] = set()
+    while divided:
+        for one, two in _neighbours(surface, edges, cuts, panels):
+            cells = np.sort(np.concatenate([panels[one][0], panels[two][0]]))
+            if cells.tobytes() in refused:
+                continue
+            try:
+                chart = flat(cells)
+            except ChartError:
+                refused.add(cells.tobytes())
+                continue
+            panels = [panel for k, panel in enumerate(panels) if k not in (one, two)]
+            panels.append((cells, chart))
+            break
+        else:
+            break
+    return sorted(panels, key=lambda panel: (int(surface.parts[panel[0][0]]), int(panel[0][0])))
+
+
+def _divided(surface: Surface, edges: Edges, cuts: Bools, cells: Ints) -> list[Ints]:
+    """Divide a region in two; return the triangles of each connected part."""
+    triangles = surface.triangles[cells]
+    local = edges_of(triangles)
+    whole = (local.count == 2) & ~between(local, halves(surface.points, triangles))
+    whole[local.of_triangle[cuts[edges.of_triangle[cells]]]] = False
+    label = connected_regions(local, np.flatnonzero(whole))
+    return [cells[label == k] for k in range(label.max(), -1, -1)]
+
+
+def _neighbours(
+    surface: Surface, edges: Edges, cuts: Bools, panels: Panels
+) -> list[tuple[int, int]]:
+    """Return pairs of panels that meet at an edge outside `cuts`, the most compact pair first."""
+    label = _labels(surface, panels)
+    area = np.bincount(label, surface_areas(surface.points, surface.triangles))
+    meeting = between(edges, label) & ~cuts
+    pair, group = np.unique(
+        np.sort(label[edges.sides[meeting]], axis=1), axis=0, return_inverse=True
+    )
+    shared = np.bincount(group.ravel(), lengths(surface.points, edges.ends[meeting]))
+    order = np.argsort(area[pair].sum(axis=1) / np.maximum(shared, 1e-300) ** 2, kind="stable")
+    return [(int(one), int(two)) for one, two in pair[order]]
+
+
+def lay_flat(
+    points: Floats, triangles: Ints, cuts: Bools, method: str, max_stretch: float, tips: bool
+) -> Chart:
+    """Open a connected region to a disc and lay it flat, with the area that it has in space.
+
+    Args:
+        points: Vertices of the whole surface (n, 3) in m.
+        triangles: Triangles of the region (t, 3).
+        cuts: Whether it is already cut from corner i to i + 1 of each triangle, (t, 3).
+        method: One of `METHODS`.
+        max_stretch: Bound on stretch and compression.
+        tips: Whether cuts may go through tips of high curvature.
+
+    Raises:
+        ChartError: Flat triangles are turned over or slivers, or the flat region overlaps itself
+            or is stretched too far.
+        SurfaceError: The method is "exact", but the region is not developable.
+    """
+    edges = edges_of(triangles)
+    seams = np.zeros(len(edges.ends), dtype=bool)
+    seams[edges.of_triangle[cuts]] = True
+    opened, sewn = cut_open(triangles, edges, seams)
+    if tips and len(edges.border) == 0 and not len(cones(points, triangles, edges)):
+        raise ChartError("it is closed and round.")
+    further = disc_cuts(points[sewn], opened, tips=tips)
+    slits = np.isin(edges_of(opened).of_triangle, further)
+    seams[edges.of_triangle[slits]] = True
+    opened, sewn = cut_open(triangles, edges, seams)
+    if surface_components(opened).max() > 0 or euler(opened) != 1:
+        raise ChartError("its cuts do not open it to a disc.")
+    flat, used = _mapped(points[sewn], opened, method)
+    corners = flat[opened]
+    _check_injective(flat, opened)
+    if np.isfinite(max_stretch):
+        strain = strains(triangle_stretches(corners, points[triangles]))
+        area = surface_areas(points, triangles)
+        if area[strain > max_stretch].sum() > SPOTS * area.sum():
+            raise ChartError(f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}.")
+    return Chart(corners, slits, used)
+
+
+def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
+    """Return the flat points of a disc, (n, 2) in m, and the method that gave them."""
+    angles = corner_angles(points, triangles)
+    if method in ("auto", "exact"):
+        flat = unrolled(points, triangles)
+        error = closure_error(points, flat, triangles)
+        if error <= DEVELOPABLE:
+            return flat, "exact"
+        if method == "exact":
+            defect = np.abs(angle_defects(triangles, edges_of(triangles), angles))
+            vertex = int(np.argmax(defect))
+            raise SurfaceError(
+                f"a region of {len(triangles)} triangles is not developable: unrolled, edge "
+                f"lengths change by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the "
+                f"vertex at {points[vertex]} m miss 2π by {defect[vertex]:.2g} rad. Cut through "
+                "such vertices, or use method 'auto'."
+            )
+    used = "lscm"
+    if method != "lscm":
+        try:
+            angles, used = abf_angles(triangles, angles), "abf"
+        except SurfaceError as error:
+            if method == "abf":
+                raise ChartError(str(error)) from error
+    flat = conformal(triangles, angles)
+    target = surface_areas(points, triangles).sum()
+    return flat * np.sqrt(target / np.abs(flat_areas(flat[triangles]).sum())), used
+
+
+def _check_injective(flat: Floats, triangles: Ints) -> None:
+    """Check that a flat disc does not overlap itself.
+
+    A map of a disc that turns no triangle over is one-to-one if it is one-to-one on the border.
+    """
+    area = flat_areas(flat[triangles])
+    if np.any(area <= 0):
+        raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
+    thin = shapes(np.pad(flat, ((0, 0), (0, 1))), triangles) <= SLIVER
+    if np.any(thin):
+        raise ChartError(
+            f"{thin.sum()} of its {len(area)} triangles are slivers, thinner than {SLIVER:g} of "
+            "their longest edge."
+        )
+    edges = edges_of(triangles)
+    next_vertex = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
+    start = here = next(iter(next_vertex))
+    loop = [start]
+    while (here := next_vertex[here]) != start:
+        loop.append(here)
+    if not shapely.is_simple(shapely.linearrings(flat[loop])):
+        raise ChartError("its border overlaps itself.")

@@ -1,0 +1,161 @@
+"""Sheets, tubes and moulded skins: their size, and where they are free of stress."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.models import pressurize
+from helpers.scenes import TABLE_A, table
+from helpers.surfaces import cap
+from mpi4py import MPI
+
+from toros_fem.base.mpi import norm
+from toros_fem.design.density.filters import make_filter
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
+from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, rectangle, sew
+from toros_fem.meshes.transfer import refine
+
+
+def test_a_sheet_is_placed_in_space(alone: MPI.Comm) -> None:
+    pattern = rectangle(
+        alone, 0.02, 0.02, 0.01, place=lambda flat: np.column_stack([flat, flat[:, 0] ** 2])
+    )
+    assert pattern.points[:, 2] == pytest.approx(pattern.points[:, 0] ** 2)
+
+
+def volume(tube: Pattern) -> float:
+    a, b, c = np.moveaxis(tube.points[tube.triangles], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
+@pytest.mark.parametrize("planes", [(1,), (0, 1)])
+@pytest.mark.parametrize("edge", [2.5e-3, 4.5e-3, 1.1e-2])
+def test_part_of_a_cylinder(
+    alone: MPI.Comm, mesh: str, planes: tuple[int, ...], edge: float
+) -> None:
+    """Its whole is a tube like the one made at once, with the seam at the same place."""
+    length, parts = 0.06, 2 ** len(planes)
+    part = cylinder(alone, length, 0.02, edge, mesh=mesh, planes=planes)
+    found = mirrored(part, planes)
+    whole = found.pattern
+    whole.require_closed()
+    assert whole.panel_names == ("wall", "base", "tip")
+    assert volume(whole) == pytest.approx(parts * volume(part), rel=1e-12)
+    for axis in planes:
+        assert part.points[:, axis].min() == 0, "the cut is exactly in its plane"
+    around = _around(whole)
+    assert around % parts == 0
+    assert abs(around - np.pi * 0.02 / edge) <= parts
+    width = around * 0.02 * np.sin(np.pi / around)
+    wall = whole.corners[whole.cells_of("wall")].reshape(-1, 2)
+    assert wall.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
+    assert wall.max(axis=0) == pytest.approx([width, length], rel=1e-12)
+    assert np.array_equal(part.corners, whole.corners[: len(part.panel)])
+    seam = whole.points[np.unique(whole.sewn[whole.seams])]
+    inner = seam[(seam[:, 2] > 1e-9) & (seam[:, 2] < length - 1e-9)]
+    assert len(inner) == max(2, round(length / edge)) - 1
+    assert inner[:, 0] == pytest.approx(-0.01)
+    assert np.abs(inner[:, 1]).max() == 0
+    # Rolled up as the whole tube: the angle about z follows from the flat place.
+    angle = np.pi + 2 * np.pi * whole.flat_points[:, 0] / width
+    rim = np.unique(whole.flat_triangles[whole.cells_of("wall")])
+    expected = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)[rim]
+    assert whole.points[whole.sewn[rim], :2] == pytest.approx(expected, abs=1e-12)
+
+
+def _around(tube: Pattern) -> int:
+    """Number of edges around the rim of the tip."""
+    tip = tube.vertices_of("tip")
+    return len(np.intersect1d(tip, tube.vertices_of("wall")))
+
+
+def test_diagonals_of_the_wall() -> None:
+    """Each rectangle is cut the other way by "left"; by turns; or in four."""
+    rising = {}
+    for mesh in ("structured", "left", "union-jack", "crossed"):
+        tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh=mesh, caps=None)
+        sides = tube.corners - np.roll(tube.corners, 1, axis=1)
+        across = sides[(np.abs(sides) > 1e-6).all(axis=2)]
+        rising[mesh] = (across[:, 0] * across[:, 1] > 0).mean()
+    assert rising == pytest.approx(
+        {"structured": 0, "left": 1, "union-jack": 0.5, "crossed": 0.5}, abs=0.01
+    )
+
+
+RADIUS, AT = 0.01, 0.03
+
+
+def half_sphere(rows: int) -> Pattern:
+    surface, _ = cap(rows, np.pi / 2, RADIUS)
+    return moulded(surface.points + [0, 0, AT], surface.triangles)
+
+
+def rim_of(pattern: Pattern) -> Supports:
+    """The rim held, and closed by its plane."""
+    return replace(clamp_where(pattern, lambda x: x[:, 2] < AT + 1e-6), planes=((2, AT),))
+
+
+def test_charts_are_congruent_and_apart() -> None:
+    pattern = half_sphere(4)
+    for i in range(3):
+        flat = pattern.corners[:, i] - pattern.corners[:, i - 1]
+        there = pattern.points[pattern.triangles]
+        space = there[:, i] - there[:, i - 1]
+        assert np.linalg.norm(flat, axis=1) == pytest.approx(np.linalg.norm(space, axis=1))
+    low, high = pattern.corners.min(axis=1), pattern.corners.max(axis=1)
+    one, two = np.triu_indices(len(low), 1)
+    apart = (low[one] > high[two]) | (low[two] > high[one])
+    assert apart.any(axis=1).all()
+    assert refine(pattern).pattern.moulded
+
+
+@pytest.mark.parametrize("curvature", ["average", "quadratic", "midedge"])
+def test_without_load_it_is_at_rest(alone: MPI.Comm, curvature: str) -> None:
+    pattern = half_sphere(4)
+    skin = sew(alone, pattern)
+    held = rim_of(pattern)
+    bending = Bending(curvature=curvature, rest="assembled")
+    solver = EquilibriumSolver(skin, Composite(bending=bending), held)
+    model, density = solver.model, np.full(len(skin.owned_cells), 0.5)
+    model.set_density(density)
+    pressurize(model, 0.0)
+    scale = model.mean_modulus() * RADIUS
+    assert abs(model.energy(model.assembled)) < 1e-12 * scale * RADIUS
+    assert norm(alone, model.residual(model.assembled)) < 1e-12 * scale
+    flat = make_model(skin, Composite(bending=Bending(curvature=curvature)), held)
+    flat.set_density(density)
+    assert flat.energy(flat.assembled) > 1e-9 * scale * RADIUS, "moments, in a shape bent from flat"
+    loaded = solver.solve(density, 1e3)
+    assert loaded.volume > 1.001 * model.volume(model.assembled)
+
+
+def test_half_a_sphere_grows_as_the_sphere_of_eq_1(alone: MPI.Comm) -> None:
+    """At second order, up to stretches of 1.46."""
+    rows = [r for r in table("gent_cylinder_inflation") if r["mat"] == "A"]
+    sheet = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
+    for pressure in ("1000", "10000"):
+        row = next(r for r in rows if r["P_Pa"] == pressure)
+        off = []
+        for n in (4, 8):
+            pattern = half_sphere(n)
+            fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+            fixed[0, :2] = True  # the pole
+            fixed[np.argmax(pattern.points[:, 0]), 1] = True
+            supports = Supports(fixed) | symmetry_plane(pattern, 2, AT)
+            skin = sew(alone, pattern)
+            solver = EquilibriumSolver(skin, sheet, supports)
+            found = solver.solve(np.zeros(len(skin.owned_cells)), float(pressure))
+            stretch = (found.volume / (2 / 3 * np.pi * RADIUS**3)) ** (1 / 3)
+            off.append(abs(stretch / float(row["lambda_sphere"]) - 1))
+        assert off[1] < 0.006
+        assert np.log2(off[0] / off[1]) == pytest.approx(2, abs=0.3)
+
+
+def test_the_filter_without_panels_takes_it(alone: MPI.Comm) -> None:
+    skin = sew(alone, half_sphere(4))
+    density = np.random.default_rng(0).random(len(skin.owned_cells))
+    assert np.std(make_filter("helmholtz", skin, 6e-3).forward(density)) < 0.7 * np.std(density)

@@ -1,0 +1,179 @@
+"""Surfaces laid flat, exactly where they are developable; or refused."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers import surfaces
+from mpi4py import MPI
+
+from toros_fem.base.errors import SurfaceError
+from toros_fem.meshes import Surface, unwrap
+from toros_fem.meshes.surfaces.unwrap import ChartError, lay_flat
+from toros_fem.meshes.triangles import flat_areas, lengths
+
+
+def lengths_kept(surface: Surface, flat: np.ndarray, corners: np.ndarray) -> float:
+    """Largest relative difference between flat edges and those in space."""
+
+    def ends(triangles: np.ndarray) -> np.ndarray:
+        return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+
+    wanted = lengths(surface.points, ends(surface.triangles))
+    return float(np.abs(lengths(flat, ends(corners)) / wanted - 1).max())
+
+
+@pytest.mark.parametrize("method", ["auto", "exact"])
+@pytest.mark.parametrize("make", [surfaces.prism, surfaces.cone])
+def test_developable_surfaces_are_unrolled(
+    alone: MPI.Comm, make: Callable[[], Surface], method: str
+) -> None:
+    surface = make()
+    made = unwrap(alone, surface, method=method)
+    pattern = made.pattern
+    assert made.methods == ("exact",)
+    assert lengths_kept(surface, pattern.flat_points, pattern.flat_triangles) < 1e-12
+    assert made.distortion.worst_stretch < 1e-12
+    assert pattern.seam_tolerance == 1e-6
+    assert np.array_equal(pattern.triangles, surface.triangles)
+    assert len(pattern.seams) == 5
+
+
+@pytest.mark.parametrize("make", [surfaces.prism, surfaces.cone])
+@pytest.mark.parametrize("method", ["abf", "lscm"])
+def test_conformal_maps_unroll_too(
+    alone: MPI.Comm, make: Callable[[], Surface], method: str
+) -> None:
+    surface = make()
+    exact, made = unwrap(alone, surface), unwrap(alone, surface, method=method)
+    assert made.methods == (method,)
+    assert surfaces.misfit(made.pattern.flat_points, exact.pattern.flat_points) < 1e-8
+    assert made.distortion.worst_stretch < 1e-8, "the scale is right as well"
+
+
+@pytest.mark.parametrize(("make", "method"), [(surfaces.sphere, "auto"), (surfaces.torus, "lscm")])
+def test_closed_surfaces_become_panels(
+    alone: MPI.Comm, make: Callable[[], Surface], method: str
+) -> None:
+    surface = make()
+    made = unwrap(alone, surface, method=method)
+    pattern = made.pattern
+    pattern.require_closed()
+    assert 2 <= len(made.methods) <= 12
+    assert np.mean(made.distortion.strain <= 0.15) > 0.97
+    assert pattern.areas.sum() == pytest.approx(surface.area, rel=1e-12)
+    for k in range(len(made.methods)):  # each panel has its own area too
+        cells = pattern.panel == k
+        ratio = np.average(made.distortion.area_ratio[cells], weights=pattern.areas[cells])
+        assert ratio == pytest.approx(1, rel=1e-10)
+    assert pattern.seam_tolerance == pytest.approx(made.distortion.worst_seam, rel=1e-6)
+    assert f"seam: {made.distortion.worst_seam:.2%}" in made.distortion.table()
+    outlines = [pattern.outline(k) for k in range(len(made.methods))]
+    assert all(o.geom_type == "Polygon" and not len(o.interiors) for o in outlines)
+    assert not any(a.intersects(b) for i, a in enumerate(outlines) for b in outlines[:i])
+    again = unwrap(alone, surface, method=method)
+    assert np.array_equal(again.pattern.flat_points, pattern.flat_points)
+
+
+def test_box_is_cut_at_its_creases(alone: MPI.Comm) -> None:
+    made = unwrap(alone, surfaces.welded_box(3))
+    assert made.methods == ("exact",) * 6
+    assert made.distortion.worst_stretch < 1e-12
+    assert np.bincount(made.pattern.panel, made.pattern.areas) == pytest.approx(
+        np.repeat([6e-4, 3e-4, 2e-4], 2)[np.argsort(np.argsort(
+            -np.bincount(made.pattern.panel, made.pattern.areas), kind="stable"))]
+    )  # fmt: skip
+    # Without creases it is one panel, cut through its eight corners.
+    whole = unwrap(alone, surfaces.welded_box(3), crease_angle=np.pi)
+    assert set(whole.methods) == {"exact"}
+    assert len(whole.methods) <= 2
+
+
+def test_seams_of_the_user(alone: MPI.Comm) -> None:
+    tube = surfaces.prism(12, 5)
+    around = np.arange(24, 36)
+    ring = np.stack([around, np.roll(around, -1)], axis=1)
+    made = unwrap(alone, tube, seams=ring)
+    assert len(made.methods) == 2
+    assert made.pattern.panel_names == ("panel-1", "panel-2")
+    assert np.bincount(made.pattern.panel).tolist() == [48, 72]
+    assert len(made.seams) == 12 + 5
+    closed = unwrap(alone, surfaces.sphere(), seams=[])
+    assert len(closed.methods) == 1, "no seam is added but what opens it to a disc"
+    named = replace(tube, parts=(np.arange(120) >= 48).astype(int), part_names=("hand", "cuff"))
+    assert unwrap(alone, named).pattern.panel_names == ("hand", "cuff")
+    assert len(unwrap(alone, named, seams="auto").methods) == 1
+
+
+def test_a_strip_that_would_overlap_is_divided(alone: MPI.Comm) -> None:
+    """A helicoidal ramp of two turns is developable here, but lies over itself when flat."""
+    made = unwrap(alone, surfaces.ramp(), seams=[])
+    assert made.methods in (("exact",) * 2, ("exact",) * 3)
+    assert made.distortion.worst_stretch < 1e-12
+
+
+def test_a_tighter_bound_gives_more_panels(alone: MPI.Comm) -> None:
+    counts = [
+        len(unwrap(alone, surfaces.sphere(), max_stretch=bound).methods)
+        for bound in (0.3, 0.15, 0.08)
+    ]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[2]
+
+
+def test_slivers_are_named() -> None:
+    """A flat triangle of no use, though none is turned over."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, -1, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])
+    for method in ("exact", "lscm"):
+        with pytest.raises(ChartError, match="1 of its 2 triangles are slivers"):
+            lay_flat(points, triangles, np.zeros((2, 3), dtype=bool), method, np.inf, tips=False)
+
+
+def uncut(triangles: np.ndarray) -> np.ndarray:
+    return np.zeros(triangles.shape, dtype=bool)
+
+
+def test_regions_that_are_refused() -> None:
+    cap, _ = surfaces.cap(6, 1.3)
+    with pytest.raises(ChartError, match=r"stretch of 0\.\d+ exceeds 0.01"):
+        lay_flat(cap.points, cap.triangles, uncut(cap.triangles), "abf", 0.01, tips=False)
+    with pytest.raises(SurfaceError, match=r"216 triangles is not developable: .* 'auto'"):
+        lay_flat(cap.points, cap.triangles, uncut(cap.triangles), "exact", np.inf, tips=False)
+    ball = surfaces.sphere(2)
+    with pytest.raises(ChartError, match="closed and round"):
+        lay_flat(ball.points, ball.triangles, uncut(ball.triangles), "auto", np.inf, tips=True)
+    ramp = surfaces.ramp()
+    with pytest.raises(ChartError, match="border overlaps itself"):
+        lay_flat(ramp.points, ramp.triangles, uncut(ramp.triangles), "exact", np.inf, tips=False)
+
+
+@pytest.mark.parametrize("method", ["auto", "lscm"])
+def test_a_tube_gets_one_slit_and_keeps_its_area(method: str) -> None:
+    tube = surfaces.prism(12, 5)
+    chart = lay_flat(tube.points, tube.triangles, uncut(tube.triangles), method, np.inf, tips=False)
+    assert chart.method == ("exact" if method == "auto" else method)
+    assert chart.slits.sum() == 2 * 5, "both sides of a line of five edges"
+    areas = flat_areas(chart.corners)
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(tube.area, rel=1e-9)
+    already = lay_flat(tube.points, tube.triangles, chart.slits, method, np.inf, tips=False)
+    assert not already.slits.any(), "what is cut already is not cut again"
+
+
+def test_names_of_panels_do_not_collide(alone: MPI.Comm) -> None:
+    """A part of several panels beside one that is named like one of these, or like a number."""
+    box = surfaces.welded_box(2)
+    side = np.argmax(
+        np.abs(np.cross(*np.diff(box.points[box.triangles], axis=1).swapaxes(0, 1))), 1
+    )
+    for names in (("arm", "arm-1", "arm-2"), ("arm-2", "arm", "arm-1"), ("a", "a-1", "a-1-1")):
+        made = unwrap(alone, replace(box, parts=side, part_names=names))
+        assert len(set(made.pattern.panel_names)) == 6
+        assert all(any(n.startswith(part) for part in names) for n in made.pattern.panel_names)
+    # Of the first part two rings are apart, and "arm-1" is taken.
+    tube = surfaces.prism(12, 5)
+    rows = np.repeat([0, 0, 1, 2, 0], len(tube.triangles) // 5)
+    found = unwrap(alone, replace(tube, parts=rows, part_names=("arm", "arm-1", "arm-2")))
+    assert found.pattern.panel_names == ("arm-3", "arm-4", "arm-1", "arm-2")
