@@ -123,7 +123,7 @@ class Iteration:
         volume_fraction: Fraction of the designed area that is reinforced.
         grey_level: Mean of 4 ρ̄ (1 − ρ̄) over the designed area: 0 for a binary design.
         change: Largest change of a variable in this step.
-        beta: Steepness of the projection.
+        beta: Steepness of the projection; 0 where nothing is projected.
         rejected: Number of rejected trial designs in this step.
         newton_steps, factorisations: Of all equilibrium solves, rejected trials included.
         seconds: Wall time of the iteration.
