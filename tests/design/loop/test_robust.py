@@ -82,3 +82,10 @@ def test_the_spread_of_a_print_that_is_known(short_tube: Skin) -> None:
     assert here.steps > here.equilibrium.steps
     made = problem.simulate_binary(np.where(along < 0.03, 1.0, 0.0))
     assert len(problem.differentiate(made).gradient) == len(density), "a print has no variants"
+
+
+def test_a_print_needs_no_solvers_of_variants(short_tube: Skin) -> None:
+    problem = robust(short_tube)
+    problem.simulate_binary(np.zeros(len(short_tube.owned_cells), dtype=bool))
+    assert problem.robust is not None
+    assert "physics" not in vars(problem.robust), "they are made where they are first needed"

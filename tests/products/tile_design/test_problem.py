@@ -1,6 +1,7 @@
 """Design problems of tiles: gradients, symmetric designs, short runs."""
 
 import dataclasses
+import time
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.loop import optimize
-from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
@@ -135,3 +136,19 @@ def test_metric_of_a_target() -> None:
     worst = np.abs(stiffness / [900.0, 1200.0, 2400.0] - 1).max()
     assert result.history[-1].metrics == {"worst_percent": pytest.approx(100 * worst, rel=1e-12)}
     assert make_problem(True, CONTRAST).metrics_of(result.final.equilibrium) == {}
+
+
+def test_ranks_that_share_directions_stop_together(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The slowest rank decides on the time limit; here the last one's clock jumps ahead."""
+    problem, clock, jump = make_problem(True, TARGET), time.perf_counter, [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() + jump[0])
+
+    def late(row: Iteration, _: object) -> None:
+        if row.iteration == 1 and comm.rank == comm.size - 1:
+            jump[0] = 1e6
+
+    options = DesignOptions((Stage(1),), seconds=1e5)
+    found = optimize(problem, options, start=start_of(problem), callback=late)
+    assert comm.allgather(found.reason) == comm.size * ["100000 s have passed."]
