@@ -136,7 +136,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     """Return the seconds of each phase, the fastest of some rounds."""
     model, filter, limits = problem.solver.model, problem.fields.filter, problem.length_scale
     density = problem.fields.with_passive(problem.fields.start(0))
-    filtered, projected = problem.fields(density)
+    filtered, projected = problem.fields.forward(density)
     model.set_density(projected)
     model.set_load(Load(np.array([config.pressure.pressure])))
     rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
@@ -89,7 +90,8 @@ def archive_of(
     """Return an archive of a pattern and of what belongs to it."""
     own = {name: getattr(pattern, name) for name in ARRAYS}
     more = {name: getattr(pattern, name) for name in NUMBERS}
-    return Archive(kind, {**own, **arrays}, {**more, **(numbers or {})})
+    given = {name: np.asarray(array) for name, array in arrays.items()}
+    return Archive(kind, {**own, **given}, {**more, **(numbers or {})})
 
 
 def pattern_of(archive: Archive) -> Pattern:

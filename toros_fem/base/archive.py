@@ -56,7 +56,7 @@ class Archive:
             "arrays": _described(self.arrays),
             "numbers": self.numbers,
         }
-        return json.dumps(content, ensure_ascii=False).encode()
+        return json.dumps(content, ensure_ascii=False, default=_plain).encode()
 
     @cached_property
     def digest(self) -> str:
@@ -71,13 +71,16 @@ def write_archive(path: Path, archive: Archive, *, compress: bool = True) -> Non
         OSError: It cannot be written; an earlier one stays.
         TypeError, ValueError: A value is none that JSON has.
     """
+    for name, array in archive.arrays.items():
+        if array.dtype.hasobject:  # NumPy before 2.2 has no option that forbids to pickle them
+            raise TypeError(f"{name} holds objects, not numbers.")
     entries = {
         HEADER: np.frombuffer(archive.header, np.uint8),
         DIGEST: np.frombuffer(archive.digest.encode(), np.uint8),
     }
     out = io.BytesIO()
     save: Callable[..., None] = np.savez_compressed if compress else np.savez
-    save(out, allow_pickle=False, **entries, **archive.arrays)
+    save(out, **entries, **archive.arrays)
     replace_file(path, out.getvalue())
 
 
@@ -111,17 +114,27 @@ def read_archive(
     if about.get("format") != FORMAT:
         raise failure(
             f"{path} has format {about.get('format')}, written by toros_fem "
-            f"{about.get('toros_fem')}; this is {__version__} and reads format {FORMAT}. {remedy}"
+            f"{about.get('toros_fem')}; this is {__version__} and reads format {FORMAT}. Read "
+            f"it with that version. {remedy}"
         )
-    if missing := [name for name in about.get("arrays", ()) if name not in arrays]:
+    written = about.get("arrays")
+    written = written if isinstance(written, dict) else {}
+    if missing := [name for name in written if name not in arrays]:
         raise failure(f"{path} lacks {', '.join(missing)}. {remedy}")
-    if _digest(header, arrays).encode() != digest or about["arrays"] != _described(arrays):
+    if _digest(header, arrays).encode() != digest or written != _described(arrays):
         raise failure(f"{path} is damaged: its content is not what was written. {remedy}")
     try:
         return make(Archive(kind, arrays, about["numbers"], about["toros_fem"]))
     except (TorosError, ValueError, TypeError, LookupError, ArithmeticError) as caught:
         what = f"it lacks {caught}" if isinstance(caught, KeyError) else str(caught).rstrip(".")
         raise failure(f"{path} is not valid: {what}. {remedy}") from None
+
+
+def _plain(value: object) -> Any:
+    """Return a number of NumPy's own types as JSON has it."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is none that JSON has")
 
 
 def _described(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, list[Any]]:

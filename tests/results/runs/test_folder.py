@@ -95,7 +95,7 @@ def test_other_inputs_or_loops_are_refused(comm: MPI.Comm, folder: Path) -> None
     with pytest.raises(CheckpointError, match="other inputs"):
         open_run(comm, folder, {**INPUTS, "length": 0.2}, resume=True)
     with (
-        pytest.raises(CheckpointError, match="its problem is another"),
+        pytest.raises(CheckpointError, match="with other problem"),
         open_run(comm, folder, INPUTS, resume=True) as run,
     ):
         run.journal(folder).entry(comm, "another loop").saved()

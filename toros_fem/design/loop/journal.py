@@ -75,7 +75,8 @@ def signature_of(problem: DesignProblem, *parts: object) -> str:
     found, pattern = hashlib.sha256(), problem.skin.pattern
     for array in (pattern.points, pattern.triangles, pattern.flat_points, pattern.flat_triangles):
         found.update(np.ascontiguousarray(array).tobytes())
-    found.update(repr((type(problem).__name__, *parts)).encode())
+    kinds = type(problem).__name__, type(problem.fields).__name__
+    found.update(repr((kinds, *parts)).encode())
     return found.hexdigest()
 
 
@@ -111,7 +112,7 @@ def saved_evaluation(evaluation: Evaluation) -> tuple[dict[str, Floats], dict[st
     e, problem = evaluation, evaluation.problem
     fields = {"density": e.density, "filtered": e.filtered, "projected": e.projected}
     arrays = {name: by_cell(problem.skin, field) for name, field in fields.items()}
-    pairs = zip(problem.every_physics, e.responses, strict=False)
+    pairs = zip(problem.physics_of(e.responses), e.responses, strict=True)
     saved = [physics.save(response) for physics, response in pairs]
     arrays |= {f"unknowns_{k}": unknowns for k, (unknowns, _) in enumerate(saved)}
     numbers = {
@@ -143,7 +144,8 @@ def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
         patterns = [projected]
         if len(unknowns) > 1 and problem.robust is not None:
             patterns += problem.robust.patterns(problem.fields, filtered)
-        parts = zip(problem.every_physics, patterns, unknowns, numbers["responses"], strict=False)
+        every = problem.physics_of(unknowns)
+        parts = zip(every, patterns, unknowns, numbers["responses"], strict=True)
         responses = tuple(physics.restore(*part) for physics, *part in parts)
     return problem.told(density, filtered, projected, lambda: responses, begin)
 

@@ -386,7 +386,8 @@ class _Run:
         """Return whether the stage ends here, and mark the end of the loop; equal on all ranks."""
         limit = self.options.seconds
         if limit is not None:
-            spent = largest(self.comm, time.perf_counter() - self.begin)
+            # Ranks that share directions have a skin each, and must end together.
+            spent = largest(problem.comm, time.perf_counter() - self.begin)
             if spent > limit:
                 self.over, self.reason = True, f"{limit:g} s have passed."
                 return True

@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields, designed_cells
@@ -170,11 +171,27 @@ class DesignProblem(Generic[R]):
 
     def __post_init__(self) -> None:
         check_metrics(self.metrics)
+        self._check_terms()
+
+    def _check_terms(self) -> None:
+        names = [term.name for term in self.terms]
+        if len(set(names)) < len(names):
+            raise ParameterError(
+                f"terms are named {', '.join(names)}; give each of them a name of its own."
+            )
 
     def changed(self, **parts: Any) -> Self:
-        """Return the same problem with other parts; all others are shared."""
+        """Return the same problem with other parts; all others are shared.
+
+        Raises:
+            TypeError: It has no such part.
+            ParameterError: Two terms have one name.
+        """
         other = copy.copy(self)
+        if unknown := set(parts) - set(vars(other)):
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
         vars(other).update(parts)
+        other._check_terms()
         return other
 
     def without_variants(self) -> Self:
@@ -280,7 +297,7 @@ class DesignProblem(Generic[R]):
             nominal = self.physics.respond(patterns[0], start, pressure, trial=trial)
             # Variants differ little from the nominal pattern, far less than that from the last one.
             given = nominal.state, nominal.pressures
-            others = zip(self.every_physics[1:], patterns[1:], strict=False)
+            others = zip(self.physics_of(patterns)[1:], patterns[1:], strict=True)
             return nominal, *(p.respond(other, *given, trial=trial) for p, other in others)
 
         return self.told(density, filtered, patterns[0], respond, begin)
@@ -317,10 +334,11 @@ class DesignProblem(Generic[R]):
             return shape, None
         return shape, self.robust.spread(self.objective, *seen)
 
-    @property
-    def every_physics(self) -> tuple[Physics[R], ...]:
-        """Physics of the nominal pattern, then of the variants."""
-        return self.physics, *(() if self.robust is None else self.robust.physics)
+    def physics_of(self, patterns: Sequence[Any]) -> tuple[Physics[R], ...]:
+        """Return the physics of the nominal pattern alone, or of the variants too, one for each."""
+        if self.robust is None or len(patterns) == 1:  # a print needs no solvers of variants
+            return (self.physics,)
+        return self.physics, *self.robust.physics
 
     def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Complete a trial, so that it can be differentiated (collective).
@@ -330,7 +348,7 @@ class DesignProblem(Generic[R]):
             NoEquilibriumError: There is no stable equilibrium near.
         """
         begin, e = time.perf_counter(), evaluation
-        both = zip(self.every_physics, e.responses, strict=False)
+        both = zip(self.physics_of(e.responses), e.responses, strict=True)
         responses = tuple(physics.finish(response) for physics, response in both)
         if all(one is other for one, other in zip(responses, e.responses, strict=True)):
             return evaluation

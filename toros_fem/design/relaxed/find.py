@@ -181,7 +181,8 @@ def _gathered(
 ) -> RelaxedResult:
     """Return a result on every rank (collective)."""
     final, history = result.final, result.history
-    variables = result.density.reshape(len(problem.skin.owned_cells), -1)
+    assert isinstance(problem.fields, LineShares)
+    variables = result.density.reshape(-1, problem.fields.families.fields)
     return RelaxedResult(
         start=start,
         field=_field(problem, final.projected),

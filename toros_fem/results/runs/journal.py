@@ -140,7 +140,7 @@ class RunEntry:
         differing = [key for key, value in self._belongs_to.items() if owner.get(key) != value]
         if differing:
             raise CheckpointError(
-                f"it belongs to another run: its {', '.join(differing)} is another; resume with "
+                f"it belongs to another run, with other {' and '.join(differing)}; resume with "
                 "the inputs that the run began with"
             )
         return archive
