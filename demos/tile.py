@@ -33,13 +33,12 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes import tile
 from toros_fem.products.tile_design import search
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.tile import linear_profile
-from toros_fem.products.tiles.objectives import ProfileTarget
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
 parser.add_argument("--coarse", action="store_true", help="coarse meshes, and fewer starts")

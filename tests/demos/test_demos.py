@@ -19,7 +19,7 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tile_design.problem import tile_problem
 from toros_fem.products.tile_design.tile import tile_case
 from toros_fem.products.tiles import pulled_sheet
 from toros_fem.products.tiles.pull_test import pull_sheet

@@ -30,10 +30,10 @@ from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
 from toros_fem.products.tile_design import tile
-from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tile_design.problem import tile_problem
+from toros_fem.products.tiles.printed_tile import remesh, tile_sheet
 from toros_fem.products.tiles.pull_test import pull_sheet
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-from toros_fem.products.tiles.sheet import remesh, tile_sheet
 from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
 from toros_fem.products.tubes.tube import plain_tube
 from toros_fem.products.walker import walker as walking

@@ -13,11 +13,16 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
-from toros_fem.products.tiles.objectives import Contrast, ProfileTarget
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
+from toros_fem.products.tile_design.starts import random_waves
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import (
+    Contrast,
+    Profile,
+    ProfileSolver,
+    ProfileTarget,
+)
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12
@@ -264,5 +269,6 @@ def small_result() -> tuple[TileCase, TileResult]:
     comm = MPI.COMM_WORLD
     case = small_case(comm)
     problem = tile_problem(comm, case, SMALL)
-    result = optimize(problem, [Stage(2, 80.0, constrained=True)], seed=1)
+    start = random_waves(case.tile, 1)[problem.skin.owned_cells]
+    result = optimize(problem, [Stage(2, 80.0, constrained=True)], start=start)
     return case, PrintSimulation(comm, case, SMALL).simulate(problem, result)

@@ -4,12 +4,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.tiles import SMALL, Laminate, small_result
+from helpers.tiles import (
+    ANGLES,
+    SMALL,
+    Laminate,
+    profile_of,
+    profile_table,
+    random_cells,
+    small_result,
+    solver_of,
+    tile_of,
+)
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
-from toros_fem.products.tile_design.as_printed import PrintSimulation, directions, measure_print
+from toros_fem.products.tile_design.as_printed import (
+    PrintSimulation,
+    directions,
+    measure_print,
+    merged,
+)
 from toros_fem.products.tiles.plots import full_circle
 from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
@@ -69,3 +84,16 @@ def test_print_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.Monke
     assert failed.profile is None
     assert failed.failure == "no equilibrium"
     assert failed.printed.evaluation is not None
+
+
+def test_union_of_profiles() -> None:
+    """Two sets of directions give what both give together."""
+    tile = tile_of(3)
+    solver, density = solver_of(tile), random_cells(tile)
+    one, other, whole = (
+        profile_of(solver, density, 0.1, ANGLES[at]) for at in ([4, 3], [0, 1, 2], range(5))
+    )
+    found = merged(one, other)
+    assert found.angles == pytest.approx(ANGLES[:5], abs=1e-15)
+    assert profile_table(found) == pytest.approx(profile_table(whole), abs=1e-10)
+    assert found.steps == one.steps + other.steps

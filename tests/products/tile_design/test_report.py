@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, PrintSimulation, Trial
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
-from toros_fem.products.tiles.objectives import Contrast
 from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.stiffness_profile import Contrast
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 

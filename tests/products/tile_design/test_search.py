@@ -14,10 +14,9 @@ from toros_fem.making.print.widths import Widths
 from toros_fem.products.tile_design import search
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
 from toros_fem.products.tile_design.search import design_tile
-from toros_fem.products.tile_design.starts import random_lines
-from toros_fem.products.tiles.objectives import Contrast
+from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Contrast, Profile
 
 SHORT = SMALL.updated(
     filter_radius=2.5e-3, trial_iterations=1, draft_iterations=1, finish_iterations=1,
@@ -59,7 +58,8 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     pairs = [random_lines(case.coarse, rng, case.symmetry, 2.5e-3)[owned] for _ in range(8)]
     objectives = [problem.simulate(density, trial=True).objective for density in pairs]
     assert (start == pairs[int(np.argmin(objectives))]).all()
-    assert runs[1][2] is None
+    waves = random_waves(case.coarse, SMALL.design.seed + 1)
+    assert (runs[1][2] == waves[owned]).all()
     assert [trial.start for trial in found.trials] == ["lines", "waves"]
     assert found.trials[0].objective == result.final.objective
     # What a print loses is asked on top: a design that meets it loses as much again.

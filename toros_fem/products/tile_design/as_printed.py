@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -16,20 +17,14 @@ from toros_fem.making.print.printability import printed_cells
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import (
     RepeatedTile,
     TilePrintability,
     tile_printability,
 )
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import (
-    Profile,
-    ProfileSolver,
-    merge_profiles,
-    profiles,
-)
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver, profiles
 
 # Number of strains at which the stress curves of a print are computed.
 CURVE_POINTS = 4
@@ -163,17 +158,17 @@ def measure_print(made: TileResult) -> PrintMeasurement | None:
     Returns:
         None if the print has no equilibrium in one of the directions.
     """
-    designed = profile = made.profile
-    if designed is None or profile is None:
+    designed, simulation = made.profile, made.simulation
+    if designed is None:
         return None
-    simulation, strain = made.simulation, designed.strain
-    tile, batch = simulation.solver.tile, simulation.solver.batch
+    tile, batch, strain = simulation.solver.tile, simulation.solver.batch, designed.strain
     density, angles = simulation.density(made.printed), directions(simulation.case.symmetry)
     others = angles[np.abs(angles[:, None] - designed.angles).min(axis=1) >= SAME_ANGLE]
     try:
+        profile = designed
         if len(others):
-            solver = ProfileSolver(tile, others, strain, batch)
-            profile = merge_profiles(profile, solver.solve(density, gradients=False))
+            more = ProfileSolver(tile, others, strain, batch).solve(density, gradients=False)
+            profile = merged(designed, more)
         fabric = ProfileSolver(tile, [0.0], strain, batch)
         unprinted = fabric.solve(np.zeros_like(density), gradients=False)
         strains = strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
@@ -190,6 +185,24 @@ def directions(symmetry: str) -> Floats:
     return np.radians(ANGLE_STEP * np.arange(round(period / ANGLE_STEP) + mirrored))
 
 
+def merged(one: Profile, other: Profile) -> Profile:
+    """Return the values of two profiles of one tile and strain, sorted by direction, no states."""
+    order = np.argsort(np.concatenate([one.angles, other.angles]))
+    values: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)])[order]
+        for name in ("angles", "stress", "tangent", "contraction", "shear")
+    }
+    steps, factorisations = one.steps + other.steps, one.factorisations + other.factorisations
+    return Profile(
+        strain=one.strain,
+        states=(),
+        gradients=(),
+        steps=steps,
+        factorisations=factorisations,
+        **values,
+    )
+
+
 def _buckling(made: TileResult) -> Bools | None:
     """Return whether the print, on the design's mesh, buckles in each direction."""
     evaluation, simulation = made.printed.evaluation, made.simulation
@@ -200,7 +213,6 @@ def _buckling(made: TileResult) -> Bools | None:
     with together(batch):
         composite = replace(simulation.config.material.composite, bending=Bending())
         solver = TileSolver(made.problem.skin, composite, Periodic(case.tile, flat=False))
-        for k, state in enumerate(evaluation.equilibrium.state):
-            if state is not None:
-                found[k] = solver.buckles(state, evaluation.projected)
+        for k, state in enumerate(evaluation.equilibrium.states):
+            found[k] = state is not None and solver.buckles(state, evaluation.projected)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

@@ -16,12 +16,10 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
-from toros_fem.products.tile_design.case import TileCase
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tile_design.problem import TileCase
 from toros_fem.products.tiles.printability import SIDE, repeated
-from toros_fem.products.tiles.printed_tile import PrintedTile, write_tile
-from toros_fem.products.tiles.sheet import swatch
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.files import write_fields
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
@@ -152,7 +150,7 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
             rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
-        cloth, region = swatch(tile, printed.regions[0], printed.cells)
+        cloth, region = swatch(tile, printed.regions[0])
         high = ManufactureOptions(layer_height=found.printed_tile.composite.reinforcement.thickness)
         place = folder / FOLDER
         if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
@@ -175,7 +173,7 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
                 case.target,
             )
         if printed.evaluation is not None:
-            state = printed.evaluation.equilibrium.state[0]
+            state = printed.evaluation.equilibrium.states[0]
             positions = skin.gather_vertices(state.positions)
             path = folder / "deformed.png"
             plots.plot_deformed(path, tile, printed.cells, positions, state.gradient)

@@ -23,14 +23,16 @@ from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
-from toros_fem.meshes.tile import Tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
-from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tile_design.starts import random_lines
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tile_design.problem import (
+    TileCase,
+    TileDesignScene,
+    TileProblem,
+    tile_problem,
+)
+from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability, tile_printability
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 
 # Factor on T of a start or draft for each kind of flaw, islands and places too narrow for the
 # printer: only if its T is smaller by this factor, it is chosen.
@@ -80,12 +82,11 @@ def design_tile(
             any draft.
     """
     search, design = _Search(case, config, callback, journal), config.design
-    coarse = case.coarse or case.tile
-    problem = tile_problem(batch, replace(case, tile=coarse), config, log)
-    finalists, trials = search.best_starts(problem, coarse)
+    problem = tile_problem(batch, replace(case, tile=search.coarse), config, log)
+    finalists, trials = search.best_starts(problem)
     longer = [(design.draft_iterations, DRAFT_BETA)]
     drafts = [search.optimized(problem, longer, after=one) for one in finalists]
-    drafts.sort(key=lambda one: search.rated(problem, coarse, one)[0])
+    drafts.sort(key=lambda one: search.rated(problem, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
     problem = tile_problem(batch, case, config, log)
@@ -109,6 +110,7 @@ class _Search:
         journal: Journal | None,
     ) -> None:
         self.case, self.config, self.design = case, config, config.design
+        self.coarse = case.coarse or case.tile
         self._run = partial(optimize, callback=callback, journal=journal)
         self.rules = DesignOptions(mma=MMAOptions(move=self.design.move_limit))
         if case.target is not None:
@@ -135,14 +137,12 @@ class _Search:
         rules = replace(self.rules, stages=stages, target_objective=enough)
         return self._run(problem, rules, **begin)
 
-    def best_starts(
-        self, problem: TileProblem, tile: Tile
-    ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
+    def best_starts(self, problem: TileProblem) -> tuple[list[DesignResult], tuple[Trial, ...]]:
         """Return the two best starts and all trials; one that reaches the target is the last."""
         found, trials = [], []
-        starts = (partial(self._tried, problem, tile, k) for k in range(self.design.starts))
+        starts = (partial(self._tried, problem, k) for k in range(self.design.starts))
         for number, kind, result in _solved(starts):
-            rating, made = self.rated(problem, tile, result)
+            rating, made = self.rated(problem, result)
             found.append((rating, number, made.clean, result))
             flaws = len(made.island_areas), made.narrow_places
             trials.append(Trial(kind, result.final.objective, *flaws))
@@ -153,34 +153,33 @@ class _Search:
         others.sort(key=lambda one: not one[2])
         return [one[-1] for one in (best, *others[:1])], tuple(trials)
 
-    def _tried(
-        self, problem: TileProblem, tile: Tile, number: int
-    ) -> tuple[int, str, DesignResult]:
+    def _tried(self, problem: TileProblem, number: int) -> tuple[int, str, DesignResult]:
         """Return the number of a start, its kind, and the design after its first steps."""
         seed, kind = self.design.seed + number, ("lines", "waves")[number % 2]
-        start = None if kind == "waves" else self._lines(problem, tile, seed)
+        if kind == "waves":
+            start = random_waves(self.coarse, seed)[problem.skin.owned_cells]
+        else:
+            start = self._lines(problem, seed)
         steps = [(self.design.trial_iterations, factor) for factor in (1, DRAFT_BETA)]
-        return number, kind, self.optimized(problem, steps, start=start, seed=seed)
+        return number, kind, self.optimized(problem, steps, start=start)
 
-    def _lines(self, problem: TileProblem, tile: Tile, seed: int) -> Floats:
+    def _lines(self, problem: TileProblem, seed: int) -> Floats:
         """Return the best of several random pairs of families of lines at owned triangles."""
-        rng = np.random.default_rng(seed)
+        rng, symmetry = np.random.default_rng(seed), self.case.symmetry
 
         def tried() -> tuple[float, Floats]:
-            every = random_lines(tile, rng, self.case.symmetry, problem.fields.filter.radius)
+            every = random_lines(self.coarse, rng, symmetry, problem.fields.filter.radius)
             density = every[problem.skin.owned_cells]
             return problem.simulate(density, trial=True).objective, density
 
         return min(_solved([tried] * PAIRS_A_START), key=itemgetter(0))[1]
 
-    def rated(
-        self, problem: TileProblem, tile: Tile, result: DesignResult
-    ) -> tuple[float, TilePrintability]:
+    def rated(self, problem: TileProblem, result: DesignResult) -> tuple[float, TilePrintability]:
         """Return T, at least its target, times the factors for flaws; and the printability."""
         eta = problem.fields.projection.eta
         values = contour_values(problem, result.density)
-        region = printed_regions(tile.pattern, *values, eta)[0]
-        made = tile_printability(tile, region, values[1] > eta, self.config.print.limits)
+        region = printed_regions(self.coarse.pattern, *values, eta)[0]
+        made = tile_printability(self.coarse, region, values[1] > eta, self.config.print.limits)
         limits, widths = problem.length_scale, result.final.length_scale
         satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
         narrow = made.narrow_places > 0 or not satisfied
@@ -199,7 +198,7 @@ class _Search:
         if target is None:
             return first
         # No direction may deviate by more than the tolerance: a mean over them is a weaker rule.
-        goal = (design.tolerance / 2) ** 2 / len(problem.physics.solver.angles)
+        goal = (design.tolerance / 2) ** 2 / len(problem.physics.angles)
 
         def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
             last = prints[-1]

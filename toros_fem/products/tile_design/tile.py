@@ -29,11 +29,11 @@ from toros_fem.meshes.tile import KINDS
 from toros_fem.meshes.triangle_limit import require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, probe
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.search import design_tile
-from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.stiffness_profile import Contrast, ProfileObjective, ProfileTarget
 from toros_fem.results.console import print_step
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import RunResult

@@ -17,10 +17,9 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
 from toros_fem.meshes.tile_symmetry import SYMMETRIES
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tiles.printed_tile import region_of_triangles
 from toros_fem.products.tiles.pull_test import PulledSheet
-from toros_fem.products.tiles.sheet import region_of_triangles
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, fill
 
 TARGET_COLOUR = "tab:red"
