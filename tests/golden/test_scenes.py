@@ -176,7 +176,7 @@ def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
     config = tile.TileScene.of(
         target=target, edge_length=1e-3, filter_radius=1.5e-3, perimeter_weight=1e-3
     )
-    problem = tile_problem(comm, tile.tile_case(comm, config), config)
+    problem = tile_problem(tile.tile_case(comm, config), config)
     x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.skin.size
     density = 0.5 + 0.25 * (np.cos(x) + np.sin(x + 2 * y))[problem.skin.owned_cells]
     density = np.clip(density, 0.02, 0.98)

@@ -15,7 +15,6 @@ from helpers.tiles import (
     solver_of,
     tile_of,
 )
-from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
@@ -30,14 +29,14 @@ from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 
-def test_print_on_the_finer_mesh(alone: MPI.Comm) -> None:
+def test_print_on_the_finer_mesh() -> None:
     """It covers the printed region, and its profile is that of this density."""
     case, result = small_result()
-    simulation = PrintSimulation(alone, case, SMALL)
+    simulation = PrintSimulation(case, SMALL)
     density = simulation.density(result.printed)
     assert set(np.unique(density)) == {0.0, 1.0}
     area = result.printed.regions[0].area
-    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
+    assert case.fine.tile.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
     assert result.failure == ""
     own = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(own.stress, rel=1e-9)
@@ -70,11 +69,11 @@ def test_measured_print() -> None:
     assert measured.buckling.shape == (4,)
 
 
-def test_print_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_print_without_an_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
     """On the finer mesh; on the design's it has one."""
     case, result = small_result()
     assert measure_print(replace(result, profile=None)) is None
-    simulation = PrintSimulation(alone, case, SMALL)
+    simulation = PrintSimulation(case, SMALL)
 
     def fails(*_: object, **__: object) -> None:
         raise NoEquilibriumError("no equilibrium")

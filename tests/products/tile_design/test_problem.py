@@ -147,7 +147,7 @@ def test_parts_of_the_problem(alone: MPI.Comm) -> None:
     """Only requested parts are built, with the numbers of the configuration."""
     case = small_case(alone)
     config = SMALL.updated(constrained=False, beta=7.0, eta=0.4)
-    plain = tile_problem(alone, case, config)
+    plain = tile_problem(case, config)
     assert not plain.terms
     assert plain.length_scale is None
     assert (plain.fields.projection.beta, plain.fields.projection.eta) == (7.0, 0.4)
@@ -157,12 +157,12 @@ def test_parts_of_the_problem(alone: MPI.Comm) -> None:
     assert plain.physics.strain == 0.1
     assert plain.physics.angles == pytest.approx(np.radians([0, 15, 30, 45]))
     whole = tile_problem(
-        alone, case, SMALL.updated(filter="helmholtz", perimeter_weight=1e-3, line_width=2.2e-3)
+        case, SMALL.updated(filter="helmholtz", perimeter_weight=1e-3, line_width=2.2e-3)
     )
     (term,) = whole.terms
     assert term.price == 1e-3 / case.tile.pattern.size
     assert whole.fields.filter.name == "helmholtz"
-    same = tile_problem(alone, case, SMALL.updated(filter="helmholtz"))
+    same = tile_problem(case, SMALL.updated(filter="helmholtz"))
     # A wider line has a higher threshold; the one for gaps stays.
     assert whole.length_scale.solid_threshold > same.length_scale.solid_threshold
     assert whole.length_scale.void_threshold == same.length_scale.void_threshold
@@ -170,4 +170,4 @@ def test_parts_of_the_problem(alone: MPI.Comm) -> None:
 
 def test_radius_of_a_small_tile(alone: MPI.Comm) -> None:
     with pytest.raises(errors.ParameterError, match="than twice the radius"):
-        tile_problem(alone, small_case(alone), SMALL.updated(filter_radius=6e-3))
+        tile_problem(small_case(alone), SMALL.updated(filter_radius=6e-3))

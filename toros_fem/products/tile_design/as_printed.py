@@ -100,15 +100,14 @@ class TileResult:
 class PrintSimulation:
     """Prints designs of a tile and simulates them on its finer mesh; all methods are collective.
 
-    The ranks of `batch` share the directions of the objective.
+    The ranks of the case share the directions of the objective.
     """
 
-    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:
-        self.case, self.config = case, config
-        self._fine = case.fine or case.tile
-        skin = sew(MPI.COMM_SELF, self._fine.pattern)
-        solver = TileSolver(skin, config.material.composite, Periodic(self._fine))
-        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, batch)
+    def __init__(self, case: TileCase, config: TileDesignScene) -> None:
+        self.case, self.config, fine = case, config, case.fine.tile
+        skin = sew(MPI.COMM_SELF, fine.pattern)
+        solver = TileSolver(skin, config.material.composite, Periodic(fine))
+        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, case.comm)
 
     def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
         """Print a design and simulate the print."""
@@ -127,8 +126,8 @@ class PrintSimulation:
 
     def density(self, printed: PrintedDesign) -> Floats:
         """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
-        cells = printed_cells(self._fine.pattern, printed.regions)
-        return cells[self.solver.tile.skin.owned_cells].astype(np.float64)
+        skin = self.solver.tile.skin
+        return printed_cells(skin.pattern, printed.regions)[skin.owned_cells].astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated
 
 from mpi4py import MPI
@@ -21,7 +22,7 @@ from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.meshes.tile import Tile
+from toros_fem.meshes.tile import Tile, tile
 from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tables.steps import Filtering, Printer
 from toros_fem.products.tiles.solver import TileSolver
@@ -83,21 +84,37 @@ class TileCase:
     """A tile and its target.
 
     Attributes:
-        tile: The tile on the mesh of the design.
+        comm: Communicator whose ranks share the directions.
+        size, edge_length, mesh: Sides of the tile and edge length of its mesh in m, and the kind
+            of this mesh, as for `meshes.tile.tile`.
+        symmetry: Symmetry of design and mesh.
         angles: Directions of the objective, (k,), in rad; of a symmetric design only those that
             its symmetry does not repeat.
         objective: Objective of the profile in these directions.
-        symmetry: Symmetry of the design, as for `Tile.symmetry_maps`.
-        coarse: The same tile on a coarser mesh, for the random starts; None takes `tile`.
-        fine: The same tile on a finer mesh, for the simulation of the print; None takes `tile`.
     """
 
-    tile: Tile
+    comm: MPI.Comm
+    size: tuple[float, float]
+    edge_length: float
+    mesh: str
+    symmetry: str
     angles: Floats
     objective: ProfileObjective
-    symmetry: str = "none"
-    coarse: Tile | None = None
-    fine: Tile | None = None
+
+    @cached_property
+    def tile(self) -> Tile:
+        """The tile on the mesh of the design (collective)."""
+        return tile(self.comm, self.size, self.edge_length, self.mesh, self.symmetry)
+
+    @cached_property
+    def coarse(self) -> TileCase:
+        """The same with edges twice as long, for the starts."""
+        return replace(self, edge_length=2 * self.edge_length)
+
+    @cached_property
+    def fine(self) -> TileCase:
+        """The same with edges half as long, for the simulation of prints."""
+        return replace(self, edge_length=self.edge_length / 2)
 
     @property
     def target(self) -> ProfileTarget | None:
@@ -126,29 +143,25 @@ class TileProblem(DesignProblem[Profile]):
 
 
 def tile_problem(
-    batch: MPI.Comm,
     case: TileCase,
     config: TileDesignScene,
     log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileProblem:
-    """Build the design problem of a tile (collective).
-
-    Each rank sews the whole tile; those of `batch` share the directions.
-    """
-    design, tile, lattice = config.design, case.tile, case.tile.lattice
-    skin = sew(MPI.COMM_SELF, tile.pattern)
-    solver = TileSolver(skin, config.material.composite, Periodic(tile), log=log)
-    every = group_mean(skin, tile.symmetry_maps(case.symmetry))
+    """Build the design problem of a tile, which each rank sews as a whole (collective)."""
+    design, patch, lattice = config.design, case.tile, case.tile.lattice
+    skin = sew(MPI.COMM_SELF, patch.pattern)
+    solver = TileSolver(skin, config.material.composite, Periodic(patch), log=log)
+    every = group_mean(skin, patch.symmetry_maps(case.symmetry))
     smooth = make_filter(design.filter, skin, design.filter_radius, lattice=lattice).after(every)
     projection, terms = Projection(design.beta, design.eta), []
     if design.perimeter_weight is not None:
         window = design.perimeter_window * design.filter_radius
         perimeter = Perimeter(skin, window, design.perimeter_sharpness, lattice=lattice)
-        price = design.perimeter_weight / tile.pattern.size
+        price = design.perimeter_weight / patch.pattern.size
         terms = [ObjectiveTerm("perimeter", perimeter, price)]
     problem = TileProblem(
         DensityFields(skin, smooth, projection),
-        ProfileSolver(solver, case.angles, config.pull.strain, batch),
+        ProfileSolver(solver, case.angles, config.pull.strain, case.comm),
         case.objective,
         terms,
         goal=case.target,

@@ -9,7 +9,6 @@ from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
-from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
@@ -53,7 +52,6 @@ A = TypeVar("A")
 
 
 def design_tile(
-    batch: MPI.Comm,
     case: TileCase,
     config: TileDesignScene,
     callback: Callback | None = None,
@@ -70,7 +68,6 @@ def design_tile(
     continued. If no print without flaws comes near the target, the other draft is tried.
 
     Args:
-        batch: Communicator whose ranks share the directions.
         case: The tile and its target.
         config: Numbers of the design.
         callback: Called after each iteration, on every rank.
@@ -82,15 +79,14 @@ def design_tile(
             any draft.
     """
     search, design = _Search(case, config, callback, journal), config.design
-    problem = tile_problem(batch, replace(case, tile=search.coarse), config, log)
+    problem = tile_problem(case.coarse, config, log)
     finalists, trials = search.best_starts(problem)
     longer = [(design.draft_iterations, DRAFT_BETA)]
     drafts = [search.optimized(problem, longer, after=one) for one in finalists]
     drafts.sort(key=lambda one: search.rated(problem, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
-    problem = tile_problem(batch, case, config, log)
-    simulation = PrintSimulation(batch, case, config)
+    problem, simulation = tile_problem(case, config, log), PrintSimulation(case, config)
     found = []
     for made in _solved(partial(search.finished, problem, one, simulation) for one in designs):
         found.append(replace(made, trials=trials))
@@ -110,7 +106,7 @@ class _Search:
         journal: Journal | None,
     ) -> None:
         self.case, self.config, self.design = case, config, config.design
-        self.coarse = case.coarse or case.tile
+        self.coarse = case.coarse.tile
         self._run = partial(optimize, callback=callback, journal=journal)
         self.rules = DesignOptions(mma=MMAOptions(move=self.design.move_limit))
         if case.target is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -263,62 +263,33 @@ def profiles(
     return found
 
 
-class ProfileObjective(Protocol):
-    """An objective T of a profile; `forward` and `backward` are a pair."""
-
-    def forward(self, profile: Profile) -> float:
-        """Return T, a pure number."""
-
-    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
-        """Return dT/d stress in m/N and dT/d contraction, (k,) each."""
-
-    def residuals(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
-        """Return numbers r, (j,), with T = Σ r², and their derivatives as of `backward`, (j, k).
-
-        There are none if T is not such a sum.
-        """
-
-
 @dataclass(frozen=True, eq=False)
 class ProfileTarget:
-    """Least squares T = [Σ w (s/s* − 1)² + v Σ w (c − c*)²] / Σ w over the directions.
+    """Least squares T = [Σ (s/s* − 1)² + Σ (c − c*)²] / k over k directions.
 
-    s is the secant stiffness and c the lateral contraction. A direction whose target is NaN does
-    not count.
+    s is the secant stiffness and c the lateral contraction. What has the target NaN does not count.
 
     Attributes:
-        stiffness: Targets s* in N/m, (k,), NaN where there is none; None for no target at all.
-        contraction: Targets c*, (k,), NaN where there is none; None for no target at all.
-        weights: Weights w of the directions, (k,); None takes 1.
-        contraction_weight: Weight v of contraction relative to stiffness.
+        stiffness: Targets s* in N/m, (k,); None for none.
+        contraction: Targets c*, (k,); None for none.
 
     Raises:
-        TargetError: The arrays do not fit together, a stiffness is not positive, a weight is
-            negative, or there is no target.
+        TargetError: The arrays do not fit together, a stiffness is not positive, or there is no
+            target.
     """
 
     stiffness: Floats | None = None
     contraction: Floats | None = None
-    weights: Floats | None = None
-    contraction_weight: float = 1.0
 
     def __post_init__(self) -> None:
-        shapes = {np.shape(a) for a in self._arrays if a is not None}
+        given = [a for a in (self.stiffness, self.contraction) if a is not None]
+        shapes = {np.shape(a) for a in given}
         if len(shapes) != 1:
             raise TargetError(
-                f"stiffness, contraction and weights have shapes {sorted(shapes)}; give at least "
-                "one of them, each with one value for each direction."
+                f"stiffness and contraction have shapes {sorted(shapes)}; give at least one of "
+                "them, each with one value for each direction."
             )
-        weights = self.weights
-        if weights is not None and not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
-            raise TargetError(
-                f"weights = {weights} must be finite, none of them negative and not all zero."
-            )
-        if not 0 <= self.contraction_weight < np.inf:
-            raise TargetError(
-                f"contraction_weight = {self.contraction_weight} must be finite and at least 0."
-            )
-        if all(np.isnan(a).all() for a in self._arrays[:2] if a is not None):
+        if np.isnan(given).all():
             raise TargetError(
                 "all stiffnesses and contractions are NaN: there is no target. Give one for at "
                 "least one direction."
@@ -326,10 +297,6 @@ class ProfileTarget:
         if self.stiffness is not None and np.any(self.stiffness <= 0):
             smallest = float(np.nanmin(self.stiffness))
             raise TargetError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
-
-    @property
-    def _arrays(self) -> tuple[Floats | None, ...]:
-        return self.stiffness, self.contraction, self.weights
 
     def forward(self, profile: Profile) -> float:
         """Return T."""
@@ -341,35 +308,33 @@ class ProfileTarget:
         return 2 * found @ by_stress, 2 * found @ by_contraction
 
     def residuals(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
-        """Return the signed roots of T's terms, those of stiffness first, and their derivatives."""
-        goals, shares, deviations = self._compared(profile)
-        roots = np.where(np.isnan(goals), 0.0, np.sqrt(shares))
-        counts, slopes = roots > 0, roots * [1 / goals[0] / profile.strain, np.ones(len(goals[0]))]
-        by_stress, by_contraction = np.split(np.diag(slopes.ravel())[counts.ravel()], 2, axis=1)
-        return (roots * deviations)[counts], by_stress, by_contraction
+        """Return numbers r, (j,), with T = Σ r², and derivatives as of `backward`, (j, k) each.
+
+        Those of stiffness are first.
+        """
+        goals, deviations = self._compared(profile)
+        known, root = ~np.isnan(goals), np.sqrt(1 / len(profile.angles))
+        slopes = np.stack([1 / goals[0] / profile.strain, np.ones(len(profile.angles))])
+        rows = np.diag((root * slopes).ravel())[known.ravel()]
+        by_stress, by_contraction = np.split(rows, 2, axis=1)
+        return (root * deviations)[known], by_stress, by_contraction
 
     def largest_deviation(self, profile: Profile) -> float:
-        """Return the largest |s/s* − 1| or |c − c*| of the directions with a positive weight."""
-        _, shares, deviations = self._compared(profile)
-        return float(np.nan_to_num(np.abs(deviations))[:, shares[0] > 0].max())
+        """Return the largest |s/s* − 1| or |c − c*|."""
+        return float(np.nanmax(np.abs(self._compared(profile)[1])))
 
-    def _compared(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
-        """Return targets, factors of the squares in T, and s/s* − 1 and c − c*, (2, k) each.
-
-        Where there is no target, it and the deviation are NaN.
-        """
-        count = len(profile.angles)
-        for given in self._arrays:
-            if given is not None and len(given) != count:
+    def _compared(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Return the targets, and s/s* − 1 and c − c*, (2, k) each, NaN without a target."""
+        none = np.full(len(profile.angles), np.nan)
+        goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
+        for given in goals:
+            if len(given) != len(none):
                 raise TargetError(
-                    f"the target has {len(given)} directions, the profile {count}. Give both the "
-                    "same directions."
+                    f"the target has {len(given)} directions, the profile {len(none)}. Give both "
+                    "the same directions."
                 )
-        none = np.full(count, np.nan)
-        goals = np.stack([none if a is None else a for a in self._arrays[:2]])
-        weights = np.ones(count) if self.weights is None else self.weights
-        deviations = np.stack([profile.stiffness / goals[0] - 1, profile.contraction - goals[1]])
-        return goals, np.outer([1.0, self.contraction_weight], weights / weights.sum()), deviations
+        deviations = [profile.stiffness / goals[0] - 1, profile.contraction - goals[1]]
+        return np.stack(goals), np.stack(deviations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,6 +371,9 @@ class Contrast:
         return by, np.zeros_like(by)
 
     def residuals(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
-        """Return no residuals: T is not a sum of squares."""
+        """Return none, as of `ProfileTarget`: T is not a sum of squares."""
         none = np.zeros((0, len(profile.angles)))
         return np.zeros(0), none, none
+
+
+ProfileObjective = ProfileTarget | Contrast
