@@ -43,14 +43,7 @@ SAME_ANGLE = 1e-9
 
 @dataclass(frozen=True)
 class Trial:
-    """A random start after its first steps.
-
-    Attributes:
-        start: What it started from, "lines" or "waves".
-        objective: T.
-        islands: Number of islands of its print.
-        narrow: Number of places where its lines or gaps are under the printer's limit.
-    """
+    """A start, "lines" or "waves", after its first steps: T, islands and narrow places."""
 
     start: str
     objective: float
@@ -65,10 +58,9 @@ class TileResult:
     Attributes:
         simulation: What simulated the print.
         problem: The design problem, with the objective of the case.
-        result: Result of the design loop: density, history and the reason why it ended.
+        result: Density, history and the reason why the loop ended.
         printed: The print of this density.
-        profile: Profile of the print on the finer mesh, in the directions of the objective; None
-            if it has no equilibrium.
+        profile: Profile of the print on the finer mesh; None if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
         trials: The random starts after their trial.
@@ -135,14 +127,12 @@ class PrintMeasurement:
     """The response of a printed tile over directions and strains.
 
     Attributes:
-        profile: Profile of the print on the finer mesh, at all angles that are not repeated by
-            the symmetry of the case.
-        curves: Profiles in the directions of the objective at increasing strains; the last one is
-            at the strain of the design.
+        profile: Profile on the finer mesh, at all angles that the case's symmetry does not repeat.
+        curves: Profiles in the directions of the objective at increasing strains, the design's
+            strain last.
         fabric_stiffness: Stiffness of the fabric without print, in N/m.
-        buckling: For each direction of the objective, whether the flat sheet is unstable out of
-            its plane at this strain, so that a real one wrinkles: (k,). None if the print has no
-            equilibrium on the design's mesh, where this is computed.
+        buckling: Whether the flat sheet buckles at this strain in each direction of the objective,
+            so that a real one wrinkles, (k,); None without equilibrium on the design's mesh.
     """
 
     profile: Profile

@@ -29,13 +29,7 @@ PROFILE = ("stiffness", "tangent", "contraction")
 
 @dataclass(frozen=True, eq=False)
 class TileRun(RunResult):
-    """The design of a tile, and what is measured of its print.
-
-    Attributes:
-        made: Result of the design.
-        measured: Measurement of the print; None if it has no equilibrium.
-        seconds: Wall times in s.
-    """
+    """The design of a tile, what is measured of its print if it has an equilibrium, and times."""
 
     made: TileResult
     measured: PrintMeasurement | None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from typing import Any, TypeVar
@@ -22,8 +22,10 @@ from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.meshes.tile import Tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
 from toros_fem.products.tile_design.problem import (
+    Searching,
     TileCase,
     TileDesignScene,
     TileProblem,
@@ -68,17 +70,16 @@ def design_tile(
     continued. If no print without flaws comes near the target, the other draft is tried.
 
     Args:
-        case: The tile and its target.
-        config: Numbers of the design.
-        callback: Called after each iteration, on every rank.
+        case, config: Tile and target, and the numbers of the design.
+        callback, journal: As of `optimize`.
         log: Called with every Newton step of the design's equilibria.
-        journal: As of `optimize`.
 
     Raises:
         NoEquilibriumError: There is no equilibrium for any start, or, on the design's mesh, for
             any draft.
     """
-    search, design = _Search(case, config, callback, journal), config.design
+    run = partial(optimize, callback=callback, journal=journal)
+    search, design = _Search(case, config, run), config.design
     problem = tile_problem(case.coarse, config, log)
     finalists, trials = search.best_starts(problem)
     longer = [(design.draft_iterations, DRAFT_BETA)]
@@ -95,43 +96,48 @@ def design_tile(
     return min(found, key=search.badness)
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
     """The steps of a search, with what they share; all are collective."""
 
-    def __init__(
-        self,
-        case: TileCase,
-        config: TileDesignScene,
-        callback: Callback | None,
-        journal: Journal | None,
-    ) -> None:
-        self.case, self.config, self.design = case, config, config.design
-        self.coarse = case.coarse.tile
-        self._run = partial(optimize, callback=callback, journal=journal)
-        self.rules = DesignOptions(mma=MMAOptions(move=self.design.move_limit))
-        if case.target is not None:
-            self.rules = replace(
-                self.rules,
-                target_objective=(self.design.tolerance / 2) ** 2,
-                min_relative_decrease=MIN_DECREASE,
-            )
+    case: TileCase
+    config: TileDesignScene
+    run: Callable[..., DesignResult]
+
+    @property
+    def design(self) -> Searching:
+        """Steps, filter and start of the design."""
+        return self.config.design
+
+    @property
+    def tile(self) -> Tile:
+        """The tile on the mesh of the starts."""
+        return self.case.coarse.tile
+
+    @property
+    def enough(self) -> float | None:
+        """T that needs no further steps; None without a target."""
+        return None if self.case.target is None else (self.design.tolerance / 2) ** 2
 
     def optimized(
         self,
         problem: TileProblem,
         steps: Sequence[tuple[int, float | None]],
-        target_objective: float | None = None,
+        enough: float | None = None,
         **begin: Any,
     ) -> DesignResult:
         """Return a design after stages of so many steps, each with a factor on β."""
-        beta, constrained = self.design.beta, self.design.constrained
-        stages = tuple(
-            Stage(count, factor and factor * beta, constrained=constrained)
-            for count, factor in steps
+        design = self.design
+        rules = DesignOptions(
+            tuple(
+                Stage(count, factor and factor * design.beta, constrained=design.constrained)
+                for count, factor in steps
+            ),
+            mma=MMAOptions(move=design.move_limit),
+            target_objective=enough or self.enough,
+            min_relative_decrease=None if self.enough is None else MIN_DECREASE,
         )
-        enough = target_objective or self.rules.target_objective
-        rules = replace(self.rules, stages=stages, target_objective=enough)
-        return self._run(problem, rules, **begin)
+        return self.run(problem, rules, **begin)
 
     def best_starts(self, problem: TileProblem) -> tuple[list[DesignResult], tuple[Trial, ...]]:
         """Return the two best starts and all trials; one that reaches the target is the last."""
@@ -142,7 +148,7 @@ class _Search:
             found.append((rating, number, made.clean, result))
             flaws = len(made.island_areas), made.narrow_places
             trials.append(Trial(kind, result.final.objective, *flaws))
-            if rating <= (self.rules.target_objective or -np.inf):
+            if rating <= (self.enough or -np.inf):
                 return [result], tuple(trials)
         best, *others = sorted(found, key=itemgetter(0, 1))
         # The profile of islands depends on narrow gaps. If that fails, a design without is needed.
@@ -153,7 +159,7 @@ class _Search:
         """Return the number of a start, its kind, and the design after its first steps."""
         seed, kind = self.design.seed + number, ("lines", "waves")[number % 2]
         if kind == "waves":
-            start = random_waves(self.coarse, seed)[problem.skin.owned_cells]
+            start = random_waves(self.tile, seed)[problem.skin.owned_cells]
         else:
             start = self._lines(problem, seed)
         steps = [(self.design.trial_iterations, factor) for factor in (1, DRAFT_BETA)]
@@ -164,7 +170,7 @@ class _Search:
         rng, symmetry = np.random.default_rng(seed), self.case.symmetry
 
         def tried() -> tuple[float, Floats]:
-            every = random_lines(self.coarse, rng, symmetry, problem.fields.filter.radius)
+            every = random_lines(self.tile, rng, symmetry, problem.fields.filter.radius)
             density = every[problem.skin.owned_cells]
             return problem.simulate(density, trial=True).objective, density
 
@@ -174,12 +180,12 @@ class _Search:
         """Return T, at least its target, times the factors for flaws; and the printability."""
         eta = problem.fields.projection.eta
         values = contour_values(problem, result.density)
-        region = printed_regions(self.coarse.pattern, *values, eta)[0]
-        made = tile_printability(self.coarse, region, values[1] > eta, self.config.print.limits)
+        region = printed_regions(self.tile.pattern, *values, eta)[0]
+        made = tile_printability(self.tile, region, values[1] > eta, self.config.print.limits)
         limits, widths = problem.length_scale, result.final.length_scale
         satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
         narrow = made.narrow_places > 0 or not satisfied
-        rating = max(result.final.objective, self.rules.target_objective or 0.0)
+        rating = max(result.final.objective, self.enough or 0.0)
         return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
 
     def finished(

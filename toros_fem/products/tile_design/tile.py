@@ -157,7 +157,7 @@ class TileScene(TileDesignScene):
         return Cost(len(own.panel), len(fine.panel), unknowns, comm.size, parts, tried)
 
 
-def linear_profile(angles: Floats, along: float, diagonal: float, across: float) -> Floats:
+def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> Floats:
     """Return the stiffness of a linear orthotropic sheet at angles, from that at 0°, 45° and 90°.
 
     1/s = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².

@@ -30,12 +30,9 @@ SNAP = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class TilePrintability:
-    """Measured printability of a tile among its equals.
+    """Islands of a tile among its equals, in m², and its widths.
 
-    Attributes:
-        island_areas: Areas of the islands in m², the largest first, as of `island_areas`.
-        lines, gaps: Widths in the tile in the middle of `SIDE` × `SIDE`, in m; a narrow place on
-            its border may be listed on both sides.
+    A narrow place on the tile's border may be listed on both sides.
     """
 
     island_areas: Floats
@@ -70,8 +67,7 @@ def tile_printability(
 ) -> TilePrintability:
     """Measure the printability of a tile, its printed region in m and triangles (t,).
 
-    Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles, so that they continue
-    across its borders.
+    Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles: they continue.
     """
     sides, detail = np.diagonal(tile.lattice), limits.resolution
     middle = (SIDE // 2) * sides

@@ -213,13 +213,9 @@ def predict(
 
 @dataclass(frozen=True, eq=False)
 class PulledSheet:
-    """A pulled sheet of tiles beside the prediction by the periodic tile.
+    """A pulled sheet of tiles beside predictions by the periodic tile.
 
-    Attributes:
-        sheet: The sheet.
-        test: Its pull test.
-        predicted: Prediction at the strains of the clamps.
-        predicted_middle: Prediction at the last strain of the middle.
+    They are at the strains of the clamps, and at the last strain of the middle.
     """
 
     sheet: TileSheet
@@ -274,15 +270,8 @@ def pull_sheet(
 ) -> PulledSheet:
     """Pull a sheet, and the periodic tile that it is made of (collective).
 
-    Strains of the middle are averaged over one tile, or over two where the number of tiles is even.
-
-    Args:
-        comm: Communicator.
-        sheet: The sheet.
-        tile: The tile on its mesh, `printed_tile.tile(comm)`.
-        printed_tile: Its print and its materials.
-        strains: As of `PullMachine.pull`.
-        log: As of `PullMachine`.
+    The tile is on its mesh, `printed_tile.tile(comm)`; strains are as of `PullMachine.pull`. Those
+    of the middle are averaged over one tile, or over two where the number of tiles is even.
     """
     density, axis = printed_tile.printed.astype(np.float64), sheet.axis
     composite, length = printed_tile.composite, printed_tile.size[axis]

@@ -146,15 +146,13 @@ class TileSheetScene(Scene):
 
 @dataclass(frozen=True, eq=False)
 class SheetResult(RunResult):
-    """A sheet of tiles that was pulled.
+    """A sheet of tiles that was pulled in each direction.
 
     Attributes:
-        pulled: The pull in each direction.
         tile: Sides of a tile in m.
         shares: Printed part of its area, as designed and as simulated.
         printed: Printed area of each panel in m².
         inputs: The scene's values, and the folder "tile" that the tile was read from, or None.
-        seconds: Wall time in s.
     """
 
     pulled: Sequence[PulledSheet]

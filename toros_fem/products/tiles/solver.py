@@ -45,7 +45,6 @@ class TileState:
         energy: Mean energy per flat area in J/m².
         state: Owned unknowns of `SkinModel`, in axes n, t, z.
         positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
-        stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         steps: Number of Newton steps, each with a new factorisation.
         factorisations: Number of factorisations, those with a diagonal shift included.
     """
@@ -56,7 +55,6 @@ class TileState:
     energy: float
     state: Floats
     positions: Floats
-    stretch_use: float
     steps: int
     factorisations: int
 
@@ -77,7 +75,6 @@ class TileSolver:
         skin: The tile's sewn skin.
         composite: Materials and stretch bounds; a sheet that stays in its plane does not bend.
         periodic: The tile and its prescribed mean deformation.
-        options: Options of Newton's method.
         log: Called with every row of a solve's history.
 
     Raises:
@@ -90,7 +87,6 @@ class TileSolver:
         skin: Skin,
         composite: Composite,
         periodic: Periodic,
-        options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
     ) -> None:
         bending = composite.bending
@@ -106,7 +102,7 @@ class TileSolver:
         fixed[:, 2], fixed[0] = periodic.flat, True
         self.skin, self.periodic = skin, periodic
         self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
-        self._newton = Newton(self.model, options or NewtonOptions(), log)
+        self._newton = Newton(self.model, NewtonOptions(), log)
         images, tangent = self.model.images, self._newton.factor.periodic
         assert images is not None
         assert tangent is not None
@@ -298,7 +294,6 @@ class TileSolver:
             energy=model.energy(state) / self.area,
             state=state,
             positions=model.positions(state),
-            stretch_use=model.bounds.worst(model.corners(state)),
             steps=steps,
             factorisations=factorisations,
         )
