@@ -83,10 +83,10 @@ class TileResult:
 
         Without an equilibrium it is infinite.
         """
-        target = self.problem.goal
-        if self.profile is None:
+        goal, profile = self.problem.goal, self.profile
+        if profile is None:
             return np.inf
-        return 0.0 if target is None else target.largest_deviation(self.profile)
+        return 0.0 if goal is None else goal.largest_deviation(profile)
 
 
 class PrintSimulation:
@@ -144,8 +144,7 @@ class PrintMeasurement:
 def measure_print(made: TileResult) -> PrintMeasurement | None:
     """Compute profile, stress curves and buckling of a print (collective).
 
-    Returns:
-        None if the print has no equilibrium in one of the directions.
+    The result is None if the print has no equilibrium in one of the directions.
     """
     designed, simulation = made.profile, made.simulation
     if designed is None:
@@ -181,15 +180,9 @@ def merged(one: Profile, other: Profile) -> Profile:
         name: np.concatenate([getattr(one, name), getattr(other, name)])[order]
         for name in ("angles", "stress", "tangent", "contraction", "shear")
     }
-    steps, factorisations = one.steps + other.steps, one.factorisations + other.factorisations
-    return Profile(
-        strain=one.strain,
-        states=(),
-        gradients=(),
-        steps=steps,
-        factorisations=factorisations,
-        **values,
-    )
+    values["steps"] = one.steps + other.steps
+    values["factorisations"] = one.factorisations + other.factorisations
+    return Profile(strain=one.strain, states=(), gradients=(), **values)
 
 
 def _buckling(made: TileResult) -> Bools | None:

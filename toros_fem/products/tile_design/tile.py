@@ -107,21 +107,10 @@ class TileScene(TileDesignScene):
     target: TileTarget = TileTarget()
     skin: TileSizes = TileSizes()
 
-    KIND: ClassVar[str] = "tile"
-    COARSE: ClassVar[Mapping[str, float]] = {
-        "edge_length": 1.6,
-        "filter_radius": 8 / 7,
-        "starts": 5 / 8,
-        "draft_iterations": 2 / 5,
-    }
-    FEW: ClassVar[tuple[str, ...]] = (
-        "target",
-        "stiffness_0",
-        "stiffness_45",
-        "stiffness_90",
-        "size",
-        "seed",
-    )
+    KIND: ClassVar = "tile"
+    COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7, "starts": 5 / 8,
+                        "draft_iterations": 2 / 5}  # fmt: skip
+    FEW: ClassVar = ("target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "seed")
 
     def run_design(
         self,

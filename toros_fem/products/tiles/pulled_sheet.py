@@ -76,17 +76,10 @@ class TileSheetScene(Scene):
     skin: SheetMesh = SheetMesh()
     pull: SheetPull = SheetPull()
 
-    KIND: ClassVar[str] = "tile-sheet"
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
-        "tile": "output folder of a designed tile; none: a simple tile"
-    }
-    COARSE: ClassVar[Mapping[str, float]] = {
-        "edge_length": 2.0,
-        "edge_factor": 2.0,
-        "along": 3 / 5,
-        "across": 3 / 5,
-    }
-    FEW: ClassVar[tuple[str, ...]] = ("direction", "along", "across", "strain", "edge_length")
+    KIND: ClassVar = "tile-sheet"
+    SIMULATION_FILES: ClassVar = {"tile": "output folder of a designed tile; none: a simple tile"}
+    COARSE: ClassVar = {"edge_length": 2.0, "edge_factor": 2.0, "along": 3 / 5, "across": 3 / 5}
+    FEW: ClassVar = ("direction", "along", "across", "strain", "edge_length")
 
     def run_simulation(
         self,
