@@ -30,16 +30,13 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.mechanics.skin.periodicity import Periodic
-from toros_fem.meshes import tile
 from toros_fem.products.tile_design import search
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.tile import linear_profile
-from toros_fem.products.tiles.objectives import ProfileTarget
-from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
 parser.add_argument("--coarse", action="store_true", help="coarse meshes, and fewer starts")
@@ -54,7 +51,7 @@ edge, radius, starts, drafts = (
 )
 
 # %% [markdown]
-# ## Meshes, target
+# ## Mesh, target
 #
 # Starts are tried on a mesh of twice the edge length, prints are simulated on one of half of it. A
 # tetragonal tile repeats its stiffness every 45° mirrored, so four directions tell all.
@@ -62,8 +59,7 @@ edge, radius, starts, drafts = (
 # %%
 angles = np.linspace(0.0, np.pi / 4, 4, dtype=np.float64)
 stiffness = linear_profile(angles, along=2000.0, diagonal=400.0, across=2000.0)
-coarse, own, fine = (tile(comm, SIZE, k * edge, MESH, SYMMETRY) for k in (2, 1, 0.5))
-case = TileCase(own, angles, ProfileTarget(stiffness), SYMMETRY, coarse, fine)
+case = TileCase(comm, (SIZE, SIZE), edge, MESH, SYMMETRY, angles, ProfileTarget(stiffness))
 
 # %% [markdown]
 # ## What is solved
@@ -73,6 +69,7 @@ case = TileCase(own, angles, ProfileTarget(stiffness), SYMMETRY, coarse, fine)
 
 # %%
 composite = tf.Composite(bending=None)  # the sheet stays flat
+coarse = case.coarse.tile
 alone = tf.sew(MPI.COMM_SELF, coarse.pattern)  # each rank has the whole tile
 solver = ProfileSolver(TileSolver(alone, composite, Periodic(coarse)), angles, STRAIN, comm)
 plain = solver.solve(np.zeros(len(alone.owned_cells)), gradients=False)
@@ -96,7 +93,7 @@ settings = TileDesignScene.of(
     island_area=0.1e-6,
 )
 reporter = tf.DesignReporter(comm, given.output)
-result = search.design_tile(comm, case, settings, reporter)
+result = search.design_tile(case, settings, reporter)
 measured = measure_print(result)  # in all directions, and over the strain
 
 # %% [markdown]
@@ -106,8 +103,7 @@ measured = measure_print(result)  # in all directions, and over the strain
 # true scale, `tile.npz` what demos/tile_sheet.py lays side by side.
 
 # %%
-printed = PrintedTile(result.printed.cells, (SIZE, SIZE), edge, MESH, SYMMETRY, composite)
-run = TileRun(result, measured, printed, reporter.seconds)
-write_tile_results(comm, given.output, run)
+run = TileRun(result, measured, reporter.seconds)
+write_tile_results(given.output, run)
 if comm.rank == 0:
     print(f"{run.sentence()}; see {given.output}/profile.png")

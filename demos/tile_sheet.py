@@ -28,8 +28,7 @@ from toros_fem.making.sheets.write import if_possible, write_manufacture
 from toros_fem.meshes import tile
 from toros_fem.products.tiles import pull_test
 from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
-from toros_fem.products.tiles.printed_tile import PrintedTile
-from toros_fem.products.tiles.sheet import print_layout, remesh, tile_sheet
+from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout, remesh, tile_sheet
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")

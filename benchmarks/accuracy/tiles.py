@@ -47,7 +47,7 @@ def measure(pattern: str, edges: int) -> tuple[Floats, float, float]:
         TileSolver(skin, Composite(bending=None), Periodic(patch)), ANGLES, STRAIN
     )
     found, cold = timed(lambda: profile.solve(density, gradients=False))
-    _, warm = timed(lambda: profile.solve(0.999 * density, found.state))
+    _, warm = timed(lambda: profile.solve(0.999 * density, found))
     return found.stiffness, cold, warm
 
 

@@ -32,8 +32,8 @@ from toros_fem.mechanics.skin.dead_loads import Weight, spread_force
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import build_in, clamp, displace
 from toros_fem.meshes import Pattern, Skin, bend, cylinder, rectangle, sew
+from toros_fem.products.tiles.printed_tile import tile_sheet
 from toros_fem.products.tiles.pull_test import pull_sheet
-from toros_fem.products.tiles.sheet import tile_sheet
 
 Found = dict[str, Any]
 

@@ -19,7 +19,7 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.relaxed.find import find_lines
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tile_design.problem import tile_problem
 from toros_fem.products.tile_design.tile import tile_case
 from toros_fem.products.tiles import pulled_sheet
 from toros_fem.products.tiles.pull_test import pull_sheet
@@ -66,12 +66,12 @@ def lines(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
     return of_problem(problem, options, found.history)
 
 
-def tile(comm: MPI.Comm, case: Any, scene: Any, _: Any = None) -> Model:
-    meshes = [of.pattern.points for of in (case.tile, case.coarse, case.fine)]
+def tile(case: Any, scene: Any, _: Any = None) -> Model:
+    meshes = [one.tile.pattern.points for one in (case, case.coarse, case.fine)]
     numbers = {f"mesh_{k}": points for k, points in enumerate(meshes)}
     numbers |= {"angles": case.angles, "stiffness": case.objective.stiffness}
     settings = case.symmetry, scene.material, scene.pull, scene.design, scene.print
-    problem = tile_problem(comm, replace(case, tile=case.coarse), scene)
+    problem = tile_problem(case.coarse, scene)
     two = optimize(problem, tf.DesignOptions((tf.Stage(2),)), seed=scene.design.seed)
     return numbers, settings, [row.objective for row in two.history]
 
@@ -109,7 +109,7 @@ def scene_path(comm: MPI.Comm, scene: Any) -> Model:
 
 
 def scene_tile(comm: MPI.Comm, scene: Any) -> Model:
-    return tile(comm, tile_case(comm, scene), scene)
+    return tile(tile_case(comm, scene), scene)
 
 
 def scene_sheet(comm: MPI.Comm, scene: Any) -> Model:

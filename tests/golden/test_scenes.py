@@ -30,10 +30,10 @@ from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
 from toros_fem.products.tile_design import tile
-from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tile_design.problem import tile_problem
+from toros_fem.products.tiles.printed_tile import remesh, tile_sheet
 from toros_fem.products.tiles.pull_test import pull_sheet
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-from toros_fem.products.tiles.sheet import remesh, tile_sheet
 from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
 from toros_fem.products.tubes.tube import plain_tube
 from toros_fem.products.walker import walker as walking
@@ -176,7 +176,7 @@ def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
     config = tile.TileScene.of(
         target=target, edge_length=1e-3, filter_radius=1.5e-3, perimeter_weight=1e-3
     )
-    problem = tile_problem(comm, tile.tile_case(comm, config), config)
+    problem = tile_problem(tile.tile_case(comm, config), config)
     x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.skin.size
     density = 0.5 + 0.25 * (np.cos(x) + np.sin(x + 2 * y))[problem.skin.owned_cells]
     density = np.clip(density, 0.02, 0.98)

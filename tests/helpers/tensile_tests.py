@@ -10,9 +10,8 @@ from toros_fem.meshes import sew
 from toros_fem.products.fitting.printed_sheet import scaled
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.fitting.uniaxial import uniaxial_curve
-from toros_fem.products.tiles.printed_tile import PrintedTile
-from toros_fem.products.tiles.pull_test import pull
-from toros_fem.products.tiles.sheet import tile_sheet
+from toros_fem.products.tiles.printed_tile import PrintedTile, tile_sheet
+from toros_fem.products.tiles.pull_test import PullMachine
 
 C1, C2 = 1.9, 2.2
 JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3, c1=C1, c2=C2)
@@ -57,6 +56,7 @@ def pulled_sheet(
     sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
     skin = sew(comm, sheet.pattern)
     density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
-    curve = pull(skin, scaled(tile.composite, factors), density, 0, strains, 2 * tile.size[0])
+    machine = PullMachine(skin, scaled(tile.composite, factors), 0, 2 * tile.size[0])
+    curve = machine.pull(density, strains)
     lateral = 1 - curve.contraction * strains
     return TensileTest(1 + strains, curve.stress, 5e-4, lateral, "sheet", "x")

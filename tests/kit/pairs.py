@@ -28,7 +28,7 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.fields import densities_of
+from toros_fem.design.loop.fields import DensityFields, densities_of
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
@@ -59,10 +59,9 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
-from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
-from toros_fem.products.tiles.objectives import ProfileObjective
+from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileObjective, ProfileSolver
 
 EXACT = NewtonOptions(tolerance=1e-12)
 
@@ -374,8 +373,8 @@ def tile_problem(
     passive = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
     perimeter = Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice)
     problem = TileProblem(
-        TileFields(skin, symmetric, Projection(4.0), passive, tile=found),
-        TilePhysics(solver),
+        DensityFields(skin, symmetric, Projection(4.0), passive),
+        solver,
         objective,
         [ObjectiveTerm("perimeter", perimeter, 1.0 / found.pattern.size)],
     )

@@ -12,9 +12,8 @@ from mpi4py import MPI
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library.files import read_library
 from toros_fem.products.fitting import strip
-from toros_fem.products.tiles.printed_tile import write_tile
+from toros_fem.products.tiles.printed_tile import remesh, write_tile
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-from toros_fem.products.tiles.sheet import remesh
 
 DATA = ROOT / "examples" / "stockinette.csv"
 FAST = ("--intervals", "hessian")

@@ -8,8 +8,8 @@ from helpers.tensile_tests import pulled_sheet
 from mpi4py import MPI
 
 from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
+from toros_fem.products.tiles.printed_tile import remesh
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-from toros_fem.products.tiles.sheet import remesh
 
 # True moduli over those that the fit starts from.
 FACTORS = np.array([1.6, 0.5])

@@ -1,4 +1,4 @@
-"""Design problems of tiles: gradients, symmetric designs, short runs."""
+"""Design problems of tiles: their parts, distribution over ranks, short runs."""
 
 import dataclasses
 import time
@@ -12,9 +12,11 @@ from helpers.tiles import (
     EDGES,
     RADIUS,
     SIDE,
+    SMALL,
     TARGET,
     profile_solver,
     profile_table,
+    small_case,
     solver_of,
     tile_of,
 )
@@ -26,13 +28,17 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
-from toros_fem.products.tile_design.problem import TileFields, TilePhysics, TileProblem
-from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
-from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tile_design.problem import TileProblem, tile_problem
+from toros_fem.products.tiles.stiffness_profile import (
+    ProfileObjective,
+    ProfileSolver,
+    ProfileTarget,
+)
 
 
 def start_of(problem: TileProblem) -> np.ndarray:
@@ -54,8 +60,8 @@ def make_problem(
     skin = solver.tile.skin
     inner = cone_filter(skin, RADIUS, found.lattice)
     symmetric = inner.after(group_mean(skin, found.symmetry_maps(symmetry)))
-    fields = TileFields(skin, symmetric, Projection(beta), tile=found)
-    return TileProblem(fields, TilePhysics(solver), objective)
+    fields = DensityFields(skin, symmetric, Projection(beta))
+    return TileProblem(fields, solver, objective)
 
 
 def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal") -> TileProblem:
@@ -152,3 +158,33 @@ def test_ranks_that_share_directions_stop_together(
     options = DesignOptions((Stage(1),), seconds=1e5)
     found = optimize(problem, options, start=start_of(problem), callback=late)
     assert comm.allgather(found.reason) == comm.size * ["100000 s have passed."]
+
+
+def test_parts_of_the_problem(alone: MPI.Comm) -> None:
+    """Only requested parts are built, with the numbers of the configuration."""
+    case = small_case(alone)
+    config = SMALL.updated(constrained=False, beta=7.0, eta=0.4)
+    plain = tile_problem(case, config)
+    assert not plain.terms
+    assert plain.length_scale is None
+    assert (plain.fields.projection.beta, plain.fields.projection.eta) == (7.0, 0.4)
+    assert plain.fields.filter.radius == 2e-3
+    assert plain.fields.filter.name == "cone"
+    assert plain.goal is case.objective
+    assert plain.physics.strain == 0.1
+    assert plain.physics.angles == pytest.approx(np.radians([0, 15, 30, 45]))
+    whole = tile_problem(
+        case, SMALL.updated(filter="helmholtz", perimeter_weight=1e-3, line_width=2.2e-3)
+    )
+    (term,) = whole.terms
+    assert term.price == 1e-3 / case.tile.pattern.size
+    assert whole.fields.filter.name == "helmholtz"
+    same = tile_problem(case, SMALL.updated(filter="helmholtz"))
+    # A wider line has a higher threshold; the one for gaps stays.
+    assert whole.length_scale.solid_threshold > same.length_scale.solid_threshold
+    assert whole.length_scale.void_threshold == same.length_scale.void_threshold
+
+
+def test_radius_of_a_small_tile(alone: MPI.Comm) -> None:
+    with pytest.raises(errors.ParameterError, match="than twice the radius"):
+        tile_problem(small_case(alone), SMALL.updated(filter_radius=6e-3))

@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, PrintSimulation, Trial
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
-from toros_fem.products.tiles.objectives import Contrast
-from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.printed_tile import read_tile
+from toros_fem.products.tiles.stiffness_profile import Contrast
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
@@ -24,8 +24,7 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     _, result = small_result()
     result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
     measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
-    made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3, symmetry="tetragonal")
-    write_tile_results(alone, folder, TileRun(result, measured, made, {}))
+    write_tile_results(folder, TileRun(result, measured, {}))
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
     assert written["target"]["stiffness_n_per_m"] == [2000, 1000, 500, 400]
@@ -44,11 +43,14 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     manifest = json.loads((folder / "manufacture" / "manufacture.json").read_text("utf-8"))
     area = sum(region.area for region in result.printed.regions)
     assert manifest["print"]["print_area_mm2"] == pytest.approx(25 * 1e6 * area, rel=1e-6)
+    made = read_tile(alone, folder)
+    assert np.array_equal(made.printed, result.printed.cells)
+    assert (made.size, made.edge_length, made.symmetry) == ((0.01, 0.01), 0.8e-3, "tetragonal")
     assert manifest["options"]["layer_height"] == made.composite.reinforcement.thickness
     assert manifest["seams"] == manifest["sewing"] == []
 
 
-def test_failed_print(alone: MPI.Comm, tmp_path: Path) -> None:
+def test_failed_print(tmp_path: Path) -> None:
     """Without an equilibrium of the print, and without a target, the summary has None."""
     folder = tmp_path / "failed"
     case, result = small_result()
@@ -56,13 +58,12 @@ def test_failed_print(alone: MPI.Comm, tmp_path: Path) -> None:
     case = replace(case, objective=Contrast(~some, some))
     result = replace(
         result,
-        simulation=PrintSimulation(alone, case, SMALL),
+        simulation=PrintSimulation(case, SMALL),
         profile=None,
         failure="made to fail",
     )
-    made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3)
-    found = TileRun(result, None, made, {})
-    write_tile_results(alone, folder, found)
+    found = TileRun(result, None, {})
+    write_tile_results(folder, found)
     summary = found.entries()
     for key in ("printed", "objective_printed", "worst_percent", "target", "blank_n_per_m",
                 "buckling"):  # fmt: skip

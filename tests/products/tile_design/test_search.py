@@ -14,10 +14,9 @@ from toros_fem.making.print.widths import Widths
 from toros_fem.products.tile_design import search
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
 from toros_fem.products.tile_design.search import design_tile
-from toros_fem.products.tile_design.starts import random_lines
-from toros_fem.products.tiles.objectives import Contrast
+from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Contrast, Profile
 
 SHORT = SMALL.updated(
     filter_radius=2.5e-3, trial_iterations=1, draft_iterations=1, finish_iterations=1,
@@ -48,18 +47,18 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(search, "optimize", run)
     monkeypatch.setattr(PrintSimulation, "simulate", printed)
-    found = design_tile(alone, case, SHORT.updated(corrections=1, correction_iterations=1))
+    found = design_tile(case, SHORT.updated(corrections=1, correction_iterations=1))
     stages = [[(s.iterations, s.beta) for s in options.stages] for _, options, _, _ in runs]
     trial, draft = [(1, 20.0), (1, 80.0)], [(1, 80.0)]
     assert stages[:6] == [trial, trial, draft, draft, [(1, 80.0), (1, 160.0)], [(1, None)]]
     # Families of lines whose T is the smallest of eight pairs, then waves.
     problem, _, start, result = runs[0]
-    assert case.coarse is not None
     rng, owned = np.random.default_rng(SMALL.design.seed), problem.skin.owned_cells
-    pairs = [random_lines(case.coarse, rng, case.symmetry, 2.5e-3)[owned] for _ in range(8)]
+    pairs = [random_lines(case.coarse.tile, rng, case.symmetry, 2.5e-3)[owned] for _ in range(8)]
     objectives = [problem.simulate(density, trial=True).objective for density in pairs]
     assert (start == pairs[int(np.argmin(objectives))]).all()
-    assert runs[1][2] is None
+    waves = random_waves(case.coarse.tile, SMALL.design.seed + 1)
+    assert (runs[1][2] == waves[owned]).all()
     assert [trial.start for trial in found.trials] == ["lines", "waves"]
     assert found.trials[0].objective == result.final.objective
     # What a print loses is asked on top: a design that meets it loses as much again.
@@ -76,9 +75,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_contrast_needs_no_correction(alone: MPI.Comm) -> None:
     case = small_case(alone, 1e-3)
     stiff = np.array([True, False, False, False])
-    found = design_tile(
-        alone, replace(case, objective=Contrast(~stiff, stiff)), SHORT.updated(starts=1)
-    )
+    found = design_tile(replace(case, objective=Contrast(~stiff, stiff)), SHORT.updated(starts=1))
     assert found.deviations == ()
     assert found.profile is not None
     assert found.result.history[-1].metrics == {}
@@ -106,13 +103,13 @@ def test_starts_without_equilibrium_or_with_flaws(
             search, "tile_printability", lambda *_, at=counts: with_flaws(*next(at, (0, 0)))
         )
         broken[:] = broke
-        found = design_tile(alone, case, config)
+        found = design_tile(case, config)
         assert [trial.islands for trial in found.trials] == islands
         assert [trial.narrow for trial in found.trials] == narrow
     assert isinstance(found.trials[0], Trial)
     broken[:] = 9 * [True]
     with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
-        design_tile(alone, case, config)
+        design_tile(case, config)
 
 
 def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,13 +148,13 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     ]
     for made, chosen in rows:
         prints[:] = made
-        found = design_tile(alone, case, config)
+        found = design_tile(case, config)
         assert found.deviation == pytest.approx(chosen)
         assert not prints
     contrast = replace(case, objective=Contrast(case.angles > 0, case.angles == 0))
     kept[:], prints[:] = [], [(np.inf, 0), (0.0, 0)]
-    assert design_tile(alone, contrast, config).profile is not None
+    assert design_tile(contrast, config).profile is not None
     kept[:], prints[:] = [], [(None, 0), (None, 0)]
     with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
-        design_tile(alone, case, config)
+        design_tile(case, config)
     assert not prints

@@ -9,10 +9,12 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes import rectangle, sew, tile
-from toros_fem.products.tiles import pulled_sheet as demo
-from toros_fem.products.tiles.pull_test import PullTest, predict, pull, pull_sheet
-from toros_fem.products.tiles.sheet import remesh, tile_sheet
+from toros_fem.products.tiles.printed_tile import remesh, tile_sheet
+from toros_fem.products.tiles.pull_test import PullMachine, PullTest, predict, pull_sheet
+from toros_fem.products.tiles.pulled_sheet import cross_tile
+from toros_fem.products.tiles.solver import TileSolver
 
 SIZE = 0.01
 STRAIN = 0.1
@@ -39,8 +41,8 @@ def pulled_fabric(comm: MPI.Comm, ratio: float, axis: int, **changes: Any) -> Pu
     pattern = rectangle(comm, *(sides if axis == 0 else sides[::-1]), min(sides) / 5, "crossed")
     skin = sew(comm, pattern)
     density = np.zeros(len(skin.owned_cells))
-    inputs: dict[str, Any] = {"strains": [STRAIN / 2, STRAIN], "gauge": SIZE, **changes}
-    return pull(skin, PLAIN, density, axis, **inputs)
+    machine = PullMachine(skin, PLAIN, axis, changes.get("gauge", SIZE))
+    return machine.pull(density, changes.get("strains", [STRAIN / 2, STRAIN]))
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -66,7 +68,8 @@ def test_plain_fabric_lies_between_uniaxial_and_clamped(alone: MPI.Comm, axis: i
 def test_prediction_of_plain_fabric_is_exact(alone: MPI.Comm, axis: int) -> None:
     made = tile(alone, (0.012, 0.008), 2e-3, "unstructured")
     skin = sew(alone, made.pattern)
-    found = predict(skin, PLAIN, made, np.zeros(len(skin.owned_cells)), axis, [0.05, STRAIN])
+    solver = TileSolver(skin, PLAIN, Periodic(made))
+    found = predict(solver, np.zeros(len(skin.owned_cells)), axis, [0.05, STRAIN])
     stress, contraction = exact("uniaxial")
     assert found.stress[-1] == pytest.approx(stress, rel=1e-7)
     assert found.contraction[-1] == pytest.approx(contraction, rel=1e-6)
@@ -75,7 +78,7 @@ def test_prediction_of_plain_fabric_is_exact(alone: MPI.Comm, axis: int) -> None
 
 def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
     """The sheets of a square tile, on a coarser mesh than its own, agree in both directions."""
-    drawn = demo.cross_tile(comm)
+    drawn = cross_tile(comm)
     coarse = remesh(comm, drawn, SIZE / 14)
     mesh = coarse.tile(comm)
     assert mesh.pattern.areas[coarse.printed].sum() == pytest.approx(
@@ -111,4 +114,4 @@ def test_bad_pulls(alone: MPI.Comm) -> None:
         pulled_fabric(alone, 1, 0, strains=[0.9])
     torus = sew(alone, tile(alone, SIZE, 2e-3).pattern)
     with pytest.raises(errors.PatternError, match="must be a flat rectangle .* `Tile.sheet`"):
-        pull(torus, PLAIN, np.zeros(len(torus.owned_cells)), 0, [0.1], SIZE)
+        PullMachine(torus, PLAIN, 0, SIZE)

@@ -1,4 +1,4 @@
-"""Profiles of tiles: exact sheets, copies and symmetries, effective tensors, parallel runs."""
+"""Profiles of tiles: exact sheets, effective tensors, parallel runs; objectives by hand."""
 
 from dataclasses import replace
 from typing import Any
@@ -23,16 +23,17 @@ from helpers.tiles import (
 )
 from mpi4py import MPI
 
-from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
+from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError, TargetError
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.meshes import Tile
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import (
-    ALONG,
+    Contrast,
+    Profile,
     ProfileSolver,
-    merge_profiles,
+    ProfileTarget,
     profiles,
 )
 
@@ -145,10 +146,10 @@ def test_directions_spread_over_ranks(comm: MPI.Comm, monkeypatch: pytest.Monkey
     batched = ProfileSolver(solver, ANGLES[:5], 0.1, batch=comm).solve(owned(solver, density))
     parted = profile_of(spread, density, 0.1, ANGLES[:5])
     assert profile_table(parted) == pytest.approx(profile_table(batched), abs=1e-12)
-    assert [k for k, state in enumerate(batched.state) if state is not None] == list(
+    assert [k for k, state in enumerate(batched.states) if state is not None] == list(
         range(comm.rank, 5, comm.size)
     )
-    assert all(state is not None for state in parted.state)
+    assert all(state is not None for state in parted.states)
     every = comm.allgather((batched.stress, batched.tangent, batched.contraction, batched.steps))
     for stress, tangent, contraction, steps in every:
         assert (stress == batched.stress).all()
@@ -180,10 +181,10 @@ def test_start_of_a_profile() -> None:
     density = random_cells(found)[skin.owned_cells]
     base = solver.solve(density)
     near = np.clip(density + 1e-3, 0, 1)
-    again, fresh = solver.solve(near, base.state), solver.solve(near)
+    again, fresh = solver.solve(near, base), solver.solve(near)
     assert profile_table(again) == pytest.approx(profile_table(fresh), abs=1e-10)
     assert again.steps < fresh.steps
-    assert (again.pressure, again.pressures) == (0.0, ())
+    assert again.pressures == ()
     assert again.stiffness == pytest.approx(again.stress / 0.1, rel=1e-15)
 
 
@@ -206,31 +207,66 @@ def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:
     """All ranks raise the error of one."""
     solver = profile_solver(True, np.zeros(1))
     density = random_density(solver.tile.skin, 0)
-    state = solver.tile.solve(density, 0.3, 1.1 * ALONG)
+    other = profile_solver(True, np.full(1, 0.3)).solve(density)
     with pytest.raises(ParameterError, match="angle = 0.3 rad, the solve 0 rad"):
-        solver.solve(density, (state,))
+        solver.solve(density, other)
     with pytest.raises(DensityError, match="must lie in"):
         solver.solve(density + 1)
 
 
-def test_profiles_and_their_union() -> None:
-    """Profiles at several strains, and in two sets of directions, equal single ones."""
+def test_profiles_at_several_strains() -> None:
     tile = tile_of(3)
-    solver = solver_of(tile)
-    density = random_cells(tile)
-    strains = [0.04, 0.1]
-    first, second = profiles(solver, owned(solver, density), ANGLES[:3], strains)
-    whole = profile_of(solver, density, 0.1, ANGLES[:5])
-    assert (first.strain, second.strain) == (0.04, 0.1)
-    assert profile_table(first) == pytest.approx(
-        profile_table(profile_of(solver, density, 0.04, ANGLES[:3])), abs=1e-10
-    )
-    others = profile_of(solver, density, 0.1, ANGLES[[4, 3]])
-    merged = merge_profiles(others, second)
-    assert merged.angles == pytest.approx(ANGLES[:5], abs=1e-15)
-    assert profile_table(merged) == pytest.approx(profile_table(whole), abs=1e-10)
-    assert merged.steps == others.steps + second.steps
-    for state, angle in zip(merged.state, ANGLES[:5], strict=True):
-        assert state.angle == angle
-    along = [replace(p, gradients=tuple(p.angles)) for p in (others, second)]  # type: ignore[arg-type]
-    assert merge_profiles(*along).gradients == tuple(merged.angles)
+    solver, density = solver_of(tile), random_cells(tile)
+    found = profiles(solver, owned(solver, density), ANGLES[:3], [0.04, 0.1])
+    for one, strain in zip(found, (0.04, 0.1), strict=True):
+        single = profile_of(solver, density, strain, ANGLES[:3])
+        assert one.strain == strain
+        assert profile_table(one) == pytest.approx(profile_table(single), abs=1e-10)
+
+
+def plain_profile(stress: list[float], contraction: list[float], strain: float) -> Profile:
+    """Return a profile without states."""
+    one, none = np.array(stress), (None,) * len(stress)
+    return Profile(0 * one, strain, one, one, np.array(contraction), 0 * one, none, none, 0, 0)
+
+
+def test_objectives_by_hand() -> None:
+    profile = plain_profile([11.0, 30.0, 24.0], [0.3, 0.1, -0.2], 0.1)
+    assert profile.stiffness == pytest.approx([110.0, 300.0, 240.0], rel=1e-15)
+    stiffness, contraction = np.array([100.0, np.nan, 300.0]), np.array([np.nan, 0.4, 0.1])
+    for target, terms, worst in (
+        (ProfileTarget(stiffness), [0.1, 0.2], 0.2),
+        (ProfileTarget(contraction=contraction), [0.3, 0.3], 0.3),
+        (ProfileTarget(stiffness, contraction), [0.1, 0.2, 0.3, 0.3], 0.3),
+        (ProfileTarget(profile.stiffness, profile.contraction), 6 * [0.0], 0.0),
+    ):
+        squares = np.square(terms) / 3
+        assert target.residuals(profile)[0] ** 2 == pytest.approx(squares, rel=1e-12, abs=1e-28)
+        assert target.forward(profile) == pytest.approx(squares.sum(), rel=1e-12, abs=1e-28)
+        assert target.largest_deviation(profile) == pytest.approx(worst, rel=1e-14, abs=1e-14)
+    contrast = Contrast(np.array([True, False, False]), np.array([False, True, True]))
+    assert contrast.forward(profile) == pytest.approx(11 / 27, rel=1e-14)
+    assert not len(contrast.residuals(profile)[0])
+
+
+def test_bad_targets() -> None:
+    ones = np.ones(3)
+    with pytest.raises(TargetError, match=r"shapes \[\]; give at least one"):
+        ProfileTarget()
+    with pytest.raises(TargetError, match=r"shapes \[\(2,\), \(3,\)\]"):
+        ProfileTarget(ones, ones[:2])
+    for stiffness, contraction in ((np.nan * ones, None), (None, np.nan * ones)):
+        with pytest.raises(TargetError, match="there is no target"):
+            ProfileTarget(stiffness, contraction)
+    for value in (0.0, -2.0):
+        with pytest.raises(TargetError, match=f"a target stiffness is {value:g} N/m"):
+            ProfileTarget(np.array([1.0, value, np.nan]))
+    profile = plain_profile([1.0, 2.0], [0.1, 0.2], 0.1)
+    for target in (ProfileTarget(ones), ProfileTarget(contraction=ones)):
+        for act in (target.forward, target.backward):
+            with pytest.raises(TargetError, match="has 3 directions, the profile 2"):
+                act(profile)
+    some, none = np.array([True, False]), np.zeros(2, dtype=bool)
+    for soft, stiff in ((some, none), (none, some), (some, np.ones(3, dtype=bool))):
+        with pytest.raises(TargetError, match="each must select a direction"):
+            Contrast(soft, stiff)

@@ -39,7 +39,8 @@ class LineField:
     def __post_init__(self) -> None:
         require_kind("pattern", self.pattern, Pattern, "a Pattern")
         count = len(self.pattern.panel)
-        what = f"({count}, K), a value for each triangle and each of K ≥ 1 families"
+        places = f"({count}, K), a value for each triangle and each of K ≥ 1 families"
+        what = f"finite and of shape {places}"
 
         def fits(shape: tuple[int, ...]) -> bool:
             return len(shape) == 2 and shape[0] == count and shape[1] > 0

@@ -43,7 +43,7 @@ class PrintedSheet:
     """A printed sheet that is pulled with different moduli.
 
     Args:
-        skin, composite, axis, gauge, options: As of `pull`.
+        skin, composite, axis, gauge, options: As of `PullMachine`.
         density: Whether each owned triangle is printed, as densities in [0, 1].
     """
 

@@ -22,8 +22,7 @@ from toros_fem.products.fitting.robust_fit import remembered, robust_fit
 from toros_fem.products.fitting.samples import Samples, samples_of
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.options import FitOptions
-from toros_fem.products.tiles.printed_tile import PrintedTile
-from toros_fem.products.tiles.sheet import DIRECTIONS, tile_sheet
+from toros_fem.products.tiles.printed_tile import DIRECTIONS, PrintedTile, tile_sheet
 
 # Moduli are searched within this factor of those that the tile has.
 FARTHEST = 1000.0

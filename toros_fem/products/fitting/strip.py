@@ -16,7 +16,7 @@ from toros_fem.materials.sheet import Composite, Knit, Material
 from toros_fem.meshes.makers.sheets import rectangle
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.uniaxial import uniaxial_curve
-from toros_fem.products.tiles.pull_test import pull
+from toros_fem.products.tiles.pull_test import PullMachine
 
 # Strains at which the strip is simulated, as parts of the largest.
 PARTS = (0.03, 0.15, 0.3, 0.45, 0.6, 0.75, 0.88, 1.0)
@@ -84,7 +84,8 @@ class ClampedStrip:
         knit = Knit(knit_ratio, grain) if knit_ratio > 1 else None
         composite = Composite(material, material, bending=None, knit=knit)
         gauge = self.gauge or min(self.width, self.length / 2)
-        curve = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge)
+        machine = PullMachine(skin, composite, 0, gauge)
+        curve = machine.pull(np.zeros(len(skin.owned_cells)), at)
         free, lateral = uniaxial_curve(material, 1 + at, knit_ratio=knit_ratio, direction=direction)
         factor, shift = curve.stress / free, 1 - curve.contraction * at - lateral
         # At rest the factor is that of the smallest strain, and nothing is shifted.

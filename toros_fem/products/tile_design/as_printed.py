@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -16,20 +17,14 @@ from toros_fem.making.print.printability import printed_cells
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene
-from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import (
     RepeatedTile,
     TilePrintability,
     tile_printability,
 )
 from toros_fem.products.tiles.solver import TileSolver
-from toros_fem.products.tiles.stiffness_profile import (
-    Profile,
-    ProfileSolver,
-    merge_profiles,
-    profiles,
-)
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver, profiles
 
 # Number of strains at which the stress curves of a print are computed.
 CURVE_POINTS = 4
@@ -48,14 +43,7 @@ SAME_ANGLE = 1e-9
 
 @dataclass(frozen=True)
 class Trial:
-    """A random start after its first steps.
-
-    Attributes:
-        start: What it started from, "lines" or "waves".
-        objective: T.
-        islands: Number of islands of its print.
-        narrow: Number of places where its lines or gaps are under the printer's limit.
-    """
+    """A start, "lines" or "waves", after its first steps: T, islands and narrow places."""
 
     start: str
     objective: float
@@ -70,10 +58,9 @@ class TileResult:
     Attributes:
         simulation: What simulated the print.
         problem: The design problem, with the objective of the case.
-        result: Result of the design loop: density, history and the reason why it ended.
+        result: Density, history and the reason why the loop ended.
         printed: The print of this density.
-        profile: Profile of the print on the finer mesh, in the directions of the objective; None
-            if it has no equilibrium.
+        profile: Profile of the print on the finer mesh; None if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
         trials: The random starts after their trial.
@@ -96,24 +83,23 @@ class TileResult:
 
         Without an equilibrium it is infinite.
         """
-        target = self.problem.goal
-        if self.profile is None:
+        goal, profile = self.problem.goal, self.profile
+        if profile is None:
             return np.inf
-        return 0.0 if target is None else target.largest_deviation(self.profile)
+        return 0.0 if goal is None else goal.largest_deviation(profile)
 
 
 class PrintSimulation:
     """Prints designs of a tile and simulates them on its finer mesh; all methods are collective.
 
-    The ranks of `batch` share the directions of the objective.
+    The ranks of the case share the directions of the objective.
     """
 
-    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:
-        self.case, self.config = case, config
-        self._fine = case.fine or case.tile
-        skin = sew(MPI.COMM_SELF, self._fine.pattern)
-        solver = TileSolver(skin, config.material.composite, Periodic(self._fine))
-        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, batch)
+    def __init__(self, case: TileCase, config: TileDesignScene) -> None:
+        self.case, self.config, fine = case, config, case.fine.tile
+        skin = sew(MPI.COMM_SELF, fine.pattern)
+        solver = TileSolver(skin, config.material.composite, Periodic(fine))
+        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, case.comm)
 
     def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
         """Print a design and simulate the print."""
@@ -132,8 +118,8 @@ class PrintSimulation:
 
     def density(self, printed: PrintedDesign) -> Floats:
         """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
-        cells = printed_cells(self._fine.pattern, printed.regions)
-        return cells[self.solver.tile.skin.owned_cells].astype(np.float64)
+        skin = self.solver.tile.skin
+        return printed_cells(skin.pattern, printed.regions)[skin.owned_cells].astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,14 +127,12 @@ class PrintMeasurement:
     """The response of a printed tile over directions and strains.
 
     Attributes:
-        profile: Profile of the print on the finer mesh, at all angles that are not repeated by
-            the symmetry of the case.
-        curves: Profiles in the directions of the objective at increasing strains; the last one is
-            at the strain of the design.
+        profile: Profile on the finer mesh, at all angles that the case's symmetry does not repeat.
+        curves: Profiles in the directions of the objective at increasing strains, the design's
+            strain last.
         fabric_stiffness: Stiffness of the fabric without print, in N/m.
-        buckling: For each direction of the objective, whether the flat sheet is unstable out of
-            its plane at this strain, so that a real one wrinkles: (k,). None if the print has no
-            equilibrium on the design's mesh, where this is computed.
+        buckling: Whether the flat sheet buckles at this strain in each direction of the objective,
+            so that a real one wrinkles, (k,); None without equilibrium on the design's mesh.
     """
 
     profile: Profile
@@ -160,20 +144,19 @@ class PrintMeasurement:
 def measure_print(made: TileResult) -> PrintMeasurement | None:
     """Compute profile, stress curves and buckling of a print (collective).
 
-    Returns:
-        None if the print has no equilibrium in one of the directions.
+    The result is None if the print has no equilibrium in one of the directions.
     """
-    designed = profile = made.profile
-    if designed is None or profile is None:
+    designed, simulation = made.profile, made.simulation
+    if designed is None:
         return None
-    simulation, strain = made.simulation, designed.strain
-    tile, batch = simulation.solver.tile, simulation.solver.batch
+    tile, batch, strain = simulation.solver.tile, simulation.solver.batch, designed.strain
     density, angles = simulation.density(made.printed), directions(simulation.case.symmetry)
     others = angles[np.abs(angles[:, None] - designed.angles).min(axis=1) >= SAME_ANGLE]
     try:
+        profile = designed
         if len(others):
-            solver = ProfileSolver(tile, others, strain, batch)
-            profile = merge_profiles(profile, solver.solve(density, gradients=False))
+            more = ProfileSolver(tile, others, strain, batch).solve(density, gradients=False)
+            profile = merged(designed, more)
         fabric = ProfileSolver(tile, [0.0], strain, batch)
         unprinted = fabric.solve(np.zeros_like(density), gradients=False)
         strains = strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
@@ -190,6 +173,18 @@ def directions(symmetry: str) -> Floats:
     return np.radians(ANGLE_STEP * np.arange(round(period / ANGLE_STEP) + mirrored))
 
 
+def merged(one: Profile, other: Profile) -> Profile:
+    """Return the values of two profiles of one tile and strain, sorted by direction, no states."""
+    order = np.argsort(np.concatenate([one.angles, other.angles]))
+    values: dict[str, Any] = {
+        name: np.concatenate([getattr(one, name), getattr(other, name)])[order]
+        for name in ("angles", "stress", "tangent", "contraction", "shear")
+    }
+    values["steps"] = one.steps + other.steps
+    values["factorisations"] = one.factorisations + other.factorisations
+    return Profile(strain=one.strain, states=(), gradients=(), **values)
+
+
 def _buckling(made: TileResult) -> Bools | None:
     """Return whether the print, on the design's mesh, buckles in each direction."""
     evaluation, simulation = made.printed.evaluation, made.simulation
@@ -200,7 +195,6 @@ def _buckling(made: TileResult) -> Bools | None:
     with together(batch):
         composite = replace(simulation.config.material.composite, bending=Bending())
         solver = TileSolver(made.problem.skin, composite, Periodic(case.tile, flat=False))
-        for k, state in enumerate(evaluation.equilibrium.state):
-            if state is not None:
-                found[k] = solver.buckles(state, evaluation.projected)
+        for k, state in enumerate(evaluation.equilibrium.states):
+            found[k] = state is not None and solver.buckles(state, evaluation.projected)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

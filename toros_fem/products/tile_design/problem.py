@@ -1,97 +1,125 @@
-"""A tile as a design problem: a density towards a profile of stiffness."""
+"""The design problem of a tile: a density towards a profile of stiffness, and its numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated
 
-import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.keys import Count, In, Number, Positive, Table, key
+from toros_fem.base.scene import Scene
+from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.linear import group_mean
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
-from toros_fem.design.loop.physics import Pressure, Residuals, Saved
-from toros_fem.design.loop.problem import DesignProblem
-from toros_fem.meshes.makers.tile import Tile
-from toros_fem.products.tile_design.starts import random_waves
-from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
-from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
+from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
+from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes.makers.tile import Tile, tile
+from toros_fem.meshes.skin import sew
+from toros_fem.products.tables.sheets import Sheets
+from toros_fem.products.tables.steps import Filtering, Printer
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import (
+    Profile,
+    ProfileObjective,
+    ProfileSolver,
+    ProfileTarget,
+)
+
+
+@dataclass(frozen=True)
+class Pull(Table):
+    """Pull test."""
+
+    strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
+
+
+@dataclass(frozen=True)
+class Searching(Filtering):
+    """Steps, filter and start of the design.
+
+    A printed stiffness within `tolerance` of its target needs no correction. A design ends early
+    where its objective is at most the square of half the tolerance.
+    """
+
+    starts: Count = key(8, "largest number of random starts, lines and waves by turns")
+    trial_iterations: Count = key(
+        12, "largest number of steps of each start, at β and again at 4 β"
+    )
+    draft_iterations: Count = key(
+        40, "largest number of further steps of the two best starts, coarse mesh"
+    )
+    finish_iterations: Count = key(
+        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β"
+    )
+    corrections: Number = key(
+        3, "largest number of corrections of the target by the print's deviation"
+    )
+    correction_iterations: Count = key(15, "largest number of steps after each correction")
+    tolerance: Positive = key(
+        0.02, "relative deviation of a printed stiffness that needs no correction"
+    )
+    constrained: bool = key(True, "width constraints in all steps")
+
+
+@dataclass(frozen=True)
+class TileDesignScene(Scene):
+    """Strain, materials, search and printer of a tile design."""
+
+    material: Sheets = Sheets()
+    pull: Pull = Pull()
+    design: Searching = Searching(filter_radius=0.7e-3)
+    print: Printer = Printer(island_area=0.1e-6)
 
 
 @dataclass(frozen=True, eq=False)
-class TileFields(DensityFields):
-    """Densities of a tile, which start from long waves; its filter is that of the torus.
+class TileCase:
+    """A tile and its target.
 
     Attributes:
-        tile: The tile.
+        comm: Communicator whose ranks share the directions.
+        size, edge_length, mesh: Sides of the tile and edge length of its mesh in m, and the kind
+            of this mesh, as for `meshes.tile.tile`.
+        symmetry: Symmetry of design and mesh.
+        angles: Directions of the objective, (k,), in rad; of a symmetric design only those that
+            its symmetry does not repeat.
+        objective: Objective of the profile in these directions.
     """
 
-    tile: Tile = field(kw_only=True)
+    comm: MPI.Comm
+    size: tuple[float, float]
+    edge_length: float
+    mesh: str
+    symmetry: str
+    angles: Floats
+    objective: ProfileObjective
 
-    def start(self, seed: int) -> Floats:
-        """Return random long waves at owned triangles, as of `random_waves`."""
-        return np.asarray(random_waves(self.tile, seed)[self.skin.owned_cells])
+    @cached_property
+    def tile(self) -> Tile:
+        """The tile on the mesh of the design (collective)."""
+        return tile(self.comm, self.size, self.edge_length, self.mesh, self.symmetry)
 
+    @cached_property
+    def coarse(self) -> TileCase:
+        """The same with edges twice as long, for the starts."""
+        return replace(self, edge_length=2 * self.edge_length)
 
-@dataclass(frozen=True, eq=False)
-class TilePhysics:
-    """Profile of a tile in the directions of its objective; nothing is inflated.
-
-    Attributes:
-        solver: Solver of the tile in these directions.
-    """
-
-    solver: ProfileSolver
-    pressures = ()
-    pressure_ranges = ()
+    @cached_property
+    def fine(self) -> TileCase:
+        """The same with edges half as long, for the simulation of prints."""
+        return replace(self, edge_length=self.edge_length / 2)
 
     @property
-    def comm(self) -> MPI.Comm:
-        """Communicator that the directions are spread over, or else the tile's."""
-        batch = self.solver.batch
-        return batch if batch.size > 1 else self.solver.tile.skin.comm
-
-    def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, trial: bool
-    ) -> Profile:
-        """Return the profile and its gradients (collective)."""
-        if isinstance(start, Profile):
-            start = start.state
-        return self.solver.solve(projected, start, allow_continuation=not trial)
-
-    def finish(self, response: Profile) -> Profile:
-        """Return the profile as it is: trials are solved to the same tolerance."""
-        return response
-
-    def observed(self, response: Profile) -> Profile:
-        """Return the profile."""
-        return response
-
-    def pull_back(
-        self, response: Profile, by_observed: tuple[Floats, Floats]
-    ) -> tuple[Floats, None]:
-        """Return the gradient by ρ̄ from those by stress and contraction (collective)."""
-        return self.solver.backward(response, *by_observed), None
-
-    def residuals(self, response: Profile, objective: ProfileObjective) -> Residuals:
-        """Return the objective's residuals and their gradients (collective)."""
-        rows = self.solver.backward(response, *objective.residuals_backward(response))
-        return Residuals(objective.residuals, rows, np.zeros((len(rows), 0)))
-
-    def save(self, response: Profile) -> Saved:
-        """Return the unknowns of each direction and their counts (collective)."""
-        return self.solver.save(response)
-
-    def restore(self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
-        """Return the profile, with its gradients (collective)."""
-        return self.solver.restore(projected, unknowns, numbers)
-
-    def shape_of(self, response: Profile) -> None:
-        """Return None: a finer mesh starts from the flat tile."""
-
-    def state_at(self, positions: Floats) -> None:
-        """Return None, for the flat tile."""
+    def target(self) -> ProfileTarget | None:
+        """The objective where it is a target profile; None where it is another objective."""
+        return self.objective if isinstance(self.objective, ProfileTarget) else None
 
 
 @dataclass(eq=False)
@@ -103,8 +131,8 @@ class TileProblem(DesignProblem[Profile]):
             leaves the metric out. The objective may ask for another one.
     """
 
-    fields: TileFields
-    physics: TilePhysics
+    fields: DensityFields
+    physics: ProfileSolver
     goal: ProfileTarget | None = None
 
     def metrics_of(self, response: Profile) -> dict[str, float]:
@@ -112,3 +140,35 @@ class TileProblem(DesignProblem[Profile]):
         if self.goal is None:
             return {}
         return {"worst_percent": 100 * self.goal.largest_deviation(response)}
+
+
+def tile_problem(
+    case: TileCase,
+    config: TileDesignScene,
+    log: Callable[[NewtonStep | str], None] | None = None,
+) -> TileProblem:
+    """Build the design problem of a tile, which each rank sews as a whole (collective)."""
+    design, patch, lattice = config.design, case.tile, case.tile.lattice
+    skin = sew(MPI.COMM_SELF, patch.pattern)
+    solver = TileSolver(skin, config.material.composite, Periodic(patch), log=log)
+    every = group_mean(skin, patch.symmetry_maps(case.symmetry))
+    smooth = make_filter(design.filter, skin, design.filter_radius, lattice=lattice).after(every)
+    projection, terms = Projection(design.beta, design.eta), []
+    if design.perimeter_weight is not None:
+        window = design.perimeter_window * design.filter_radius
+        perimeter = Perimeter(skin, window, design.perimeter_sharpness, lattice=lattice)
+        price = design.perimeter_weight / patch.pattern.size
+        terms = [ObjectiveTerm("perimeter", perimeter, price)]
+    problem = TileProblem(
+        DensityFields(skin, smooth, projection),
+        ProfileSolver(solver, case.angles, config.pull.strain, case.comm),
+        case.objective,
+        terms,
+        goal=case.target,
+    )
+    if design.constrained:
+        widths = LengthScale(line_width=design.line_width, gap_width=design.gap_width)
+        problem.length_scale = LengthScaleConstraints(
+            skin, smooth, widths, problem.designed, projection
+        )
+    return problem

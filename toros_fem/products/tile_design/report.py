@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from toros_fem.base.files import write_table, write_together
 from toros_fem.making.options import ManufactureOptions
@@ -16,12 +15,10 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
-from toros_fem.products.tile_design.case import TileCase
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tile_design.problem import TileCase
 from toros_fem.products.tiles.printability import SIDE, repeated
-from toros_fem.products.tiles.printed_tile import PrintedTile, write_tile
-from toros_fem.products.tiles.sheet import swatch
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.files import write_fields
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
@@ -32,24 +29,23 @@ PROFILE = ("stiffness", "tangent", "contraction")
 
 @dataclass(frozen=True, eq=False)
 class TileRun(RunResult):
-    """The design of a tile, and what is measured of its print.
-
-    Attributes:
-        made: Result of the design.
-        measured: Measurement of the print; None if it has no equilibrium.
-        printed_tile: The printed tile for `write_tile`.
-        seconds: Wall times in s.
-    """
+    """The design of a tile, what is measured of its print if it has an equilibrium, and times."""
 
     made: TileResult
     measured: PrintMeasurement | None
-    printed_tile: PrintedTile
     seconds: Mapping[str, float]
 
     @property
     def case(self) -> TileCase:
         """The tile and its target."""
         return self.made.simulation.case
+
+    @property
+    def printed_tile(self) -> PrintedTile:
+        """The printed tile, for its file."""
+        case, composite = self.case, self.made.simulation.config.material.composite
+        mesh = case.size, case.edge_length, case.mesh, case.symmetry
+        return PrintedTile(self.made.printed.cells, *mesh, composite)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -129,14 +125,15 @@ class TileRun(RunResult):
         )
 
 
-def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> None:
+def write_tile_results(folder: Path | str, found: TileRun) -> None:
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
     In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
     """
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
     printed, tile, skin = made.printed, case.tile, made.problem.skin
-    summary = write_summary(comm, folder, found)
+    config = made.simulation.config
+    summary = write_summary(case.comm, folder, found)
     fields = {
         "rho": skin.gather_cells(made.result.density),
         "rho_projected": skin.gather_cells(made.result.final.projected),
@@ -152,8 +149,8 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
             rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
-        cloth, region = swatch(tile, printed.regions[0], printed.cells)
-        high = ManufactureOptions(layer_height=found.printed_tile.composite.reinforcement.thickness)
+        cloth, region = swatch(tile, printed.regions[0])
+        high = ManufactureOptions(layer_height=config.material.composite.reinforcement.thickness)
         place = folder / FOLDER
         if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
 
@@ -175,12 +172,13 @@ def write_tile_results(comm: MPI.Comm, folder: Path | str, found: TileRun) -> No
                 case.target,
             )
         if printed.evaluation is not None:
-            state = printed.evaluation.equilibrium.state[0]
+            state = printed.evaluation.equilibrium.states[0]
             positions = skin.gather_vertices(state.positions)
-            path = folder / "deformed.png"
-            plots.plot_deformed(path, tile, printed.cells, positions, state.gradient)
+            plots.plot_deformed(
+                folder / "deformed.png", tile, printed.cells, positions, state.gradient
+            )
 
-    write_together(comm, folder, write)
+    write_together(case.comm, folder, write)
 
 
 def _values(of: ProfileTarget | Profile, *names: str) -> dict[str, Any]:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
-from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
@@ -25,12 +24,16 @@ from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.meshes.makers.tile import Tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
-from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tile_design.starts import random_lines
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tile_design.problem import (
+    Searching,
+    TileCase,
+    TileDesignScene,
+    TileProblem,
+    tile_problem,
+)
+from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability, tile_printability
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 
 # Factor on T of a start or draft for each kind of flaw, islands and places too narrow for the
 # printer: only if its T is smaller by this factor, it is chosen.
@@ -51,7 +54,6 @@ A = TypeVar("A")
 
 
 def design_tile(
-    batch: MPI.Comm,
     case: TileCase,
     config: TileDesignScene,
     callback: Callback | None = None,
@@ -68,28 +70,24 @@ def design_tile(
     continued. If no print without flaws comes near the target, the other draft is tried.
 
     Args:
-        batch: Communicator whose ranks share the directions.
-        case: The tile and its target.
-        config: Numbers of the design.
-        callback: Called after each iteration, on every rank.
+        case, config: Tile and target, and the numbers of the design.
+        callback, journal: As of `optimize`.
         log: Called with every Newton step of the design's equilibria.
-        journal: As of `optimize`.
 
     Raises:
         NoEquilibriumError: There is no equilibrium for any start, or, on the design's mesh, for
             any draft.
     """
-    search, design = _Search(case, config, callback, journal), config.design
-    coarse = case.coarse or case.tile
-    problem = tile_problem(batch, replace(case, tile=coarse), config, log)
-    finalists, trials = search.best_starts(problem, coarse)
+    run = partial(optimize, callback=callback, journal=journal)
+    search, design = _Search(case, config, run), config.design
+    problem = tile_problem(case.coarse, config, log)
+    finalists, trials = search.best_starts(problem)
     longer = [(design.draft_iterations, DRAFT_BETA)]
     drafts = [search.optimized(problem, longer, after=one) for one in finalists]
-    drafts.sort(key=lambda one: search.rated(problem, coarse, one)[0])
+    drafts.sort(key=lambda one: search.rated(problem, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
-    problem = tile_problem(batch, case, config, log)
-    simulation = PrintSimulation(batch, case, config)
+    problem, simulation = tile_problem(case, config, log), PrintSimulation(case, config)
     found = []
     for made in _solved(partial(search.finished, problem, one, simulation) for one in designs):
         found.append(replace(made, trials=trials))
@@ -98,93 +96,96 @@ def design_tile(
     return min(found, key=search.badness)
 
 
+@dataclass(frozen=True, eq=False)
 class _Search:
     """The steps of a search, with what they share; all are collective."""
 
-    def __init__(
-        self,
-        case: TileCase,
-        config: TileDesignScene,
-        callback: Callback | None,
-        journal: Journal | None,
-    ) -> None:
-        self.case, self.config, self.design = case, config, config.design
-        self._run = partial(optimize, callback=callback, journal=journal)
-        self.rules = DesignOptions(mma=MMAOptions(move=self.design.move_limit))
-        if case.target is not None:
-            self.rules = replace(
-                self.rules,
-                target_objective=(self.design.tolerance / 2) ** 2,
-                min_relative_decrease=MIN_DECREASE,
-            )
+    case: TileCase
+    config: TileDesignScene
+    run: Callable[..., DesignResult]
+
+    @property
+    def design(self) -> Searching:
+        """Steps, filter and start of the design."""
+        return self.config.design
+
+    @property
+    def tile(self) -> Tile:
+        """The tile on the mesh of the starts."""
+        return self.case.coarse.tile
+
+    @property
+    def enough(self) -> float | None:
+        """T that needs no further steps; None without a target."""
+        return None if self.case.target is None else (self.design.tolerance / 2) ** 2
 
     def optimized(
         self,
         problem: TileProblem,
         steps: Sequence[tuple[int, float | None]],
-        target_objective: float | None = None,
+        enough: float | None = None,
         **begin: Any,
     ) -> DesignResult:
         """Return a design after stages of so many steps, each with a factor on β."""
-        beta, constrained = self.design.beta, self.design.constrained
-        stages = tuple(
-            Stage(count, factor and factor * beta, constrained=constrained)
-            for count, factor in steps
+        design = self.design
+        rules = DesignOptions(
+            tuple(
+                Stage(count, factor and factor * design.beta, constrained=design.constrained)
+                for count, factor in steps
+            ),
+            mma=MMAOptions(move=design.move_limit),
+            target_objective=enough or self.enough,
+            min_relative_decrease=None if self.enough is None else MIN_DECREASE,
         )
-        enough = target_objective or self.rules.target_objective
-        rules = replace(self.rules, stages=stages, target_objective=enough)
-        return self._run(problem, rules, **begin)
+        return self.run(problem, rules, **begin)
 
-    def best_starts(
-        self, problem: TileProblem, tile: Tile
-    ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
+    def best_starts(self, problem: TileProblem) -> tuple[list[DesignResult], tuple[Trial, ...]]:
         """Return the two best starts and all trials; one that reaches the target is the last."""
         found, trials = [], []
-        starts = (partial(self._tried, problem, tile, k) for k in range(self.design.starts))
+        starts = (partial(self._tried, problem, k) for k in range(self.design.starts))
         for number, kind, result in _solved(starts):
-            rating, made = self.rated(problem, tile, result)
+            rating, made = self.rated(problem, result)
             found.append((rating, number, made.clean, result))
             flaws = len(made.island_areas), made.narrow_places
             trials.append(Trial(kind, result.final.objective, *flaws))
-            if rating <= (self.rules.target_objective or -np.inf):
+            if rating <= (self.enough or -np.inf):
                 return [result], tuple(trials)
         best, *others = sorted(found, key=itemgetter(0, 1))
         # The profile of islands depends on narrow gaps. If that fails, a design without is needed.
         others.sort(key=lambda one: not one[2])
         return [one[-1] for one in (best, *others[:1])], tuple(trials)
 
-    def _tried(
-        self, problem: TileProblem, tile: Tile, number: int
-    ) -> tuple[int, str, DesignResult]:
+    def _tried(self, problem: TileProblem, number: int) -> tuple[int, str, DesignResult]:
         """Return the number of a start, its kind, and the design after its first steps."""
         seed, kind = self.design.seed + number, ("lines", "waves")[number % 2]
-        start = None if kind == "waves" else self._lines(problem, tile, seed)
+        if kind == "waves":
+            start = random_waves(self.tile, seed)[problem.skin.owned_cells]
+        else:
+            start = self._lines(problem, seed)
         steps = [(self.design.trial_iterations, factor) for factor in (1, DRAFT_BETA)]
-        return number, kind, self.optimized(problem, steps, start=start, seed=seed)
+        return number, kind, self.optimized(problem, steps, start=start)
 
-    def _lines(self, problem: TileProblem, tile: Tile, seed: int) -> Floats:
+    def _lines(self, problem: TileProblem, seed: int) -> Floats:
         """Return the best of several random pairs of families of lines at owned triangles."""
-        rng = np.random.default_rng(seed)
+        rng, symmetry = np.random.default_rng(seed), self.case.symmetry
 
         def tried() -> tuple[float, Floats]:
-            every = random_lines(tile, rng, self.case.symmetry, problem.fields.filter.radius)
+            every = random_lines(self.tile, rng, symmetry, problem.fields.filter.radius)
             density = every[problem.skin.owned_cells]
             return problem.simulate(density, trial=True).objective, density
 
         return min(_solved([tried] * PAIRS_A_START), key=itemgetter(0))[1]
 
-    def rated(
-        self, problem: TileProblem, tile: Tile, result: DesignResult
-    ) -> tuple[float, TilePrintability]:
+    def rated(self, problem: TileProblem, result: DesignResult) -> tuple[float, TilePrintability]:
         """Return T, at least its target, times the factors for flaws; and the printability."""
         eta = problem.fields.projection.eta
         values = contour_values(problem, result.density)
-        region = printed_regions(tile.pattern, *values, eta)[0]
-        made = tile_printability(tile, region, values[1] > eta, self.config.print.limits)
+        region = printed_regions(self.tile.pattern, *values, eta)[0]
+        made = tile_printability(self.tile, region, values[1] > eta, self.config.print.limits)
         limits, widths = problem.length_scale, result.final.length_scale
         satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
         narrow = made.narrow_places > 0 or not satisfied
-        rating = max(result.final.objective, self.rules.target_objective or 0.0)
+        rating = max(result.final.objective, self.enough or 0.0)
         return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
 
     def finished(
@@ -199,7 +200,7 @@ class _Search:
         if target is None:
             return first
         # No direction may deviate by more than the tolerance: a mean over them is a weaker rule.
-        goal = (design.tolerance / 2) ** 2 / len(problem.physics.solver.angles)
+        goal = (design.tolerance / 2) ** 2 / len(problem.physics.angles)
 
         def asked_again(prints: Sequence[TileResult]) -> TileResult | None:
             last = prints[-1]

@@ -63,10 +63,9 @@ def random_waves(tile: Tile, seed: int) -> Floats:
     rng = np.random.default_rng(seed)
     phase = 2 * np.pi * tile.pattern.centroids @ np.linalg.inv(tile.lattice)
     density = np.full(len(phase), 0.5)
-    for i in range(WAVES):
-        for j in range(WAVES):
-            amplitude, x, y = rng.standard_normal(), *rng.uniform(0, 2 * np.pi, 2)
-            density += 0.25 * amplitude * np.cos(i * phase[:, 0] + x) * np.cos(j * phase[:, 1] + y)
+    for i, j in np.ndindex(WAVES, WAVES):
+        amplitude, x, y = rng.standard_normal(), *rng.uniform(0, 2 * np.pi, 2)
+        density += 0.25 * amplitude * np.cos(i * phase[:, 0] + x) * np.cos(j * phase[:, 1] + y)
     return np.asarray(np.clip(density, 0.1, 0.9))
 
 
@@ -80,13 +79,10 @@ def random_lines(tile: Tile, rng: np.random.Generator, symmetry: str, narrowest:
     return np.asarray(np.clip(0.5 + images.max(axis=0) / narrowest, 0.1, 0.9))
 
 
-def random_families(
-    rng: np.random.Generator, symmetry: str, narrowest: float
-) -> tuple[LineFamily, LineFamily]:
+def random_families(rng: np.random.Generator, symmetry: str, narrowest: float) -> list[LineFamily]:
     """Return two random families that cross each other, and not their own images."""
-    one, other = PAIRS[int(rng.random() < DIAGONAL)]
-    first = _random_family(rng, one, symmetry, narrowest)
-    return first, _random_family(rng, other, symmetry, narrowest)
+    normals = PAIRS[int(rng.random() < DIAGONAL)]
+    return [_random_family(rng, normal, symmetry, narrowest) for normal in normals]
 
 
 def _random_family(

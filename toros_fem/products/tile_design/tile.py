@@ -15,25 +15,24 @@ the result.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
-from toros_fem.meshes import tile
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, probe
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileDesignScene, tile_problem
+from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tile_design.search import design_tile
-from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
-from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.stiffness_profile import Contrast, ProfileObjective, ProfileTarget
 from toros_fem.results.console import print_step
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import RunResult
@@ -108,21 +107,10 @@ class TileScene(TileDesignScene):
     target: TileTarget = TileTarget()
     skin: TileSizes = TileSizes()
 
-    KIND: ClassVar[str] = "tile"
-    COARSE: ClassVar[Mapping[str, float]] = {
-        "edge_length": 1.6,
-        "filter_radius": 8 / 7,
-        "starts": 5 / 8,
-        "draft_iterations": 2 / 5,
-    }
-    FEW: ClassVar[tuple[str, ...]] = (
-        "target",
-        "stiffness_0",
-        "stiffness_45",
-        "stiffness_90",
-        "size",
-        "seed",
-    )
+    KIND: ClassVar = "tile"
+    COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7, "starts": 5 / 8,
+                        "draft_iterations": 2 / 5}  # fmt: skip
+    FEW: ClassVar = ("target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "seed")
 
     def run_design(
         self,
@@ -133,29 +121,18 @@ class TileScene(TileDesignScene):
         verbose: bool = False,
     ) -> RunResult:
         """Design the tile and write all results into a folder (collective)."""
-        reporter, case, skin = DesignReporter(comm, output), tile_case(comm, self), self.skin
+        reporter, case = DesignReporter(comm, output), tile_case(comm, self)
         log = print_step(comm) if verbose else None
-        made = design_tile(comm, case, self, reporter, log, journal_of(output))
-        measured = measure_print(made)
-        printed_tile = PrintedTile(
-            made.printed.cells,
-            (skin.size, skin.size),
-            skin.edge_length,
-            skin.mesh,
-            case.symmetry,
-            self.material.composite,
-        )
-        found = TileRun(made, measured, printed_tile, dict(reporter.seconds))
-        write_tile_results(comm, output, found)
+        made = design_tile(case, self, reporter, log, journal_of(output))
+        found = TileRun(made, measure_print(made), dict(reporter.seconds))
+        write_tile_results(output, found)
         return found
 
     def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
         """Return the cost of the design, probed on the mesh of the starts (collective)."""
         require_affordable(self.skin.size**2, self.skin.edge_length / 2)
         case, design = tile_case(comm, self), self.design
-        assert case.coarse is not None
-        assert case.fine is not None
-        coarse, own, fine = (of.pattern for of in (case.coarse, case.tile, case.fine))
+        coarse, own, fine = (one.tile.pattern for one in (case.coarse, case, case.fine))
         rounds, finish = design.corrections, 2 * design.finish_iterations + 2
         trials = 2 * (design.starts * design.trial_iterations + design.draft_iterations)
         most = 2 * (finish + rounds * (design.correction_iterations + 1))
@@ -164,15 +141,12 @@ class TileScene(TileDesignScene):
             Part("design and corrections", len(own.panel), (3 * finish, 10 * most)),
             Part("prints", len(fine.panel), (20, 60 * (1 + rounds))),
         )
-        tried = None
-        if probing:
-            problem = tile_problem(comm, replace(case, tile=case.coarse), self)
-            tried = probe(problem, design.seed)
+        tried = probe(tile_problem(case.coarse, self), design.seed) if probing else None
         unknowns = 3 * len(own.points)
         return Cost(len(own.panel), len(fine.panel), unknowns, comm.size, parts, tried)
 
 
-def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> np.ndarray:
+def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> Floats:
     """Return the stiffness of a linear orthotropic sheet at angles, from that at 0°, 45° and 90°.
 
     1/s = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².
@@ -183,29 +157,27 @@ def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: fl
 
 
 def tile_case(comm: MPI.Comm, config: TileScene) -> TileCase:
-    """Return the tile on its three meshes, with the target (collective)."""
-    c, symmetry = config, SYMMETRIES[config.target.target]
-    quarter = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
-    count = c.target.directions * (1 if symmetry == "tetragonal" else 2)
-    angles = np.asarray(np.linspace(0, quarter, count + 1), dtype=np.float64)
+    """Return the tile with its target."""
+    asked, skin, symmetry = config.target, config.skin, SYMMETRIES[config.target.target]
+    halves = 1 if symmetry == "tetragonal" else 2
+    angles = np.asarray(
+        np.linspace(0, halves * np.pi / 4, halves * asked.directions + 1), dtype=np.float64
+    )
     objective: ProfileObjective
-    if c.target.target == "anisotropic":
+    if asked.target == "anisotropic":
         angles = angles[[0, -1]]
         objective = Contrast(soft=angles > 0, stiff=angles == 0)
-    elif c.target.target == "auxetic":
+    elif asked.target == "auxetic":
         angles = angles[:1]
-        objective = ProfileTarget(contraction=np.array([c.target.contraction]))
+        objective = ProfileTarget(contraction=np.array([asked.contraction]))
     else:
-        given = (c.target.stiffness_0, c.target.stiffness_45, c.target.stiffness_90)
+        given = (asked.stiffness_0, asked.stiffness_45, asked.stiffness_90)
         along, diagonal, across = (
             default if value is None else value
-            for value, default in zip(given, STIFFNESSES[c.target.target], strict=True)
+            for value, default in zip(given, STIFFNESSES[asked.target], strict=True)
         )
         if symmetry == "tetragonal":
             across = along
         objective = ProfileTarget(linear_profile(angles, along, diagonal, across))
-    coarser, own, finer = (
-        tile(comm, c.skin.size, factor * c.skin.edge_length, c.skin.mesh, symmetry)
-        for factor in (2, 1, 0.5)
-    )
-    return TileCase(own, angles, objective, symmetry, coarser, finer)
+    size = skin.size, skin.size
+    return TileCase(comm, size, skin.edge_length, skin.mesh, symmetry, angles, objective)

@@ -16,10 +16,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tiles.objectives import ProfileTarget
+from toros_fem.products.tiles.printed_tile import region_of_triangles
 from toros_fem.products.tiles.pull_test import PulledSheet
-from toros_fem.products.tiles.sheet import region_of_triangles
-from toros_fem.products.tiles.stiffness_profile import Profile
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, fill
 
 TARGET_COLOUR = "tab:red"
@@ -132,31 +131,19 @@ def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None
 
 
 def plot_deformed(
-    path: Path, tile: Tile, printed: Bools, positions: Floats, gradient: Floats, count: int = 2
+    path: Path, tile: Tile, printed: Bools, positions: Floats, gradient: Floats
 ) -> None:
-    """Draw count × count tiles, flat and pulled along the first axis, in mm.
+    """Draw 2 × 2 tiles before and after a pull along the first axis.
 
     Positions of all vertices are (n, 3), in m; the mean deformation gradient is (3, 2).
     """
-    colours = np.where(printed[:, None], PRINTED, FABRIC)
     mean = gradient[:2] @ tile.lattice.T
-    moved = positions[tile.pattern.triangles][:, :, :2] + tile.wraps @ mean.T
-    pulled = f"pulled by {100 * (gradient[0, 0] - 1):g} %"
-    figure, row = plt.subplots(
-        1, 2, figsize=(12, 6), sharex=True, sharey=True, layout="constrained"
-    )
-    for axes, shape, steps, title in (
-        (row[0], tile.pattern.corners, tile.lattice.T, "flat"),
-        (row[1], moved, mean, pulled),
-    ):
-        for copy in np.ndindex(count, count):
-            corners = list(1e3 * (shape + steps @ copy))
-            axes.add_collection(
-                PolyCollection(corners, facecolors=colours, edgecolors="face", lw=0.2)
-            )
-        axes.set_title(title)
-        _to_scale(axes)
-    _save(path, figure)
+    one = positions[tile.pattern.triangles][:, :, :2] + tile.wraps @ mean.T
+    copies = [one + mean @ (i, j) for j, i in np.ndindex(2, 2)]
+    sheet, cell = tile.sheet(2, 2)
+    moved = sheet.points.copy()
+    moved[sheet.triangles, :2] = np.concatenate(copies)
+    plot_sheet(path, sheet, moved, printed[cell], f"pulled by {100 * (gradient[0, 0] - 1):g} %")
 
 
 def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:

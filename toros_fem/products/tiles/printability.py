@@ -1,4 +1,4 @@
-"""A tile's print in the endless sheet: islands, thinnest line and gap, and how it is cleaned."""
+"""A tile's print in the endless sheet: islands, thinnest line and gap, and its cleaning."""
 
 from __future__ import annotations
 
@@ -29,12 +29,9 @@ SNAP = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class TilePrintability:
-    """Measured printability of a tile among its equals.
+    """Islands of a tile among its equals, in m², and its widths.
 
-    Attributes:
-        island_areas: Areas of the islands in m², the largest first, as of `island_areas`.
-        lines, gaps: Widths in the tile in the middle of `SIDE` × `SIDE`, in m; a narrow place on
-            its border may be listed on both sides.
+    A narrow place on the tile's border may be listed on both sides.
     """
 
     island_areas: Floats
@@ -69,15 +66,14 @@ def tile_printability(
 ) -> TilePrintability:
     """Measure the printability of a tile, its printed region in m and triangles (t,).
 
-    Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles, so that they continue
-    across its borders.
+    Lines and gaps are measured in the middle one of `SIDE` × `SIDE` tiles: they continue.
     """
-    sides = np.diagonal(tile.lattice)
+    sides, detail = np.diagonal(tile.lattice), limits.resolution
     middle = (SIDE // 2) * sides
     # Widths in the middle of a place on the border are counted on either side, not on neither.
-    window = shapely.box(*(middle - limits.resolution), *(middle + sides + limits.resolution))
+    window = shapely.box(*(middle - detail), *(middle + sides + detail))
     many, sheet = repeated(region, tile, SIDE, SIDE), shapely.box(0, 0, *(SIDE * sides))
-    widths = measure_widths(many, sheet, 0, limits.width, limits.gap, limits.resolution, window)
+    widths = measure_widths(many, sheet, 0, limits.width, limits.gap, detail, window)
     return TilePrintability(island_areas(tile, printed), *widths)
 
 
@@ -156,17 +152,21 @@ def island_areas(tile: Tile, printed: Bools) -> Floats:
 
     Printed triangles belong to one component if they share edges. A component that reaches its own
     image in a neighbouring tile is a line or a net through the whole sheet; any other is an island.
-    A line leads from a triangle to an image of it an odd number of tiles away along x or y, so that
-    on the torus of 2 × 2 tiles too it goes through several copies of one triangle.
+    A line leads from a triangle to an image of it an odd number of tiles away along x or y. So the
+    copies of a triangle on the torus of 2 × 2 tiles belong to one component on a line, and to four
+    on an island.
     """
-    four = tile.repeated(2, 2)
-    one, two = edges_of(four.tile.pattern.triangles).sides.T
-    on = printed[four.cell]
-    both = on[one] & on[two]
-    body = linked(one[both], two[both], len(on))[on]
-    cell = four.cell[on]
-    copies = np.bincount(np.unique(np.stack([body, cell]), axis=1)[0])
-    bodies = np.unique(body)
-    island = bodies[copies[bodies] == np.bincount(body)[bodies]]
-    areas = np.bincount(body, tile.pattern.areas[cell])[island]
-    return np.sort(areas)[::-4]  # each of them is found four times
+    count = len(printed)
+    one, two = edges_of(tile.pattern.triangles).twins.T
+    same_end = np.where(two % 3 == 2, two - 2, two + 1)  # the half-edge that begins where one does
+    shift = tile.wraps.reshape(-1, 2)[one] - tile.wraps.reshape(-1, 2)[same_end]
+    both = printed[one // 3] & printed[two // 3]
+    one, two, shift = one[both] // 3, two[both] // 3, shift[both]
+    home = _steps(2, 2)[:, None]
+    there = (home + shift) % 2 @ [2, 1]
+    body = linked(
+        (one + count * np.arange(4)[:, None]).ravel(), (two + count * there).ravel(), 4 * count
+    ).reshape(4, count)
+    island = printed & (body[1:] != body[0]).all(axis=0)
+    areas = np.bincount(body.min(axis=0)[island], tile.pattern.areas[island])
+    return np.asarray(np.sort(areas[areas > 0])[::-1], dtype=np.float64)

@@ -24,8 +24,7 @@ from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.products.tiles.printed_tile import PrintedTile
-from toros_fem.products.tiles.sheet import TileSheet
+from toros_fem.products.tiles.printed_tile import PrintedTile, TileSheet
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import profiles
 
@@ -86,11 +85,11 @@ class PullMachine:
     """A sheet between two clamps, one of which moves in the sheet's plane.
 
     The vertices of two opposite borders are fixed in all components, all others in z. The part of a
-    real sheet inside the clamps of a machine does not stretch, so it is not modelled.
+    real sheet inside the clamps of a machine does not stretch, so it is not modelled. All methods
+    are collective.
 
     Attributes:
         solver: Solver of its equilibria.
-        axis: 0 for a pull along x, 1 along y.
         length, width: Sides of the sheet along the pull and across it, in m.
         near, far: Whether each vertex is in the clamp at rest, and in the moving one, (n,).
         stretch_weights: Factors (n, 2) of the vertices' x and y in the mean stretches of the middle
@@ -99,14 +98,14 @@ class PullMachine:
     Args:
         skin: The sewn skin of a flat rectangle along x and y.
         composite: Materials; bending is left out, since the sheet stays in its plane.
-        axis: 0 or 1.
+        axis: 0 for a pull along x, 1 along y.
         gauge: Length in m of the middle part that strains are averaged over. A whole number of
             tiles averages out the variation within one.
         options: Options of the equilibrium solver.
         log: Called with every row of the solver's history.
 
     Raises:
-        ParameterError: The gauge is longer than the sheet.
+        ParameterError: The gauge is longer than the sheet, or the axis is neither 0 nor 1.
         PatternError: The skin is not a flat rectangle along x and y.
     """
 
@@ -119,6 +118,8 @@ class PullMachine:
         options: NewtonOptions | None = None,
         log: Log | None = None,
     ) -> None:
+        if axis not in (0, 1):
+            raise ParameterError(f"axis = {axis!r} must be 0 or 1, for x or y.")
         pattern = skin.pattern
         size, area = np.ptp(pattern.points, axis=0), float(pattern.areas.sum())
         if size[2] > FLAT * pattern.size or abs(area - size[0] * size[1]) > FLAT * area:
@@ -133,20 +134,51 @@ class PullMachine:
         self.near, self.far = place < place.min() + tolerance, place > place.max() - tolerance
         self.stretch_weights = _stretch_weights(pattern, axis, gauge)
         fixed = np.zeros(pattern.points.shape, dtype=bool)
-        fixed[:, 2] = True
-        fixed[self.near | self.far] = True
+        fixed[:, 2], fixed[self.near | self.far] = True, True
         self.solver = EquilibriumSolver(
             skin, replace(composite, bending=None), Supports(fixed), options, log
         )
 
+    def pull(self, density: Floats, strains: Sequence[float] | Floats) -> PullTest:
+        """Pull the sheet from one strain to the next.
+
+        Args:
+            density: Projected density of the owned triangles, in [0, 1].
+            strains: Values of λ − 1 of the clamps' distance, (k,), in the order of the pull, none
+                of them 0.
+
+        Raises:
+            ParameterError: A strain is 0, −1 or less, or not finite.
+            DensityError: The density does not fit, or leaves [0, 1].
+            NoEquilibriumError: There is no equilibrium at one of the strains.
+        """
+        given = np.array(strains, dtype=np.float64)
+        good = np.isfinite(given) & (given > -1) & (given != 0)
+        if given.ndim != 1 or not len(given) or not good.all():
+            raise ParameterError(
+                f"strains = {strains} must be at least one finite number above -1, none of them 0."
+            )
+        result, positions, steps = None, self.solver.skin.pattern.points, 0
+        forces: Floats = np.empty((len(given), 2, 3))
+        stretch: Floats = np.empty((len(given), 2))
+        for k, strain in enumerate(given):
+            result = self.solve(density, strain, result)
+            positions = self.solver.skin.gather_vertices(result.positions)
+            forces[k], stretch[k] = self.forces(result), self.middle_stretch(positions)
+            steps += result.steps
+        along, across = stretch[:, self.axis], stretch[:, 1 - self.axis]
+        stress = np.asarray((forces[:, 1] - forces[:, 0])[:, self.axis] / (2 * self.width))
+        contraction = (1 - across) / given
+        return PullTest(given, stress, contraction, steps, along - 1, forces, positions)
+
     def solve(self, density: Floats, strain: float, start: Equilibrium | None) -> Equilibrium:
-        """Return the equilibrium at a strain of the clamps' distance (collective)."""
+        """Return the equilibrium at a strain of the clamps' distance."""
         along = np.eye(3)[self.axis]
         displacement = np.where(self.far[:, None], strain * self.length * along, 0.0)
         return self.solver.solve(density, Load(displacement=displacement), start)
 
     def forces(self, result: Equilibrium) -> Floats:
-        """Return the forces in N on the near and on the far end, (2, 3) (collective)."""
+        """Return the forces in N on the near and on the far end, (2, 3)."""
         reactions = self.solver.reactions(result)
         return np.stack([reactions[end].sum(axis=0) for end in (self.near, self.far)])
 
@@ -156,6 +188,7 @@ class PullMachine:
 
 
 def _stretch_weights(pattern: Pattern, axis: int, gauge: float) -> Floats:
+    """Return the factors of all vertices' x and y in the mean stretches of the middle, (n, 2)."""
     place = pattern.centroids[:, axis] - pattern.flat_points[:, axis].min()
     middle = np.abs(place - np.ptp(pattern.flat_points[:, axis]) / 2) < gauge / 2
     corners, areas = pattern.corners[middle], pattern.areas[middle]
@@ -167,87 +200,22 @@ def _stretch_weights(pattern: Pattern, axis: int, gauge: float) -> Floats:
     return weights
 
 
-def pull(
-    skin: Skin,
-    composite: Composite,
-    density: Floats,
-    axis: int,
-    strains: Sequence[float] | Floats,
-    gauge: float,
-    options: NewtonOptions | None = None,
-    log: Log | None = None,
-) -> PullTest:
-    """Pull a sheet in its plane: both ends are clamped, one of them moves (collective).
-
-    Args:
-        skin, composite, axis, gauge, options, log: As of `PullMachine`.
-        density: Projected density of the owned triangles, in [0, 1].
-        strains: Values of λ − 1 of the clamps' distance, in the order of the pull, none of them 0.
-
-    Raises:
-        ParameterError: A strain is 0, −1 or less, or not finite; the gauge is longer than the
-            sheet; or the axis is neither 0 nor 1.
-        PatternError: The skin is not a flat rectangle along x and y.
-        DensityError: The density does not fit, or leaves [0, 1].
-        NoEquilibriumError: There is no equilibrium at one of the strains.
-    """
-    given = _checked_strains(axis, strains)
-    machine = PullMachine(skin, composite, axis, gauge, options, log)
-    forces, stretches, steps = [], [], 0
-    result, positions = None, skin.pattern.points
-    for strain in given:
-        result = machine.solve(density, strain, result)
-        steps += result.steps
-        forces.append(machine.forces(result))
-        positions = skin.gather_vertices(result.positions)
-        stretches.append(machine.middle_stretch(positions))
-    ends: Floats = np.array(forces)
-    stretch: Floats = np.array(stretches)
-    stress = np.asarray((ends[:, 1] - ends[:, 0])[:, axis] / (2 * machine.width))
-    contraction = (1 - stretch[:, 1 - axis]) / given
-    return PullTest(given, stress, contraction, steps, stretch[:, axis] - 1, ends, positions)
-
-
 def predict(
-    skin: Skin,
-    composite: Composite,
-    tile: Tile,
-    density: Floats,
-    axis: int,
-    strains: Sequence[float] | Floats,
+    solver: TileSolver, density: Floats, axis: int, strains: Sequence[float] | Floats
 ) -> PullCurve:
-    """Predict the pull of an unlimited sheet by the periodic tile, as of `pull` (collective)."""
-    given = _checked_strains(axis, strains)
-    solver = TileSolver(skin, composite, Periodic(tile))
-    found = profiles(solver, density, [axis * np.pi / 2], given)
-    stress, contraction = (
-        np.array([getattr(profile, name)[0] for profile in found])
-        for name in ("stress", "contraction")
+    """Predict the pull of an unlimited sheet along x or y by the periodic tile (collective)."""
+    found = profiles(solver, density, [axis * np.pi / 2], strains)
+    strain, stress, contraction = np.transpose(
+        [(one.strain, one.stress[0], one.contraction[0]) for one in found]
     )
-    return PullCurve(given, stress, contraction, sum(profile.steps for profile in found))
-
-
-def _checked_strains(axis: int, strains: Sequence[float] | Floats) -> Floats:
-    given = np.array(strains, dtype=np.float64)
-    if axis not in (0, 1):
-        raise ParameterError(f"axis = {axis!r} must be 0 or 1, for x or y.")
-    good = np.isfinite(given) & (given > -1) & (given != 0)
-    if given.ndim != 1 or not len(given) or not good.all():
-        raise ParameterError(
-            f"strains = {strains} must be at least one finite number above -1, none of them 0."
-        )
-    return given
+    return PullCurve(strain, stress, contraction, sum(one.steps for one in found))
 
 
 @dataclass(frozen=True, eq=False)
 class PulledSheet:
-    """A pulled sheet of tiles beside the prediction by the periodic tile.
+    """A pulled sheet of tiles beside predictions by the periodic tile.
 
-    Attributes:
-        sheet: The sheet.
-        test: Its pull test.
-        predicted: Prediction at the strains of the clamps.
-        predicted_middle: Prediction at the last strain of the middle.
+    They are at the strains of the clamps, and at the last strain of the middle.
     """
 
     sheet: TileSheet
@@ -257,18 +225,19 @@ class PulledSheet:
 
     def summary(self) -> dict[str, Any]:
         """Return test and prediction at the largest strain, as summaries hold them."""
-        test, predicted = self.test, self.predicted
+        last, middle, test = self.rows()[-1], self.predicted_middle, self.test
+        stiffness, predicted = float(test.stiffness[-1]), float(self.predicted.stiffness[-1])
         return {
-            "stiffness_n_per_m": float(test.stiffness[-1]),
-            "stiffness_predicted_n_per_m": float(predicted.stiffness[-1]),
-            "stiffness_ratio": float(test.stiffness[-1] / predicted.stiffness[-1]),
-            "contraction": float(test.contraction[-1]),
-            "contraction_predicted": float(predicted.contraction[-1]),
+            "stiffness_n_per_m": stiffness,
+            "stiffness_predicted_n_per_m": predicted,
+            "stiffness_ratio": stiffness / predicted,
+            "contraction": last["contraction"],
+            "contraction_predicted": last["contraction_predicted"],
             "middle": {
-                "strain": float(test.middle_strain[-1]),
-                "stress_ratio": float(test.stress[-1] / self.predicted_middle.stress[-1]),
+                "strain": last["middle_strain"],
+                "stress_ratio": float(test.stress[-1] / middle.stress[-1]),
                 "contraction": float(test.middle_contraction[-1]),
-                "contraction_predicted": float(self.predicted_middle.contraction[-1]),
+                "contraction_predicted": float(middle.contraction[-1]),
             },
             "ends_imbalance": test.imbalance,
             "newton_steps": test.steps,
@@ -277,17 +246,17 @@ class PulledSheet:
     def rows(self) -> list[dict[str, Any]]:
         """Return the curves as rows of a table, one for each strain."""
         test, predicted = self.test, self.predicted
+        columns = {
+            "strain": test.strain,
+            "stress_n_per_m": test.stress,
+            "stress_predicted_n_per_m": predicted.stress,
+            "contraction": test.contraction,
+            "contraction_predicted": predicted.contraction,
+            "middle_strain": test.middle_strain,
+        }
         return [
-            {
-                "direction": self.sheet.direction,
-                "strain": float(test.strain[k]),
-                "stress_n_per_m": float(test.stress[k]),
-                "stress_predicted_n_per_m": float(predicted.stress[k]),
-                "contraction": float(test.contraction[k]),
-                "contraction_predicted": float(predicted.contraction[k]),
-                "middle_strain": float(test.middle_strain[k]),
-            }
-            for k in range(len(test.strain))
+            {"direction": self.sheet.direction, **dict(zip(columns, map(float, row), strict=True))}
+            for row in zip(*columns.values(), strict=True)
         ]
 
 
@@ -301,24 +270,17 @@ def pull_sheet(
 ) -> PulledSheet:
     """Pull a sheet, and the periodic tile that it is made of (collective).
 
-    Strains of the middle are averaged over one tile, or over two where the number of tiles is even.
-
-    Args:
-        comm: Communicator.
-        sheet: The sheet.
-        tile: The tile on its mesh, `printed_tile.tile(comm)`.
-        printed_tile: Its print and its materials.
-        strains, log: As of `pull`.
+    The tile is on its mesh, `printed_tile.tile(comm)`; strains are as of `PullMachine.pull`. Those
+    of the middle are averaged over one tile, or over two where the number of tiles is even.
     """
     density, axis = printed_tile.printed.astype(np.float64), sheet.axis
     composite, length = printed_tile.composite, printed_tile.size[axis]
     tiles = round(np.ptp(sheet.pattern.flat_points[:, axis]) / length)
     skin, torus = sew(comm, sheet.pattern), sew(comm, tile.pattern)
-    owned = density[sheet.cell][skin.owned_cells]
-    test = pull(skin, composite, owned, axis, strains, (2 - tiles % 2) * length, log=log)
-    owned = density[torus.owned_cells]
-    predicted, predicted_middle = (
-        predict(torus, composite, tile, owned, axis, at)
-        for at in (strains, test.middle_strain[-1:])
+    machine = PullMachine(skin, composite, axis, (2 - tiles % 2) * length, log=log)
+    test = machine.pull(density[sheet.cell][skin.owned_cells], strains)
+    solver, owned = TileSolver(torus, composite, Periodic(tile)), density[torus.owned_cells]
+    predicted, middle = (
+        predict(solver, owned, axis, at) for at in (strains, test.middle_strain[-1:])
     )
-    return PulledSheet(sheet, test, predicted, predicted_middle)
+    return PulledSheet(sheet, test, predicted, middle)

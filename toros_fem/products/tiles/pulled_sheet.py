@@ -28,9 +28,15 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import tile
-from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile
+from toros_fem.products.tiles.printed_tile import (
+    DIRECTIONS,
+    PrintedTile,
+    print_layout,
+    read_tile,
+    remesh,
+    tile_sheet,
+)
 from toros_fem.products.tiles.pull_test import PulledSheet, pull_sheet
-from toros_fem.products.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet
 from toros_fem.results.console import print_step
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import if_plotting
@@ -70,17 +76,10 @@ class TileSheetScene(Scene):
     skin: SheetMesh = SheetMesh()
     pull: SheetPull = SheetPull()
 
-    KIND: ClassVar[str] = "tile-sheet"
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = {
-        "tile": "output folder of a designed tile; none: a simple tile"
-    }
-    COARSE: ClassVar[Mapping[str, float]] = {
-        "edge_length": 2.0,
-        "edge_factor": 2.0,
-        "along": 3 / 5,
-        "across": 3 / 5,
-    }
-    FEW: ClassVar[tuple[str, ...]] = ("direction", "along", "across", "strain", "edge_length")
+    KIND: ClassVar = "tile-sheet"
+    SIMULATION_FILES: ClassVar = {"tile": "output folder of a designed tile; none: a simple tile"}
+    COARSE: ClassVar = {"edge_length": 2.0, "edge_factor": 2.0, "along": 3 / 5, "across": 3 / 5}
+    FEW: ClassVar = ("direction", "along", "across", "strain", "edge_length")
 
     def run_simulation(
         self,
@@ -99,11 +98,13 @@ class TileSheetScene(Scene):
         if edge is not None or factor != 1.0:
             simulated = remesh(comm, design, edge or factor * design.edge_length)
         drawn, mesh = design.tile(comm), simulated.tile(comm)
-        sheets = [tile_sheet(drawn, name, pull.along, pull.across) for name in directions]
-        cloth, regions = print_layout(sheets, design.printed, pull.margin)
+        to_print, to_pull = (
+            [tile_sheet(of, name, pull.along, pull.across) for name in directions]
+            for of in (drawn, mesh)
+        )
+        cloth, regions = print_layout(to_print, design.printed, pull.margin)
         log = print_step(comm) if verbose else None
-        sheets = [tile_sheet(mesh, name, pull.along, pull.across) for name in directions]
-        pulled = [pull_sheet(comm, sheet, mesh, simulated, strains, log) for sheet in sheets]
+        pulled = [pull_sheet(comm, sheet, mesh, simulated, strains, log) for sheet in to_pull]
         shares = tuple(
             float(on.pattern.areas[of.printed].sum()) / float(np.prod(design.size))
             for on, of in ((drawn, design), (mesh, simulated))
@@ -138,15 +139,13 @@ class TileSheetScene(Scene):
 
 @dataclass(frozen=True, eq=False)
 class SheetResult(RunResult):
-    """A sheet of tiles that was pulled.
+    """A sheet of tiles that was pulled in each direction.
 
     Attributes:
-        pulled: The pull in each direction.
         tile: Sides of a tile in m.
         shares: Printed part of its area, as designed and as simulated.
         printed: Printed area of each panel in m².
         inputs: The scene's values, and the folder "tile" that the tile was read from, or None.
-        seconds: Wall time in s.
     """
 
     pulled: Sequence[PulledSheet]

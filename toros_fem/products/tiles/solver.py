@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -44,7 +45,6 @@ class TileState:
         energy: Mean energy per flat area in J/m².
         state: Owned unknowns of `SkinModel`, in axes n, t, z.
         positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
-        stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         steps: Number of Newton steps, each with a new factorisation.
         factorisations: Number of factorisations, those with a diagonal shift included.
     """
@@ -55,7 +55,6 @@ class TileState:
     energy: float
     state: Floats
     positions: Floats
-    stretch_use: float
     steps: int
     factorisations: int
 
@@ -64,12 +63,9 @@ class TileSolver:
     """Solver of equilibria x = F̄ x̄ + w of a tile, w periodic, and of their derivatives.
 
     One fixed vertex and the prescribed components of F̄ exclude rigid motions. Positions and F̄ are
-    in axes n, t, z: those of the flat sheet, rotated by the direction's angle. All methods are
-    collective.
-
-    `solve` leaves the tangent's factorisation for the derivatives of the last equilibrium, which
-    refuse any other state. The density gradients are the discrete adjoint's, by hand; tests tie
-    them to differences.
+    in axes n, t, z: those of the flat sheet, rotated by the direction's angle. `solve` leaves the
+    tangent's factorisation for the derivatives of the last equilibrium, which refuse any other
+    state. All methods are collective.
 
     Attributes:
         model: Energy and derivatives.
@@ -79,7 +75,6 @@ class TileSolver:
         skin: The tile's sewn skin.
         composite: Materials and stretch bounds; a sheet that stays in its plane does not bend.
         periodic: The tile and its prescribed mean deformation.
-        options: Options of Newton's method.
         log: Called with every row of a solve's history.
 
     Raises:
@@ -92,7 +87,6 @@ class TileSolver:
         skin: Skin,
         composite: Composite,
         periodic: Periodic,
-        options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
     ) -> None:
         bending = composite.bending
@@ -105,11 +99,10 @@ class TileSolver:
                 "it in its plane."
             )
         fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
-        fixed[:, 2] = periodic.flat
-        fixed[0] = True
+        fixed[:, 2], fixed[0] = periodic.flat, True
         self.skin, self.periodic = skin, periodic
         self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
-        self._newton = Newton(self.model, options or NewtonOptions(), log)
+        self._newton = Newton(self.model, NewtonOptions(), log)
         images, tangent = self.model.images, self._newton.factor.periodic
         assert images is not None
         assert tangent is not None
@@ -134,7 +127,7 @@ class TileSolver:
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            angle: Angle from the first axis of the flat sheet to direction n, in rad.
+            angle: As of `TileState`.
             gradient: F̄, (3, 2), of which only the prescribed components are read.
             start: State to start from, of another density or mean deformation, at the same angle;
                 None starts from the homogeneously stretched sheet.
@@ -147,8 +140,8 @@ class TileSolver:
             NoEquilibriumError: There is no equilibrium.
         """
         check_density(self.skin, density)
-        given = np.asarray(gradient, dtype=np.float64)
-        fits = given.shape == (3, 2) and np.isfinite(given[self._prescribed]).all()
+        given, fixed = np.asarray(gradient, dtype=np.float64), self._prescribed
+        fits = given.shape == (3, 2) and np.isfinite(given[fixed]).all()
         if not (fits and np.isfinite(angle)):
             raise ParameterError(
                 f"gradient = {gradient} at angle = {angle} must be (3, 2), "
@@ -160,26 +153,21 @@ class TileSolver:
                 "state of the same direction, or from None."
             )
         self._set(density, angle)
-        target, attempts = np.where(self._prescribed, given, 0.0), Attempts(self._newton)
+        target, attempts = np.where(fixed, given, 0.0), Attempts(self._newton)
 
-        def towards(begin: Floats) -> Callable[[Floats, float], Attempt]:
-            change = np.where(self._prescribed, target - begin, 0.0)
+        def attempt(begin: Floats, x: Floats, fraction: float) -> Attempt:
+            wanted = begin + fraction * np.where(fixed, target - begin, 0.0)
+            rest = np.where(fixed, wanted - self._images.mean_gradient(x), 0.0)
+            return attempts(self._stretched(x, angle, rest))
 
-            def attempt(x: Floats, fraction: float) -> Attempt:
-                wanted = begin + fraction * change
-                rest = np.where(self._prescribed, wanted - self._images.mean_gradient(x), 0.0)
-                return attempts(self._stretched(x, angle, rest))
-
-            return attempt
-
-        assembled = self.model.assembled
-        self.model.positions(assembled)[:, :2] = self.flat_positions(angle)
-        begin, state = (FLAT, assembled) if start is None else (start.gradient, start.state)
-        first = towards(begin)(state, 1.0)
+        flat = self.model.assembled
+        self.model.positions(flat)[:, :2] = self.flat_positions(angle)
+        begin, state = (FLAT, flat) if start is None else (start.gradient, start.state)
+        first = attempt(begin, state, 1.0)
         found, reached = first.state, first.outcome > 0
         if not reached and allow_continuation:
-            nothing = ContinuationResult(assembled, 0.0, 1)
-            done = run_continuation(towards(FLAT), nothing, 1.0, FIRST_STEP, SMALLEST_STEP)
+            nothing, from_flat = ContinuationResult(flat, 0.0, 1), partial(attempt, FLAT)
+            done = run_continuation(from_flat, nothing, 1.0, FIRST_STEP, SMALLEST_STEP)
             found, reached = done.state, done.load_factor == 1.0 and done.outcome > 0
         if not reached:
             raise NoEquilibriumError(
@@ -193,10 +181,15 @@ class TileSolver:
     def restore(
         self, density: Floats, angle: float, unknowns: Floats, *, counts: tuple[int, int]
     ) -> TileState:
-        """Return an equilibrium as if it had just been solved for.
+        """Return a saved equilibrium as if it had just been solved for.
 
-        It is given by the unknowns, `Patch.gather` of its state, and by its numbers of Newton steps
-        and factorisations. Unknowns of another tile, and states that are not stable, are refused.
+        Args:
+            density, angle: As of `solve`.
+            unknowns: `Patch.gather` of its state. Those of another tile are refused.
+            counts: Its numbers of Newton steps and factorisations.
+
+        Raises:
+            NoEquilibriumError: It is not stable.
         """
         state = self.model.patch.scatter(unknowns)
         if not self.stable(state, density, angle):
@@ -205,15 +198,11 @@ class TileSolver:
             )
         return self._result(state, angle, *counts)
 
-    def state_derivative(self, at: TileState, change: Floats) -> Floats:
-        """Return dq/dF̄ : change, for a direction in the prescribed components of F̄, (3, 2)."""
-        return self._linear_response(at, change)[1]
-
     def stiffness(self, at: TileState, changes: Floats) -> Floats:
-        """Return the second derivative of the mean energy by F̄ in N/m, (k, k).
+        """Return the second derivative of the mean energy in N/m, (k, k).
 
-        It is along directions in the prescribed components of F̄, (k, 3, 2). In the flat state,
-        symmetric ones give the membrane stiffness of the undeformed tile.
+        Directions are in the prescribed components of F̄, (k, 3, 2). In the flat state, symmetric
+        ones give the membrane stiffness of the undeformed tile.
         """
         comm, pairs = self.skin.comm, [self._linear_response(at, change) for change in changes]
         return np.array([[dot(comm, f, q) / self.area for _, q in pairs] for f, _ in pairs])
@@ -223,8 +212,8 @@ class TileSolver:
 
         The derivative of the state is its own adjoint here: no further solve is needed.
         """
-        sensitivity = self.model.density_sensitivity(at.state, self.state_derivative(at, change))
-        return np.asarray(sensitivity / self.area)
+        _, adjoint = self._linear_response(at, change)
+        return np.asarray(self.model.density_sensitivity(at.state, adjoint) / self.area)
 
     def strain_gradient(self, at: TileState, part: Floats) -> Floats:
         """Return d(F̄ : part)/dρ̄ at owned triangles, for free components of F̄, by one solve."""
@@ -291,8 +280,6 @@ class TileSolver:
             state: Floats = np.zeros_like(force)
             self._images.set_mean_gradient(state, prescribed)
             state -= self._newton.factor.solve(force * self.model.free)
-            for array in (force, state):
-                array.setflags(write=False)
             self._responses[key] = force, state
         return self._responses[key]
 
@@ -307,7 +294,6 @@ class TileSolver:
             energy=model.energy(state) / self.area,
             state=state,
             positions=model.positions(state),
-            stretch_use=model.bounds.worst(model.corners(state)),
             steps=steps,
             factorisations=factorisations,
         )

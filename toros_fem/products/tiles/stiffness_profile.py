@@ -1,25 +1,23 @@
-"""Stiffness profile of a tile: pulled along each direction at one strain, free across."""
+"""Stiffness profile of a tile, pulled along each direction and free across, and its objectives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from operator import itemgetter
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import ParameterError, TargetError
 from toros_fem.base.mpi import together
+from toros_fem.design.loop.physics import Pressure, Residuals, Saved
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL
 from toros_fem.products.tiles.solver import TileSolver, TileState
 
 ALONG = np.array([[1.0, 0], [0, 0], [0, 0]])
 ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
-# Of one profile, one value for each direction.
-VALUES = ("stress", "tangent", "contraction", "shear")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +32,7 @@ class Profile:
         contraction: Lateral contraction (1 − λ_across)/strain, (k,): Poisson's ratio at this
             strain.
         shear: Component along n of F̄t, (k,): inclination of lines across.
-        state: States of the directions that this rank solved for; None elsewhere.
+        states: States of the directions that this rank solved for; None elsewhere.
         gradients: d stress/dρ̄ and d contraction/dρ̄ of these, (2, cells) each; None elsewhere, or
             if they were not requested.
         steps, factorisations: Numbers of Newton steps and factorisations of all directions.
@@ -46,10 +44,12 @@ class Profile:
     tangent: Floats
     contraction: Floats
     shear: Floats
-    state: tuple[TileState | None, ...]
+    states: tuple[TileState | None, ...]
     gradients: tuple[Floats | None, ...]
     steps: int
     factorisations: int
+
+    pressures = ()
 
     @property
     def stiffness(self) -> Floats:
@@ -57,22 +57,18 @@ class Profile:
         return np.asarray(self.stress / self.strain)
 
     @property
-    def pressure(self) -> float:
-        """Pressure in Pa: 0, a tile has none."""
-        return 0.0
-
-    @property
-    def pressures(self) -> tuple[float, ...]:
-        """Pressures of chambers in Pa: empty, a tile has none."""
-        return ()
+    def state(self) -> Profile:
+        """What the profile of a similar density starts from: this one."""
+        return self
 
 
 class ProfileSolver:
-    """Solver of a tile's profile; all methods are collective over tile and batch.
+    """Solver of a tile's profile, and the physics of its design; nothing is inflated.
 
     The ranks of a communicator of their own share the directions, so that a tile too small to be
     distributed is solved in several directions at once; each rank then sews the whole tile. With a
-    skin that is distributed over ranks, the batch must be a communicator of one rank.
+    skin that is distributed over ranks, the batch must be a communicator of one rank. All methods
+    are collective over tile and batch.
 
     Args:
         tile: Solver of the tile, F̄n prescribed and F̄t free.
@@ -84,6 +80,9 @@ class ProfileSolver:
         ParameterError: There is no direction; the strain is 0, −1 or less, or not finite; other
             components of F̄ are prescribed; or both tile and directions are spread over ranks.
     """
+
+    pressures = ()
+    pressure_ranges = ()
 
     def __init__(
         self,
@@ -111,10 +110,15 @@ class ProfileSolver:
                 "on each rank."
             )
 
+    @property
+    def comm(self) -> MPI.Comm:
+        """Communicator that the directions are spread over, or else the tile's."""
+        return self.batch if self.batch.size > 1 else self.tile.skin.comm
+
     def solve(
         self,
         density: Floats,
-        start: tuple[TileState | None, ...] | None = None,
+        start: Profile | None = None,
         *,
         gradients: bool = True,
         allow_continuation: bool = True,
@@ -123,7 +127,7 @@ class ProfileSolver:
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            start: `Profile.state` of a similar density.
+            start: Profile of a similar density or strain in the same directions.
             gradients: Whether to compute the gradients of stress and contraction by the density.
             allow_continuation: As for `TileSolver.solve`.
 
@@ -137,33 +141,75 @@ class ProfileSolver:
                 density,
                 float(self.angles[k]),
                 (1 + self.strain) * ALONG,
-                start=None if start is None else start[k],
+                start=None if start is None else start.states[k],
                 allow_continuation=allow_continuation,
             )
 
         return self._measured(state, gradients=gradients)
 
-    def save(self, profile: Profile) -> tuple[Floats, dict[str, Any]]:
-        """Return what `restore` needs: all unknowns of each direction, and counts."""
-        mine = [
-            (k, self.tile.model.patch.gather(state.state), [state.steps, state.factorisations])
-            for k, state in enumerate(profile.state)
-            if state is not None
-        ]
-        every = (one for part in self.batch.allgather(mine) for one in part)
-        parts = sorted(every, key=itemgetter(0))
-        return np.stack([one[1] for one in parts]), {"counts": [one[2] for one in parts]}
+    def respond(
+        self, projected: Floats, start: Profile | None, pressure: Pressure | None, *, trial: bool
+    ) -> Profile:
+        """Return the profile and its gradients."""
+        return self.solve(projected, start, allow_continuation=not trial)
 
-    def restore(self, density: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
+    def finish(self, response: Profile) -> Profile:
+        """Return the profile as it is: trials are solved to the same tolerance."""
+        return response
+
+    def observed(self, response: Profile) -> Profile:
+        """Return the profile."""
+        return response
+
+    def pull_back(
+        self, response: Profile, by_observed: tuple[Floats, Floats]
+    ) -> tuple[Floats, None]:
+        """Return dT/dρ̄ at owned triangles, (cells,), by dT/d stress and dT/d contraction.
+
+        The latter are (k,) each, or (j, k) for j functions at once, which gives (j, cells).
+        """
+        by_stress, by_contraction = by_observed
+        out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
+        for k, gradients in enumerate(response.gradients):
+            if gradients is not None:
+                out += np.multiply.outer(by_stress[..., k], gradients[0])
+                out += np.multiply.outer(by_contraction[..., k], gradients[1])
+        # One rank adds them up, so that all ranks get equal numbers, to the last digit.
+        return np.asarray(self.batch.bcast(self.batch.reduce(out))), None
+
+    def residuals(self, response: Profile, objective: ProfileObjective) -> Residuals:
+        """Return the objective's residuals and their gradients."""
+        _, by_stress, by_contraction = objective.residuals(response)
+        rows, _ = self.pull_back(response, (by_stress, by_contraction))
+        return Residuals(lambda near: objective.residuals(near)[0], rows, np.zeros((len(rows), 0)))
+
+    def save(self, response: Profile) -> Saved:
+        """Return what `restore` needs: all unknowns of each direction, and counts."""
+        mine = {
+            k: (self.tile.model.patch.gather(state.state), [state.steps, state.factorisations])
+            for k, state in enumerate(response.states)
+            if state is not None
+        }
+        every = {k: one for part in self.batch.allgather(mine) for k, one in part.items()}
+        unknowns, counts = zip(*(every[k] for k in sorted(every)), strict=True)
+        return np.stack(unknowns), {"counts": list(counts)}
+
+    def restore(self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
         """Return a saved profile as if it had just been solved for."""
 
         def state(k: int) -> TileState:
             steps, factorisations = numbers["counts"][k]
             return self.tile.restore(
-                density, float(self.angles[k]), unknowns[k], counts=(steps, factorisations)
+                projected, float(self.angles[k]), unknowns[k], counts=(steps, factorisations)
             )
 
         return self._measured(state, gradients=True)
+
+    def shape_of(self, response: Profile) -> None:
+        """Return None: a finer mesh starts from the flat tile."""
+
+    def state_at(self, positions: Floats) -> None:
+        """Return None, for the flat tile."""
 
     def _measured(self, find: Callable[[int], TileState], *, gradients: bool) -> Profile:
         """Return the profile of the states in all directions."""
@@ -187,30 +233,19 @@ class ProfileSolver:
                     by_contraction = self.tile.strain_gradient(state, ACROSS)
                     found[k] = np.stack([by_stress, -by_contraction / self.strain])
         # Each column is non-zero on one rank only, so the sum is exact and equal on all ranks.
-        values = np.asarray(batch.allreduce(values))
+        stress, tangent, contraction, shear, steps, factorisations = batch.allreduce(values)
         return Profile(
             self.angles,
             self.strain,
-            **dict(zip(VALUES, values, strict=False)),
-            state=tuple(states),
+            stress,
+            tangent,
+            contraction,
+            shear,
+            states=tuple(states),
             gradients=tuple(found),
-            steps=int(values[4].sum()),
-            factorisations=int(values[5].sum()),
+            steps=int(steps.sum()),
+            factorisations=int(factorisations.sum()),
         )
-
-    def backward(self, profile: Profile, by_stress: Floats, by_contraction: Floats) -> Floats:
-        """Return dT/dρ̄ at owned triangles, (cells,), by dT/d stress in m/N and dT/d contraction.
-
-        The latter are (k,) each, or (j, k) for j functions at once, which gives (j, cells).
-        """
-        out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
-        for k, gradients in enumerate(profile.gradients):
-            if gradients is not None:
-                out += np.multiply.outer(by_stress[..., k], gradients[0])
-                out += np.multiply.outer(by_contraction[..., k], gradients[1])
-        # One rank adds them up, so that all ranks get equal numbers, to the last digit.
-        whole = self.batch.reduce(out)
-        return np.asarray(self.batch.bcast(whole))
 
 
 def profiles(
@@ -223,24 +258,122 @@ def profiles(
     """Return the profiles at strains λ − 1, each solve started from the one before."""
     found: list[Profile] = []
     for strain in strains:
-        near = found[-1].state if found else None
         solver = ProfileSolver(tile, angles, strain, batch)
-        found.append(solver.solve(density, near, gradients=False))
+        found.append(solver.solve(density, found[-1] if found else None, gradients=False))
     return found
 
 
-def merge_profiles(one: Profile, other: Profile) -> Profile:
-    """Return the union of two profiles of one tile and strain, sorted by direction."""
-    order = np.argsort(np.concatenate([one.angles, other.angles]))
-    both = {
-        name: np.concatenate([getattr(one, name), getattr(other, name)])[order]
-        for name in ("angles", *VALUES)
-    }
-    return replace(
-        one,
-        **both,
-        state=tuple((*one.state, *other.state)[k] for k in order),
-        gradients=tuple((*one.gradients, *other.gradients)[k] for k in order),
-        steps=one.steps + other.steps,
-        factorisations=one.factorisations + other.factorisations,
-    )
+@dataclass(frozen=True, eq=False)
+class ProfileTarget:
+    """Least squares T = [Σ (s/s* − 1)² + Σ (c − c*)²] / k over k directions.
+
+    s is the secant stiffness and c the lateral contraction. What has the target NaN does not count.
+
+    Attributes:
+        stiffness: Targets s* in N/m, (k,); None for none.
+        contraction: Targets c*, (k,); None for none.
+
+    Raises:
+        TargetError: The arrays do not fit together, a stiffness is not positive, or there is no
+            target.
+    """
+
+    stiffness: Floats | None = None
+    contraction: Floats | None = None
+
+    def __post_init__(self) -> None:
+        given = [a for a in (self.stiffness, self.contraction) if a is not None]
+        shapes = {np.shape(a) for a in given}
+        if len(shapes) != 1:
+            raise TargetError(
+                f"stiffness and contraction have shapes {sorted(shapes)}; give at least one of "
+                "them, each with one value for each direction."
+            )
+        if np.isnan(given).all():
+            raise TargetError(
+                "all stiffnesses and contractions are NaN: there is no target. Give one for at "
+                "least one direction."
+            )
+        if self.stiffness is not None and np.any(self.stiffness <= 0):
+            smallest = float(np.nanmin(self.stiffness))
+            raise TargetError(f"a target stiffness is {smallest:g} N/m; it must be positive.")
+
+    def forward(self, profile: Profile) -> float:
+        """Return T."""
+        return float(np.sum(self.residuals(profile)[0] ** 2))
+
+    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Return dT/d stress in m/N and dT/d contraction, (k,) each."""
+        found, by_stress, by_contraction = self.residuals(profile)
+        return 2 * found @ by_stress, 2 * found @ by_contraction
+
+    def residuals(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
+        """Return numbers r, (j,), with T = Σ r², and derivatives as of `backward`, (j, k) each.
+
+        Those of stiffness are first.
+        """
+        goals, deviations = self._compared(profile)
+        known, root = ~np.isnan(goals), np.sqrt(1 / len(profile.angles))
+        slopes = np.stack([1 / goals[0] / profile.strain, np.ones(len(profile.angles))])
+        rows = np.diag((root * slopes).ravel())[known.ravel()]
+        by_stress, by_contraction = np.split(rows, 2, axis=1)
+        return (root * deviations)[known], by_stress, by_contraction
+
+    def largest_deviation(self, profile: Profile) -> float:
+        """Return the largest |s/s* − 1| or |c − c*|."""
+        return float(np.nanmax(np.abs(self._compared(profile)[1])))
+
+    def _compared(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Return the targets, and s/s* − 1 and c − c*, (2, k) each, NaN without a target."""
+        none = np.full(len(profile.angles), np.nan)
+        goals = [none if a is None else a for a in (self.stiffness, self.contraction)]
+        for given in goals:
+            if len(given) != len(none):
+                raise TargetError(
+                    f"the target has {len(given)} directions, the profile {len(none)}. Give both "
+                    "the same directions."
+                )
+        deviations = [profile.stiffness / goals[0] - 1, profile.contraction - goals[1]]
+        return np.stack(goals), np.stack(deviations)
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """Ratio T of the mean stiffness of some directions to that of others, to be minimised.
+
+    Attributes:
+        soft: Directions of the numerator, (k,).
+        stiff: Directions of the denominator, (k,).
+
+    Raises:
+        TargetError: One of them is empty, or their lengths differ.
+    """
+
+    soft: Bools
+    stiff: Bools
+
+    def __post_init__(self) -> None:
+        if not (self.soft.any() and self.stiff.any()) or self.soft.shape != self.stiff.shape:
+            raise TargetError(
+                f"soft = {self.soft} and stiff = {self.stiff} must have the same length, and each "
+                "must select a direction."
+            )
+
+    def forward(self, profile: Profile) -> float:
+        """Return T."""
+        return float(profile.stress[self.soft].mean() / profile.stress[self.stiff].mean())
+
+    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Return dT/d stress in m/N and dT/d contraction, (k,) each."""
+        by: Floats = np.where(self.soft, 1.0 / self.soft.sum(), 0.0)
+        by -= np.where(self.stiff, self.forward(profile) / self.stiff.sum(), 0.0)
+        by /= profile.stress[self.stiff].mean()
+        return by, np.zeros_like(by)
+
+    def residuals(self, profile: Profile) -> tuple[Floats, Floats, Floats]:
+        """Return none, as of `ProfileTarget`: T is not a sum of squares."""
+        none = np.zeros((0, len(profile.angles)))
+        return np.zeros(0), none, none
+
+
+ProfileObjective = ProfileTarget | Contrast
