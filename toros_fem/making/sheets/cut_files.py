@@ -80,6 +80,12 @@ def sheet_layers(
     return layers
 
 
+def room_below(drawings: Sequence[PanelDrawing], sheet: tuple[float, float]) -> float:
+    """Return the height in m that the ruler takes below a sheet, 0 where it lies on the sheet."""
+    _, _, inside = ruler(_taken(drawings), sheet)
+    return 0.0 if inside else HEIGHT + 4 * CLEAR
+
+
 def _taken(drawings: Sequence[PanelDrawing]) -> BaseGeometry:
     return shapely.union_all([drawing.footprint for drawing in drawings])
 
@@ -95,9 +101,7 @@ def cut_svg(drawings: Sequence[PanelDrawing], sheet: tuple[float, float]) -> byt
         sheet: Width and height of the sheet in m.
     """
     layers = sheet_layers(drawings, sheet)
-    _, _, inside = ruler(_taken(drawings), sheet)
-    low = 0.0 if inside else HEIGHT + 4 * CLEAR
-    width, height = 1e3 * sheet[0], 1e3 * (sheet[1] + low)
+    width, height = 1e3 * sheet[0], 1e3 * (sheet[1] + room_below(drawings, sheet))
     ET.register_namespace("inkscape", INKSCAPE)
     svg = ET.Element(
         "svg",
