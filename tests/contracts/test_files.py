@@ -36,8 +36,8 @@ from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.sheets.cut_files import sheet_layers, write_cut_dxf, write_cut_svg
-from toros_fem.making.sheets.print_bodies import PrintBody, write_3mf, write_stl
+from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg, sheet_layers
+from toros_fem.making.sheets.print_bodies import PrintBody, stl_of, threemf_of
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit, Membrane
@@ -665,7 +665,7 @@ def read_svg(path: Path) -> tuple[Drawn, list[Label]]:
 
 @pytest.mark.parametrize(
     ("name", "write", "read", "off"),
-    [("cut.dxf", write_cut_dxf, read_dxf, 1e-6), ("cut.svg", write_cut_svg, read_svg, 2e-3)],
+    [("cut.dxf", cut_dxf, read_dxf, 1e-6), ("cut.svg", cut_svg, read_svg, 2e-3)],
 )
 @settings(FEW, max_examples=6)
 @given(drawings=sheets())
@@ -674,7 +674,7 @@ def test_cut_files(
 ) -> None:
     """Each line and text of each layer, in mm, in its order; rings run as on the sheet."""
     path = empty(folder) / name
-    write(path, drawings, SHEET)
+    path.write_bytes(write(drawings, SHEET))
     (lines, labels), (wanted, texts) = read(path), wanted_lines(drawings)
     assert {key: len(rows) for key, rows in lines.items()} == {
         key: len(rows) for key, rows in wanted.items() if rows
@@ -704,12 +704,12 @@ def test_bodies(rng: np.random.Generator, names: list[str], folder: Path) -> Non
     pytest.importorskip("lib3mf", reason="lib3mf is not installed")
     bodies = [PrintBody(name, POINTS + rng.uniform(0, 0.1, 3), TRIANGLES) for name in names]
     place, before = empty(folder), locale.setlocale(locale.LC_ALL)
-    write_3mf(place / "print.3mf", bodies)
+    (place / "print.3mf").write_bytes(threemf_of(bodies))
     assert locale.setlocale(locale.LC_ALL) == before
     scene = trimesh.load(place / "print.3mf", process=False)
     assert scene.units == "millimeter"
     assert set(scene.geometry) == set(names)
-    write_stl(place / "print.stl", bodies)
+    (place / "print.stl").write_bytes(stl_of(bodies))
     corners = trimesh.load_mesh(place / "print.stl", process=False).triangles
     for number, body in enumerate(bodies):
         matrix, name = scene.graph[body.name]

@@ -27,7 +27,7 @@ from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.making.print.thickness import thickened
-from toros_fem.making.sheets.cut_files import write_cut_dxf
+from toros_fem.making.sheets.cut_files import cut_dxf
 from toros_fem.making.sheets.print_bodies import print_bodies
 from toros_fem.making.sheets.sewing_order import sewing_order
 from toros_fem.making.sheets.sheets import layout
@@ -178,7 +178,7 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
     drawings = panel_drawings(pattern, stripes, options)
     pinned(f"machine_files/panels_of_{kind}", named(drawings), rel=1e-7, small=1e-10)
     moved = drawings[0].moved(0.7, np.array([0.1, 0.1]))
-    write_cut_dxf(tmp_path / "cut.dxf", [moved], (0.45, 0.3))
+    (tmp_path / "cut.dxf").write_bytes(cut_dxf([moved], (0.45, 0.3)))
     words: dict[str, list[str]] = {}
     places: dict[str, list[np.ndarray]] = {}
     for entity in ezdxf.readfile(tmp_path / "cut.dxf").modelspace():

@@ -78,6 +78,27 @@ def test_print_without_equilibrium(
     assert frame.density == pytest.approx(mesh.cell_data["rho_projected"][0], abs=4e-3)
 
 
+def test_a_run_that_looks_finished_has_all_its_files(
+    comm: MPI.Comm,
+    tmp_path: Path,
+    result: DesignResult,
+    printed: PrintedDesign,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its summary comes last."""
+
+    def full(*_: object) -> None:
+        raise OSError("no space")
+
+    folder = shared(comm, tmp_path)
+    monkeypatch.setattr("toros_fem.results.writer.write_fields", full)
+    with pytest.raises(OutputError, match="no space"):
+        write_results(folder, result, printed)
+    comm.barrier()
+    assert (folder / "print.npz").exists()
+    assert not (folder / "summary.json").exists()
+
+
 def test_only_shapes_have_these_files(
     comm: MPI.Comm, tmp_path: Path, result: DesignResult, printed: PrintedDesign
 ) -> None:

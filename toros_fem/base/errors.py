@@ -87,7 +87,7 @@ class SheetError(TorosError, ValueError):
 
 
 class ManufactureFileError(TorosError, ValueError):
-    """Machine files cannot be read back; the message names the folder and the fault."""
+    """Machine files cannot be read back or written; the message names the folder and the fault."""
 
 
 class MissingPackageError(TorosError, ImportError):

@@ -41,12 +41,12 @@ def write_results(
     config: Table | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Write summary, history, drawing, fields and pictures of a design (collective).
+    """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    The files are summary.json, history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu,
-    pattern.png, manufacture.png, shape.png and convergence.png; of a design that began with
-    densities also design.png, of a tension field wrinkles.png. Where the print has no equilibrium,
-    the pictures and fields show the design's own shape.
+    The files are history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu, pattern.png,
+    manufacture.png, shape.png and convergence.png; of a design that began with densities also
+    design.png, of a tension field wrinkles.png. When all are there, summary.json follows. Where the
+    print has no equilibrium, pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -68,9 +68,8 @@ def write_results(
     made = PrintedResult(
         result, printed, printed_metrics(result, printed), {}, config, seconds or {}
     )
-    summary = write_summary(made.problem.comm, folder, made)
     write_design(folder, made)
-    return summary
+    return write_summary(made.problem.comm, folder, made)
 
 
 def write_design(

@@ -37,7 +37,10 @@ def test_scale_and_places(alone: MPI.Comm, tmp_path: Path) -> None:
     regions = [Polygon()] * 3
     wall = pattern.panel_index("wall")
     regions[wall] = box(0.01, 0.03, 0.02, 0.035) - Point(0.015, 0.0325).buffer(1e-3)
+    (folder / "before").write_text("whole")
+    (folder / "pattern.svg").hardlink_to(folder / "before")
     write_svg(folder / "pattern.svg", pattern, regions)
+    assert (folder / "before").read_text() == "whole", "a file is replaced, never half written"
     root, panels = drawn(folder / "pattern.svg")
     width, height = (float(root.get(name, "").removesuffix("mm")) for name in ("width", "height"))
     assert root.get("viewBox") == f"0 0 {width:.3f} {height:.3f}"

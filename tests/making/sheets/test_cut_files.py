@@ -2,7 +2,6 @@
 
 import re
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,18 +9,17 @@ from helpers.panels import pattern_of, striped
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.sheets.cut_files import write_cut_svg
+from toros_fem.making.sheets.cut_files import cut_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def test_a_full_sheet_has_its_ruler_below(tmp_path: Path) -> None:
+def test_a_full_sheet_has_its_ruler_below() -> None:
     pattern = pattern_of("finger")
     drawing = panel_drawings(pattern, striped(pattern), ManufactureOptions())[0]
     left, low, right, high = drawing.footprint.bounds
     size = right - left, high - low
-    write_cut_svg(tmp_path / "cut.svg", [drawing.moved(0.0, np.array([-left, -low]))], size)
-    root = ET.parse(tmp_path / "cut.svg").getroot()
+    root = ET.fromstring(cut_svg([drawing.moved(0.0, np.array([-left, -low]))], size))
     height = float(root.get("height", "").removesuffix("mm"))
     assert height == pytest.approx(1e3 * size[1] + 9, abs=1e-2)
     ruler = next(g for g in root.iter(f"{SVG}g") if g.get("class") == "sheet")

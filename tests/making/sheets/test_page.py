@@ -45,7 +45,7 @@ def test_five_steps_say_which_edge_belongs_to_which(page: Path) -> None:
     assert "No bladder goes in" not in text
     pictures = re.findall(r'aria-label="seams on sheet (\d)".*?<figcaption>sheet (\d)<', text)
     assert pictures == [("1", "1"), ("2", "2")]
-    assert "angle 88.25 deg" in text
+    assert "angle 88.25° there" in text
 
 
 @pytest.mark.slow

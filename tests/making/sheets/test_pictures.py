@@ -39,6 +39,18 @@ def test_texts_stand_around_their_places(drawing: PanelDrawing) -> None:
         assert min(off) < 2e-5
 
 
+def test_a_ruler_below_a_full_sheet_is_seen(drawing: PanelDrawing) -> None:
+    left, low, right, high = drawing.footprint.bounds
+    full, size = drawing.moved(0.0, np.array([-left, -low])), (right - left, high - low)
+    svg = ET.fromstring(sheet_picture([full], size, ""))
+    _, top, _, deep = map(float, svg.get("viewBox", "").split())
+    lines = [line.get("points", "") for line in svg.iter("polyline")]
+    y = [float(text) for line in lines for text in re.findall(r",(-?[\d.]+)", line)]
+    assert max(y) > 1e3 * size[1]
+    assert top <= min(y)
+    assert max(y) <= top + deep
+
+
 def test_seams_have_their_colours_and_places(drawing: PanelDrawing) -> None:
     """A line and its disc have one colour; no two seams have the same."""
     svg = ET.fromstring(seam_picture([drawing], SIZE, ""))

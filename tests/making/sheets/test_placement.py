@@ -86,3 +86,13 @@ def test_a_slanted_panel_is_turned_upright() -> None:
     slanted = {"strip": strip, "cap": shapely.box(0, 0, 1e-2, 1e-2)}
     size = (0.25, 0.08)
     check(slanted, nest(slanted, size, gap=GAP, margin=MARGIN), size)
+
+
+def test_round_panels_beside_their_crosses_are_nested() -> None:
+    """Their simplified outlines have no two corners within rounding of each other."""
+    turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    for high in np.linspace(0.02, 0.03, 25):
+        cap = shapely.Polygon(np.column_stack([0.02 * np.cos(turn), high * np.sin(turn)]))
+        cross = shapely.box(-0.022, -high - 2e-3, -0.018, -high + 2e-3)
+        both = dict.fromkeys(("base", "tip"), cap.union(cross))
+        check(both, nest(both, BED, gap=GAP, margin=MARGIN), BED)

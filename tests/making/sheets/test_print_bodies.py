@@ -11,7 +11,7 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.sheets.print_bodies import PrintBody, print_bodies, print_body, write_stl
+from toros_fem.making.sheets.print_bodies import PrintBody, print_bodies, print_body, stl_of
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3
@@ -52,7 +52,8 @@ def checked(mesh: Any) -> None:
 @pytest.mark.parametrize("name", REGIONS)
 def test_bodies_are_watertight_and_of_the_right_volume(name: str, tmp_path: Path) -> None:
     region = REGIONS[name]
-    write_stl(tmp_path / "body.stl", [PrintBody("body", *print_body(region, HEIGHT, BASE))])
+    body = PrintBody("body", *print_body(region, HEIGHT, BASE))
+    (tmp_path / "body.stl").write_bytes(stl_of([body]))
     mesh = trimesh.load_mesh(tmp_path / "body.stl")  # single precision, corners found by place
     checked(mesh)
     assert mesh.volume == pytest.approx(1e9 * region.area * HEIGHT, rel=1e-3)

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import time
 from pathlib import Path
 
 import ezdxf
@@ -10,12 +11,15 @@ import numpy as np
 import pytest
 import shapely
 from helpers.runs import SUMMARY, regions_of, tube
+from mpi4py import MPI
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
+from toros_fem.base.files import replace_file
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.reading import read_regions
 from toros_fem.making.sheets.write import if_possible, made_as, write_manufacture
 from toros_fem.meshes import Pattern
+from toros_fem.meshes.makers.sheets import rectangle
 
 SMALL = ManufactureOptions(bed_width=0.1, bed_depth=0.19, layer_height=0.5e-3)
 
@@ -117,6 +121,63 @@ def test_files_of_an_earlier_call_go(pattern: Pattern, tmp_path: Path) -> None:
     made = write_manufacture(tmp_path, pattern, regions_of(pattern))
     names = {file["name"] for file in made["files"]} | {"cut_by_me.svg"}
     assert names | {"manufacture.json", "make_it.html"} == {p.name for p in tmp_path.iterdir()}
+
+
+def test_only_files_of_an_earlier_call_go(pattern: Pattern, tmp_path: Path) -> None:
+    """A slicer's file stays; a bladder that the new skin does not have goes."""
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    own = {"print_1.gcode", "print_2024.pdf", "cut_photo3.jpg", "cut_9.svg"}
+    for name in own:
+        (tmp_path / name).write_text("mine")
+    flat = rectangle(MPI.COMM_SELF, 0.05, 0.05, 0.01, "left")
+    made = write_manufacture(tmp_path, flat, [flat.outline(0).buffer(-0.01)])
+    names = {file["name"] for file in made["files"]}
+    assert "bladder.svg" not in names
+    kept = names | own | {"manufacture.json", "make_it.html"}
+    assert kept == {p.name for p in tmp_path.iterdir()}
+    assert {(tmp_path / name).read_text() for name in own} == {"mine"}
+
+
+@pytest.mark.parametrize("name", ["cut_1.svg", "make_it.html", "manufacture.json", "notes.txt"])
+def test_a_file_of_somebody_else_is_never_overwritten(
+    name: str, pattern: Pattern, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(ManufactureFileError, match=name):
+        write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL, others=["notes.txt"])
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_a_call_that_was_cut_short_is_made_good(
+    pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its files are known to be the package's own."""
+
+    def killed(path: Path, content: bytes) -> None:
+        replace_file(path, content)
+        if path.name == "cut_1.svg":
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("toros_fem.making.sheets.write.replace_file", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    assert (tmp_path / "cut_1.svg").exists()
+    assert not (tmp_path / "make_it.html").exists()
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    assert all((tmp_path / file["name"]).exists() for file in made["files"])
+
+
+def test_equal_skins_have_equal_files(pattern: Pattern, tmp_path: Path) -> None:
+    """Files hold neither a time nor random identifiers."""
+    contents = []
+    for k in range(2):
+        write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL, title="finger")
+        contents.append({p.name: p.read_bytes() for p in tmp_path.iterdir()})
+        if k == 0:
+            time.sleep(1.1)
+    assert contents[0] == contents[1]
 
 
 def test_a_print_is_as_thick_as_it_was_designed() -> None:

@@ -118,6 +118,9 @@ def test_print_without_equilibrium(
     assert made.errors is None
     assert made.figures[0].reached is False
     assert "angle no equilibrium of 45°" in made.sentence()
+    times = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir() if path.is_file()}
+    of_design = ("history.csv", "print.npz", "pattern.svg", "skin.vtu")
+    assert times["summary.json"] > max(times[name] for name in of_design), "it is the last"
 
 
 def test_a_refined_mesh_without_equilibrium_loses_nothing(

@@ -21,6 +21,7 @@ def test_it_is_the_drawing_with_a_bar(run: Path) -> None:
     assert bar
     assert bar[1] == "10"
     assert "10 mm" in text
+    assert not [part for part in after.iter() if part.get("id")], "the page has its own"
 
 
 def test_without_a_drawing_there_is_nothing(tmp_path: Path) -> None:

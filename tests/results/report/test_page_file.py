@@ -13,6 +13,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.measures.figures import Figure
 from toros_fem.results.frames.files import read_frames, write_frame
 from toros_fem.results.report.page_file import write_report
+from toros_fem.results.report.run_folder import read_run
 
 
 def scene_of(page: str) -> dict:
@@ -66,10 +67,32 @@ def test_what_is_unusual_is_told(run: Path) -> None:
     for text in (
         "At the design's pressure: The skin snapped.",
         "The curve ends before higher pressures: no step is small enough",
-        "2 islands",
+        "2 islands of the print hang on",
         "4 places are narrower",
     ):
         assert text in page
+    change_summary(run, manufacture={"pieces": 3, "islands": 1, "narrow_places": 1})
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
+    for text in ("1 island of the print hangs on", "1 place is narrower", "of these 1 island<"):
+        assert text in page
+
+
+@pytest.mark.parametrize("name", ["history.csv", "curve.csv"])
+def test_a_row_that_a_kill_cut_off_is_left_out(run: Path, name: str) -> None:
+    whole = (run / name).read_bytes()
+    rows = whole.count(b"\n") - 1
+    for missing in (2, 5, 9):
+        (run / name).write_bytes(whole[:-missing])
+        found = read_run(run)
+        assert len(found.history if name == "history.csv" else found.curve) == rows - 1
+        write_report(run)
+
+
+def test_the_name_of_a_folder_is_no_place_to_fill(run: Path) -> None:
+    named = run.rename(run.with_name("my @DATA@ run"))
+    page = write_report(named).read_text(encoding="utf-8")
+    assert "<h1>my @DATA@ run</h1>" in page
+    assert "<title>my @DATA@ run – toros_fem</title>" in page
 
 
 def test_a_run_without_a_curve_shows_its_print(run: Path) -> None:

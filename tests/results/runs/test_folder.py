@@ -122,6 +122,7 @@ def test_files_of_earlier_runs_are_moved_aside(
         if comm.rank == 0:
             assert len(caplog.messages) == (count > 0)
             assert ("not finished" in caplog.text) == (count == 2)
+        comm.barrier()
     with open_run(comm, folder / "earlier-2", INPUTS, resume=True) as run:
         assert run.journal(run.folder).entry(comm, "loop").saved() is not None
 
@@ -129,14 +130,18 @@ def test_files_of_earlier_runs_are_moved_aside(
 def test_results_without_a_record_are_moved_but_not_other_files(
     comm: MPI.Comm, folder: Path
 ) -> None:
+    results = {"history.csv", "shape.png", "report.html", "inflation.gif", "state/1.npz"}
+    results |= {"frames/print-0.npz", "manufacture/cut_1.svg"}
     if comm.rank == 0:
         folder.mkdir()
-        for name in ("history.csv", "shape.png", "finger.stl", "mine.toml"):
+        for name in (*results, "finger.stl", "mine.toml"):
+            (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text("old")
     comm.barrier()
     with open_run(comm, folder, INPUTS):
-        assert names(folder / "earlier-1") == {"history.csv", "shape.png"}
+        assert names(folder / "earlier-1") == {name.partition("/")[0] for name in results}
         assert names(folder) == {".lock", "earlier-1", "finger.stl", "mine.toml", "state"}
+        comm.barrier()
 
 
 def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
     rows = 0
     while rows < ROWS:
         rows += is_row(process.stdout.readline())
-    while not (tmp_path / "skin.vtu").exists() and process.poll() is None:
+    while not (tmp_path / "summary.json").exists() and process.poll() is None:
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     _, code, err = finish(process)
@@ -120,3 +120,4 @@ def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
     assert err.splitlines()[-1].startswith("stopped by SIGINT; the state is on disk")
     assert "Traceback" not in err
     assert (read_summary(tmp_path).value("angle_deg") or 0.0) > 0
+    assert (tmp_path / "skin.vtu").exists(), "the summary is the last"

@@ -61,12 +61,19 @@ class Export(Command, ManufactureOptions):
         part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.over(made_as(summary))
         output = self.output or run / FOLDER
+        drawings = ["pattern.svg", NAME, "pattern.png", "manufacture.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)
 
         def write() -> dict[str, Any]:
             title = run.resolve().name
             manifest = write_manufacture(
-                output, stored.pattern, stored.regions, options, summary=summary, title=title
+                output,
+                stored.pattern,
+                stored.regions,
+                options,
+                summary=summary,
+                title=title,
+                others=drawings,
             )
             # What is simulated again is what the files hold.
             printed = printed_cells(stored.pattern, read_regions(output, stored.pattern))
@@ -86,10 +93,9 @@ class Export(Command, ManufactureOptions):
 
         manifest = write_together(comm, output, write)
         files, sheets = [file["name"] for file in manifest["files"]], len(manifest["sheets"])
-        others = [MANIFEST, PAGE, "pattern.svg", NAME, "pattern.png", "manufacture.png"]
         figures = {
             "folder": output,
-            "files": [*files, *others],
+            "files": [*files, MANIFEST, PAGE, *drawings],
             "sheets": sheets,
             "print": manifest["print"],
             "manufacture": made.summary(),

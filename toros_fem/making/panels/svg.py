@@ -12,6 +12,7 @@ from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.files import replace_file
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 
@@ -62,7 +63,7 @@ def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> 
                 d = path_data(affine_transform(shape, map_to))
                 ET.SubElement(group, "path", {"class": kind, "d": d, **look})
     ET.indent(svg)
-    ET.ElementTree(svg).write(path, encoding="utf-8", xml_declaration=True)
+    replace_file(path, ET.tostring(svg, encoding="utf-8", xml_declaration=True))
 
 
 def path_data(shape: BaseGeometry) -> str:

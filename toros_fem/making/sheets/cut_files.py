@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import shapely
@@ -80,27 +80,28 @@ def sheet_layers(
     return layers
 
 
+def room_below(drawings: Sequence[PanelDrawing], sheet: tuple[float, float]) -> float:
+    """Return the height in m that the ruler takes below a sheet, 0 where it lies on the sheet."""
+    _, _, inside = ruler(_taken(drawings), sheet)
+    return 0.0 if inside else HEIGHT + 4 * CLEAR
+
+
 def _taken(drawings: Sequence[PanelDrawing]) -> BaseGeometry:
     return shapely.union_all([drawing.footprint for drawing in drawings])
 
 
-def write_cut_svg(
-    path: Path | str, drawings: Sequence[PanelDrawing], sheet: tuple[float, float]
-) -> None:
-    """Write a sheet as an SVG drawing in true scale, one user unit is 1 mm (one rank).
+def cut_svg(drawings: Sequence[PanelDrawing], sheet: tuple[float, float]) -> bytes:
+    """Return a sheet as an SVG drawing in true scale, one user unit is 1 mm.
 
     Each layer is a group that Inkscape opens as a layer. Its groups are the panels. The print is
     filled by the even-odd rule; all else are lines of 0.1 mm without a filling.
 
     Args:
-        path: File to write.
         drawings: Panels at their places on the sheet.
         sheet: Width and height of the sheet in m.
     """
     layers = sheet_layers(drawings, sheet)
-    _, _, inside = ruler(_taken(drawings), sheet)
-    low = 0.0 if inside else HEIGHT + 4 * CLEAR
-    width, height = 1e3 * sheet[0], 1e3 * (sheet[1] + low)
+    width, height = 1e3 * sheet[0], 1e3 * (sheet[1] + room_below(drawings, sheet))
     ET.register_namespace("inkscape", INKSCAPE)
     svg = ET.Element(
         "svg",
@@ -133,7 +134,7 @@ def write_cut_svg(
             for label in layer.labels:
                 _add_text(part, label, sheet[1])
     ET.indent(svg)
-    ET.ElementTree(svg).write(path, encoding="utf-8", xml_declaration=True)
+    return ET.tostring(svg, encoding="utf-8", xml_declaration=True)
 
 
 def _line_data(points: Floats) -> str:
@@ -153,15 +154,12 @@ def _add_text(parent: ET.Element, label: Label, top: float) -> None:
     ET.SubElement(parent, "text", {"transform": turn, "font-size": size}).text = label.text
 
 
-def write_cut_dxf(
-    path: Path | str, drawings: Sequence[PanelDrawing], sheet: tuple[float, float]
-) -> None:
-    """Write a sheet as a DXF drawing in mm (one rank).
+def cut_dxf(drawings: Sequence[PanelDrawing], sheet: tuple[float, float]) -> bytes:
+    """Return a sheet as a DXF drawing in mm.
 
     Borders of cut and print are closed polylines, counter-clockwise, and clockwise around holes.
 
     Args:
-        path: File to write.
         drawings: Panels at their places on the sheet.
         sheet: Width and height of the sheet in m.
 
@@ -200,4 +198,13 @@ def write_cut_dxf(
                 )
                 place = (1e3 * label.place).tolist()
                 text.set_placement(place, align=TextEntityAlignment.MIDDLE_CENTER)
-    document.saveas(path)
+    content = io.StringIO()
+    # Without times and random identifiers, which would tell equal cuts apart.
+    document.ezdxf_metadata()["CREATED_BY_EZDXF"] = "toros_fem"
+    before = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True
+    try:
+        document.write(content)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = before
+    return content.getvalue().encode(document.output_encoding, "dxfreplace")

@@ -58,6 +58,7 @@ def manifest(
     options: ManufactureOptions,
     files: Sequence[MadeFile],
     summary: Mapping[str, Any] | None = None,
+    others: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the manifest as plain values; each key of a number ends in its unit.
 
@@ -69,6 +70,7 @@ def manifest(
         options: Settings of the machine files.
         files: The files.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
+        others: Names of files beside these.
     """
     names = [one.name for one in layout.drawings]
     run = dict(summary or {})
@@ -80,6 +82,7 @@ def manifest(
         "format": FORMAT,
         "version": VERSION,
         "files": [file.as_dict() for file in files],
+        "others": list(others),
         "beds": [_sheet(bed, layout.bed, options) for bed in layout.beds],
         "sheets": [_sheet(sheet, layout.sheet, options) for sheet in layout.sheets],
         "panels": [_panel(one, options) for one in layout.drawings],

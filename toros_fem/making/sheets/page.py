@@ -11,6 +11,7 @@ from typing import Any
 from toros_fem.making.sheets.pictures import seam_colour, seam_picture, sheet_picture
 from toros_fem.making.sheets.sewing_order import CLOSING
 from toros_fem.making.sheets.sheets import Layout
+from toros_fem.measures.figures import formatted, split_key
 
 NAME = "make_it.html"
 # What a sewer has to know of each kind of seam.
@@ -180,12 +181,12 @@ def _inflate(made: Mapping[str, Any]) -> str:
     closing = [f"seam {step['seam']}" for step in made["sewing"] if step["kind"] == CLOSING]
     if not closing:
         return "<p>Nothing is inflated.</p>"
-    values = ", ".join(
-        f"{escape(key.rsplit('_', 1)[0])} {value:.4g} {escape(key.rsplit('_', 1)[1])}"
-        for key, value in made["metrics"].items()
-        if isinstance(value, (int, float))
-    )
-    found = f" The simulated print has {values} there." if values else ""
+    told = []
+    for key, value in made["metrics"].items():
+        if value is not None:
+            name, unit = split_key(key) or key.rsplit("_", 1)
+            told.append(f"{name.replace('_', ' ')} {formatted(value, unit)}")
+    found = f" The simulated print has {escape(', '.join(told))} there." if told else ""
     pressure = made["pressure_pa"]
     to = "" if pressure is None else f" to {pressure / 1e3:.3g} kPa"
     return (

@@ -14,7 +14,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import path_data
-from toros_fem.making.sheets.cut_files import LAYERS, sheet_layers
+from toros_fem.making.sheets.cut_files import LAYERS, room_below, sheet_layers
 
 # Corners closer than this to a line between others are left out of pictures, in m.
 SEEN = 0.02e-3
@@ -34,7 +34,7 @@ def sheet_picture(drawings: Sequence[PanelDrawing], size: tuple[float, float], a
         size: Width and depth of the sheet in m.
         about: What is shown, for readers that do not see it.
     """
-    svg = _canvas(size, about)
+    svg = _canvas((size[0], size[1] + room_below(drawings, size)), about)
     ET.SubElement(svg, "rect", {"class": "sheet", **_box(size)})
     layers = sheet_layers(drawings, size)
     fabric = ET.SubElement(svg, "g", {"class": "fabric"})

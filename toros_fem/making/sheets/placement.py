@@ -227,7 +227,9 @@ def _hull(shape: BaseGeometry) -> BaseGeometry:
     if filled.geom_type != "Polygon":
         filled = filled.convex_hull
     wide = filled.buffer(SIMPLIFIED, join_style="mitre").simplify(SIMPLIFIED)
-    return wide.intersection(filled.envelope).intersection(shapely.oriented_envelope(filled))
+    inner = wide.intersection(filled.envelope).intersection(shapely.oriented_envelope(filled))
+    # Borders that nearly coincide leave corners 1e-17 m apart, which nesting refuses.
+    return shapely.remove_repeated_points(inner, 1e-3 * ROUNDING)
 
 
 def _check(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import locale
+import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -132,21 +131,20 @@ def separated(region: BaseGeometry) -> BaseGeometry:
         shape = shapely.set_precision(shape.difference(shapely.union_all(nicks)), GRID)
 
 
-def write_stl(path: Path | str, bodies: Sequence[PrintBody]) -> None:
-    """Write bodies into one binary STL file; its numbers are in mm (one rank)."""
-    counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
-    vertices = np.concatenate([body.vertices for body in bodies])
-    triangles = [body.triangles + k for body, k in zip(bodies, counts, strict=False)]
-    mesh = meshio.Mesh(1e3 * vertices, [("triangle", np.concatenate(triangles))])
-    meshio.write(path, mesh, file_format="stl", binary=True)
+def stl_of(bodies: Sequence[PrintBody]) -> bytes:
+    """Return bodies as one binary STL file; its numbers are in mm."""
+    corners = np.concatenate([1e3 * body.vertices[body.triangles] for body in bodies])
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    faces = np.zeros(
+        len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("further", "<u2")]
+    )
+    faces["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    faces["corners"] = corners
+    return b"toros_fem".ljust(80) + np.array(len(faces), "<u4").tobytes() + faces.tobytes()
 
 
-def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
-    """Write bodies as the objects of a 3MF file in mm, at their places on the bed (one rank).
-
-    Args:
-        path: File ending in .3mf.
-        bodies: The bodies.
+def threemf_of(bodies: Sequence[PrintBody]) -> bytes:
+    """Return bodies as the objects of a 3MF file in mm, at their places on the bed.
 
     Raises:
         MissingPackageError: lib3mf is not installed.
@@ -162,7 +160,7 @@ def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
     known: dict[str, int] = {}
     point: Any = ctypes.c_float * 3
     corners: Any = ctypes.c_uint32 * 3
-    for body in bodies:
+    for number, body in enumerate(bodies):
         if body.material not in known:
             colour = wrapper.RGBAToColor(*COLOUR)
             known[body.material] = group.AddMaterial(body.material, colour)
@@ -172,10 +170,18 @@ def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
         triangles = [lib3mf.Triangle(corners(*ends.tolist())) for ends in body.triangles]
         item.SetGeometry(vertices, triangles)
         item.SetObjectLevelProperty(group.GetResourceID(), known[body.material])
-        model.AddBuildItem(item, wrapper.GetIdentityTransform())
+        # By default identifiers are random, and equal prints would differ.
+        item.SetUUID(_identifier(f"object {number}"))
+        placed = model.AddBuildItem(item, wrapper.GetIdentityTransform())
+        placed.SetUUID(_identifier(f"item {number}"))
+    model.SetBuildUUID(_identifier("build"))
     # lib3mf leaves the process in the locale "C", where text has no signs but those of ASCII.
     before = locale.setlocale(locale.LC_ALL)
     try:
-        model.QueryWriter("3mf").WriteToFile(str(path))
+        return bytes(model.QueryWriter("3mf").WriteToBuffer())
     finally:
         locale.setlocale(locale.LC_ALL, before)
+
+
+def _identifier(name: str) -> str:
+    return str(uuid.uuid5(uuid.NAMESPACE_OID, name))

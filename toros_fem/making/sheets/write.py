@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -9,24 +10,26 @@ from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import TorosError
+from toros_fem.base.errors import ManufactureFileError, TorosError
 from toros_fem.base.files import replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings, tab_seam
-from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
+from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import sewn_seams
-from toros_fem.making.sheets.cut_files import write_cut_dxf, write_cut_svg
-from toros_fem.making.sheets.manifest import NAME, MadeFile, manifest
+from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
+from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
-from toros_fem.making.sheets.print_bodies import print_bodies, write_3mf, write_stl
+from toros_fem.making.sheets.print_bodies import print_bodies, stl_of, threemf_of
 from toros_fem.making.sheets.sewing_order import sewing_order
 from toros_fem.making.sheets.sheets import film_layout, layout
 from toros_fem.meshes.pattern import Pattern
 
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
+# Drawings of what is cut, by the endings of their files.
+CUTS = {"svg": cut_svg, "dxf": cut_dxf}
 
 
 def write_manufacture(
@@ -37,12 +40,13 @@ def write_manufacture(
     *,
     summary: Mapping[str, Any] | None = None,
     title: str = "",
+    others: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write print files, cut files, bladder, manifest and page of a design (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
-    first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html. What an
-    earlier call left in the folder under such names is removed.
+    first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
+    Files of an earlier call, which its manufacture.json lists, go; all others stay.
 
     Args:
         folder: The folder, made if missing.
@@ -51,11 +55,13 @@ def write_manufacture(
         options: Settings; None takes those of `made_as`.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
         title: Name of the design on the page; by default that of the folder above.
+        others: Names of files that the caller writes into the folder afterwards.
 
     Returns:
         The manifest, as in manufacture.json.
 
     Raises:
+        ManufactureFileError: A file of somebody else has the name of one that would be written.
         SheetError: A panel fits on no sheet.
         PatternError: The skin is moulded, so that it has no flat panels.
         MissingPackageError: A package of the extra `manufacture` is not installed.
@@ -66,38 +72,39 @@ def write_manufacture(
     drawings = panel_drawings(pattern, regions, options)
     places = layout(drawings, options)
     seams = sewn_seams(pattern)
-    folder.mkdir(parents=True, exist_ok=True)
-    for kind in ("print", "cut"):
-        for old in folder.glob(f"{kind}_*[0-9].*"):
-            old.unlink()
-    files = []
+    made: list[tuple[MadeFile, bytes]] = []
     for bed, drawn in enumerate(places.beds, 1):
         bodies = print_bodies(drawn, options)
         if bodies:
-            write_stl(folder / f"print_{bed}.stl", bodies)
-            write_3mf(folder / f"print_{bed}.3mf", bodies)
-            for end in ("3mf", "stl"):
-                text = f"print of bed {bed}, in mm"
-                files.append(MadeFile(f"print_{bed}.{end}", "print", text, bed=bed))
+            text = f"print of bed {bed}, in mm"
+            for end, written in (("3mf", threemf_of), ("stl", stl_of)):
+                file = MadeFile(f"print_{bed}.{end}", "print", text, bed=bed)
+                made.append((file, written(bodies)))
     for sheet, drawn in enumerate(places.sheets, 1):
         text = f"cut of sheet {sheet}, in mm, in layers"
-        files += [
-            MadeFile(name, "cut", text, sheet=sheet)
-            for name in _cut(folder, f"cut_{sheet}", drawn, places.sheet)
-        ]
+        for end, cut in CUTS.items():
+            file = MadeFile(f"cut_{sheet}.{end}", "cut", text, sheet=sheet)
+            made.append((file, cut(drawn, places.sheet)))
     sheets_of_film = bladder_drawings(pattern, options)
     film = film_layout(sheets_of_film, options) if sheets_of_film else None
     if film is not None:
         text = f"cut of the bladder's {len(sheets_of_film)} sheets of film, in mm, in layers"
-        names = _cut(folder, "bladder", film.sheets[0], film.sheet)
-        files += [MadeFile(name, "bladder", text) for name in names]
+        for end, cut in CUTS.items():
+            file = MadeFile(f"bladder.{end}", "bladder", text)
+            made.append((file, cut(film.sheets[0], film.sheet)))
     at_tab = tab_seam(pattern, options)
     order = sewing_order(pattern, seams, [] if at_tab is None else [at_tab])
-    made = manifest(places, film, seams, order, options, files, summary)
+    files = [file for file, _ in made]
+    about = manifest(places, film, seams, order, options, files, summary, others)
     name = title or folder.resolve().parent.name
-    replace_file(folder / PAGE, page(made, places, film, name).encode())
-    write_json(folder / NAME, made)
-    return made
+    contents = {file.name: content for file, content in made}
+    contents[PAGE] = page(about, places, film, name).encode()
+    _make_room(folder, [NAME, *contents, *others])
+    # First, so that after a kill the files are known as those of this package.
+    write_json(folder / NAME, about)
+    for file_name, content in contents.items():
+        replace_file(folder / file_name, content)
+    return about
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
@@ -124,9 +131,26 @@ def if_possible(write: Callable[[], Any]) -> None:
         print(f"no machine files: {missing}", file=sys.stderr)
 
 
-def _cut(
-    folder: Path, name: str, drawn: Sequence[PanelDrawing], size: tuple[float, float]
-) -> list[str]:
-    write_cut_svg(folder / f"{name}.svg", drawn, size)
-    write_cut_dxf(folder / f"{name}.dxf", drawn, size)
-    return [f"{name}.svg", f"{name}.dxf"]
+def _make_room(folder: Path, names: Sequence[str]) -> None:
+    """Remove the files that the folder's manifest lists, if nobody else's bar the way of new ones.
+
+    Raises:
+        ManufactureFileError: Some do.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        last = json.loads((folder / NAME).read_text(encoding="utf-8"))
+        if last["format"] != FORMAT:
+            raise ValueError("another's")
+        listed = [*(file["name"] for file in last["files"]), *last.get("others", ())]
+        ours = {NAME, PAGE, *(Path(name).name for name in listed)}
+    except (OSError, ValueError, KeyError, TypeError):
+        ours = set()
+    barred = [name for name in names if name not in ours and (folder / name).exists()]
+    if barred:
+        raise ManufactureFileError(
+            f"{folder} has {', '.join(barred)}, which {NAME} there does not list as made by "
+            "toros. Move such files, or choose another folder; nothing was changed."
+        )
+    for name in ours - {NAME}:
+        (folder / name).unlink(missing_ok=True)

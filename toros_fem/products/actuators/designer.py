@@ -362,7 +362,6 @@ class Designer(Job):
         found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
         lines = found.search.lines
         relaxed = None if lines is None else lines.best.relaxed
-        write_summary(self.comm, self.output, found)
         write_design(
             self.output,
             found.made,
@@ -370,6 +369,7 @@ class Designer(Job):
             start=None if relaxed is None else relaxed.start,
             pictures=pictures,
         )
+        write_summary(self.comm, self.output, found)
         return found
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:

@@ -12,7 +12,7 @@ def flat_pattern(path: Path) -> str:
     """Return the drawing in pattern.svg with its print above the fabric, and a bar of 10 mm.
 
     It keeps its size in mm, so that it is true to scale where the browser shows millimetres; "" if
-    there is no drawing.
+    there is no drawing. Names of panels are no ids, which the page has of its own.
     """
     try:
         drawing = ET.parse(path).getroot()
@@ -23,7 +23,7 @@ def flat_pattern(path: Path) -> str:
         group[:] = sorted(group, key=lambda part: part.get("class") == "print")
     for part in drawing.iter():
         part.tag = part.tag.removeprefix(SVG)
-        for name in ("fill", "stroke", "stroke-width"):
+        for name in ("id", "fill", "stroke", "stroke-width"):
             part.attrib.pop(name, None)
     _, _, width, height = (float(value) for value in drawing.get("viewBox", "").split())
     added = 8.0

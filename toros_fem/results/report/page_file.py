@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
@@ -90,12 +91,8 @@ def _page(run: Run) -> str:
         "LIBRARY": _text("three.min.js"),
         "VIEWER": _text("viewer.js"),
     }
-    page = _text("report.html")
-    for name, text in parts.items():
-        before, mark, after = page.partition(f"@{name}@")
-        assert mark, name
-        page = before + text + after
-    return page
+    # In one pass, so that nothing that is filled in is taken for a place.
+    return re.sub("@([A-Z]+)@", lambda place: parts[place[1]], _text("report.html"))
 
 
 def _told(run: Run, series: Mapping[str, list[dict[str, Any]]], step: float) -> dict[str, Any]:

@@ -84,14 +84,18 @@ def read_run(folder: str | Path) -> Run:
 
 
 def _read_table(path: Path) -> list[dict[str, float]]:
-    """Return the rows of a table of numbers; empty without the file."""
+    """Return the rows of a table of numbers; empty without the file.
+
+    A last line that does not end was cut off by a kill, and is left out.
+    """
     if not path.exists():
         return []
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            return [
-                {key: float(value) for key, value in row.items() if value not in (None, "")}
-                for row in csv.DictReader(file)
-            ]
+        text = path.read_text(encoding="utf-8")
+        whole = text[: text.rfind("\n") + 1]
+        return [
+            {key: float(value) for key, value in row.items() if value not in (None, "")}
+            for row in csv.DictReader(whole.splitlines())
+        ]
     except (OSError, ValueError, TypeError, AttributeError) as caught:
         raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None

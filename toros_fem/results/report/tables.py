@@ -39,6 +39,9 @@ FILES = {
     "lift.png": "initial design and print lift the object",
     "finger.png": "one finger and the object",
 }
+# Endings and verbs after a number.
+ONE = {"s": "", "hang": "hangs", "are": "is"}
+MANY = {"s": "s", "hang": "hang", "are": "are"}
 
 
 def key_figures(run: Run) -> str:
@@ -90,7 +93,8 @@ def _further(run: Run) -> list[tuple[str, str]]:
         if _is_number(made.get(key)):
             found.append((name, f"{made[key]:.3g} mm"))
     if _is_number(made.get("pieces")):
-        found.append(("printed pieces", f"{made['pieces']}, of these {made['islands']} islands"))
+        islands = f"{made['islands']} island{'s' * (made['islands'] != 1)}"
+        found.append(("printed pieces", f"{made['pieces']}, of these {islands}"))
     if _is_number(summary.get("triangles")):
         parts = summary.get("parts_by_symmetry", 1)
         count = summary["triangles"]
@@ -159,12 +163,12 @@ def warnings(run: Run) -> list[str]:
         found.append("The design violates its constraints on the widths of lines and gaps.")
     made = summary.get("manufacture") or {}
     for key, what in (
-        ("islands", "islands of the print hang on nothing but the fabric"),
-        ("narrow_places", "places are narrower than the printer's least line"),
-        ("tight_places", "gaps are narrower than the printer's least gap"),
+        ("islands", "island{s} of the print {hang} on nothing but the fabric"),
+        ("narrow_places", "place{s} {are} narrower than the printer's least line"),
+        ("tight_places", "gap{s} {are} narrower than the printer's least gap"),
     ):
-        if made.get(key):
-            found.append(f"{made[key]} {what}.")
+        if number := made.get(key):
+            found.append(f"{number} {what.format(**(ONE if number == 1 else MANY))}.")
     for name, frames in run.series.items():
         noted = [frame for frame in frames if frame.note and frame.note != run.note]
         if name != "iteration" and noted:

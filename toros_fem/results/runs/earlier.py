@@ -9,9 +9,10 @@ from toros_fem.results.runs.lock import NAME
 
 # Folders that files are moved to, inside the folder of the run.
 PREFIX = "earlier-"
-# What tells a folder of results that has no record, and the endings of such results.
+# What tells a folder of results that has no record, and how names of such results end.
 SIGNS = ("summary.json", "history.csv")
-ENDINGS = (".csv", ".json", ".npz", ".png", ".svg", ".vtu")
+ENDINGS = (".csv", ".gif", ".html", ".json", ".npz", ".png", ".svg", ".vtu")
+FOLDERS = ("frames", "manufacture")
 
 
 def names_beside(folder: Path) -> tuple[str, ...]:
@@ -38,7 +39,8 @@ def move_aside(folder: Path, kept: Sequence[str] | None, *, last: str) -> Path |
     if kept is not None:
         names = tuple(name for name in names if name not in kept)
     elif any(name in SIGNS for name in names):
-        names = tuple(name for name in names if name.endswith(ENDINGS))
+        known = (*FOLDERS, last)
+        names = tuple(name for name in names if name.endswith(ENDINGS) or name in known)
     else:
         names = tuple(name for name in names if name == last)  # a run that hardly began
     if not names:
