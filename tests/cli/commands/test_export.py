@@ -38,6 +38,13 @@ def test_export_writes_what_the_design_wrote(
     manifest = json.loads((output / "manufacture.json").read_text(encoding="utf-8"))
     thickness = summary_of(folder)["inputs"]["thickness"]
     assert manifest["options"]["layer_height"] == thickness
+    again = ["export", str(folder), "--output", str(output)]
+    assert run(alone, again) == 0, "all files of an earlier export may be replaced"
+    (output / "manufacture.json").unlink()
+    (output / "make_it.html").write_text("mine")
+    assert run(alone, again) != 0
+    assert "make_it.html" in capsys.readouterr().err
+    assert (output / "make_it.html").read_text() == "mine"
 
 
 @pytest.mark.slow
