@@ -151,7 +151,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     mma = MMA(
         problem.comm, *variables.bounds, constraints=2, options=options.mma, move=variables.move
     )
-    x = variables.vector(density, problem.pressures)
+    x = variables.vector(density, problem.physics.pressures)
     slopes = [variables.vector(rng.standard_normal(len(density))) for _ in "fgh"]
 
     here = Functions(1.0, slopes[0], [-0.1, 0.1], slopes[1:])
@@ -180,7 +180,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     actions: dict[str, Callable[[], object]] = {
         "filter_s": smooth,
         "widths_s": widths,
-        "perimeter_s": both(problem.perimeter, projected),
+        "perimeter_s": both(problem.terms[0].measure, projected),
         "objective_s": both(problem.objective, positions),
         "metrics_s": measured,
         "mma_s": lambda: mma.step(x, here),

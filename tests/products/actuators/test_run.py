@@ -11,7 +11,7 @@ from helpers.designs import DESIGN_ALONE, problem_of
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.design.loop import shape_problem
+from toros_fem.design.loop import fields
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.shape_design import ShapeDesign
@@ -64,7 +64,7 @@ def test_problem_holds_what_the_configuration_says(alone: MPI.Comm) -> None:
     )  # fmt: skip
     full = problem_of(alone, config)
     (term,) = full.terms
-    assert term.price == 1e-4 * full.parts / full.whole.pattern.size
+    assert term.price == 1e-4 / full.skin.pattern.size
     assert full.length_scale is not None
     assert full.physics.pressure_ranges == (None,)
     assert full.physics.pressures == (4e3,)
@@ -85,7 +85,7 @@ def test_polishing_removes_islands(
         spot = np.hypot(u - 0.2 * width, v - 0.04) < 6e-3
         return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
 
-    monkeypatch.setattr(shape_problem, "random_density", spotted)
+    monkeypatch.setattr(fields, "random_density", spotted)
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
     left = design_actuator(alone, tmp_path / "left", config).summary()
     assert left["dropped"]["before"]["islands"] == left["dropped"]["islands_bridged"] == 1

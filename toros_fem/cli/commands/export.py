@@ -65,16 +65,10 @@ class Export(Command, ManufactureOptions):
         made = printability(stored.pattern, stored.regions, stored.limits)
 
         def write() -> dict[str, Any]:
-            title = run.resolve().name
             manifest = write_manufacture(
-                output,
-                stored.pattern,
-                stored.regions,
-                options,
-                summary=summary,
-                title=title,
-                others=drawings,
-            )
+                output, stored.pattern, stored.regions, options,
+                summary=summary, title=run.resolve().name, others=drawings,
+            )  # fmt: skip
             # What is simulated again is what the files hold.
             printed = printed_cells(stored.pattern, read_regions(output, stored.pattern))
             write_pattern(output / NAME, part, printed[: len(part.panel)])
