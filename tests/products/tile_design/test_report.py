@@ -10,6 +10,7 @@ import pytest
 from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
+from toros_fem.base.errors import OutputError
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, PrintSimulation, Trial
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tiles.printed_tile import read_tile
@@ -48,6 +49,22 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     assert (made.size, made.edge_length, made.symmetry) == ((0.01, 0.01), 0.8e-3, "tetragonal")
     assert manifest["options"]["layer_height"] == made.composite.reinforcement.thickness
     assert manifest["seams"] == manifest["sewing"] == []
+
+
+def test_a_run_that_looks_finished_has_all_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The summary comes last."""
+
+    def full(*_: object) -> None:
+        raise OSError("no space")
+
+    _, result = small_result()
+    measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
+    monkeypatch.setattr("toros_fem.products.tile_design.report.write_tile", full)
+    with pytest.raises(OutputError, match="no space"):
+        write_tile_results(tmp_path, TileRun(result, measured, {}))
+    assert not (tmp_path / "summary.json").exists()
 
 
 def test_failed_print(tmp_path: Path) -> None:

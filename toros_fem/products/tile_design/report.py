@@ -133,7 +133,7 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
     printed, tile, skin = made.printed, case.tile, made.problem.skin
     config = made.simulation.config
-    summary = write_summary(case.comm, folder, found)
+    summary = found.summary()
     fields = {
         "rho": skin.gather_cells(made.result.density),
         "rho_projected": skin.gather_cells(made.result.final.projected),
@@ -179,6 +179,7 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
             )
 
     write_together(case.comm, folder, write)
+    write_summary(case.comm, folder, found)  # last: a run with it has all its files
 
 
 def _values(of: ProfileTarget | Profile, *names: str) -> dict[str, Any]:

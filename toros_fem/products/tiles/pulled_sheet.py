@@ -113,7 +113,7 @@ class TileSheetScene(Scene):
         inputs = {**self.as_dict(), "tile": None if given is None else str(given)}
         seconds = time.perf_counter() - begin
         found = SheetResult(pulled, design.size, shares, areas, inputs, seconds)
-        summary = write_summary(comm, folder, found)
+        summary = found.summary()
 
         def draw() -> None:
             from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
@@ -134,6 +134,7 @@ class TileSheetScene(Scene):
             if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
 
         write_together(comm, folder, write)
+        write_summary(comm, folder, found)  # last: a run with it has all its files
         return found
 
 
