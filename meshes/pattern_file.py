@@ -12,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import PatternFileError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 
@@ -42,7 +42,7 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
     write_archive(path, archive_of(KIND, pattern, {} if printed is None else {PRINTED: printed}))
 
 
-@collective("comm")
+@on_root
 def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     """Read the pattern that `write_pattern` wrote, the same on all ranks (collective).
 
@@ -56,12 +56,10 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     """
     place = checked_path("path", path, PatternFileError)
     remedy = f"Give a {NAME} of `toros unwrap`."
-    return on_first_rank(
-        comm, lambda: read_archive(place, KIND, pattern_of, PatternFileError, remedy)
-    )
+    return read_archive(place, KIND, pattern_of, PatternFileError, remedy)
 
 
-@collective("comm")
+@on_root
 def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     """Read a pattern and which of its triangles are printed, (t,) (collective).
 
@@ -81,7 +79,7 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
             raise PatternFileError("it does not say which triangles are printed")
         return pattern, printed
 
-    return on_first_rank(comm, lambda: read_archive(place, KIND, make, PatternFileError, remedy))
+    return read_archive(place, KIND, make, PatternFileError, remedy)
 
 
 def archive_of(

@@ -4,16 +4,18 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from helpers.designs import full
+from helpers.designs import full, make_problem
 from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError
-from toros_fem.design.loop.journal import signature_of
+from toros_fem.design.loop.journal import restored_evaluation, signature_of
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.design.loop.steps import Steps
+from toros_fem.design.loop.variables import Variables
 from toros_fem.design.relaxed.families import FixedDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.materials.sheet import Bending, Composite
@@ -62,6 +64,26 @@ def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int)
 def test_densities_go_on_bit_for_bit(short_tube: Skin) -> None:
     """Inside a stage, at the start of one, and after the last row; turns of edges are kept."""
     check(lambda: densities(short_tube, "midedge"), OPTIONS, 2, 4, 5)
+
+
+@pytest.mark.slow
+def test_a_design_without_constraints_and_residuals_goes_on(short_tube: Skin) -> None:
+    """MMA then has no multipliers, which is another thing than none yet."""
+
+    def plain() -> DesignProblem:
+        composite = Composite(bending=None)
+        solver = EquilibriumSolver(short_tube, composite, clamp(short_tube.pattern, ["base"]))
+        return make_problem(short_tube, solver)
+
+    check(plain, DesignOptions((Stage(3),)), 2, 3)
+    state = stopped(plain, DesignOptions((Stage(2),)), 2)
+    problem = plain()
+    evaluation = restored_evaluation(problem, state)
+    slopes, options = problem.differentiate(evaluation), DesignOptions()
+    steps = Steps(problem, Variables(problem, options), Stage(2), options, evaluation, slopes)
+    steps.restore(state)
+    steps.mma.rescale(2.0)
+    assert isinstance(steps.mma.state.multipliers, np.ndarray)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self
 
 import numpy as np
@@ -64,14 +64,12 @@ class Slopes:
             pressure is prescribed; None without designed pressures.
         length_scale_gradients: dg_r/dx and dg_t/dx, as `gradient`; empty without constraints.
         residuals: Residuals around this design, their gradients by x.
-        seconds: Wall time on this rank.
     """
 
     gradient: Floats
     pressure_gradient: Floats | None
     length_scale_gradients: list[Floats]
     residuals: Residuals
-    seconds: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +165,7 @@ class DesignProblem(Generic[R]):
     robust: Variants | None = None
     metrics: Sequence[Metric] = ()
     whole: Mirrored | None = None
-    target: Floats | None = field(default=None)
+    target: Floats | None = None
 
     def __post_init__(self) -> None:
         check_metrics(self.metrics)
@@ -362,7 +360,7 @@ class DesignProblem(Generic[R]):
         Raises:
             ParameterError: The solver has been used for another design since.
         """
-        begin, e, fields = time.perf_counter(), evaluation, self.fields
+        e, fields = evaluation, self.fields
         seen = [self.physics.observed(response) for response in e.responses]
         by_seen, by_variants = self.objective.backward(seen[0]), []
         if self.robust is not None and e.variants:
@@ -390,7 +388,6 @@ class DesignProblem(Generic[R]):
             by_pressure,
             widths,
             replace(found, gradients=rows),
-            time.perf_counter() - begin,
         )
 
     def evaluate(

@@ -152,7 +152,7 @@ class Steps:
             for name in MMA_VECTORS
             if f"mma_{name}" in arrays
         }
-        small = {name: numbers[name] and np.array(numbers[name]) for name in MMA_SMALL}
+        small = {name: None if (v := numbers[name]) is None else np.array(v) for name in MMA_SMALL}
         self.mma.state = MMAState(**vectors, **small, unit=float(numbers["unit"]))
         self.scale = float(saved.numbers["scale"])
 

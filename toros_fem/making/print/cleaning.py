@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import override
 
 import numpy as np
@@ -167,13 +168,18 @@ def _clean(
     dropped, bridged = [], []
     islands = domain.islands(made, limits)
     bridges: list[list[BaseGeometry]] = [[] for _ in made]
+
+    @cache
+    def attached(panel: int) -> BaseGeometry:
+        """Return the print of a panel without all of its islands."""
+        free = shapely.union_all([images(p.polygon) for p in islands if p.panel == panel])
+        return made[panel].difference(free.buffer(limits.resolution))
+
     for island in islands:
         line = None
         if island.area >= island_area:
-            others = [images(p.polygon) for p in islands if p.panel == island.panel]
-            others = shapely.union_all(others).buffer(limits.resolution)
-            rest = [made[island.panel].difference(others), *bridges[island.panel]]
-            line = _bridge(island.polygon, shapely.union_all(rest), outlines[island.panel], width)
+            rest = shapely.union_all([attached(island.panel), *bridges[island.panel]])
+            line = _bridge(island.polygon, rest, outlines[island.panel], width)
         if line is None:
             dropped.append(island)
         else:

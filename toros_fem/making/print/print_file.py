@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import PatternFileError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import on_root
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
@@ -56,6 +56,7 @@ def write_print_polygons(
     write_archive(Path(path), archive_of(KIND, pattern, packed_regions(regions), numbers))
 
 
+@on_root
 def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
     """Read the print of a finished run, the same on all ranks (collective).
 
@@ -75,7 +76,7 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
         limits = PrintLimits(**archive.numbers["limits"])
         return StoredPrint(pattern_of(archive), regions_of(archive), limits)
 
-    return on_first_rank(comm, lambda: read_archive(path, KIND, make, PatternFileError, remedy))
+    return read_archive(path, KIND, make, PatternFileError, remedy)
 
 
 def packed_regions(regions: Sequence[BaseGeometry]) -> dict[str, npt.NDArray]:

@@ -18,7 +18,7 @@ from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
-from toros_fem.meshes.triangles import edges_of, linked
+from toros_fem.meshes.triangles import edges_of, following, linked
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
 SIDE = 3
@@ -158,8 +158,8 @@ def island_areas(tile: Tile, printed: Bools) -> Floats:
     """
     count = len(printed)
     one, two = edges_of(tile.pattern.triangles).twins.T
-    same_end = np.where(two % 3 == 2, two - 2, two + 1)  # the half-edge that begins where one does
-    shift = tile.wraps.reshape(-1, 2)[one] - tile.wraps.reshape(-1, 2)[same_end]
+    # The half-edge that follows the second of twins begins where the first does.
+    shift = tile.wraps.reshape(-1, 2)[one] - tile.wraps.reshape(-1, 2)[following(two)]
     both = printed[one // 3] & printed[two // 3]
     one, two, shift = one[both] // 3, two[both] // 3, shift[both]
     home = _steps(2, 2)[:, None]

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import DensityError, ParameterError, TileFileError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import on_first_rank, on_root
 from toros_fem.base.validation import (
     checked_path,
     require_between,
@@ -120,7 +120,7 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     write_archive(folder / NAME, Archive(KIND, {"printed": printed}, numbers))
 
 
-@collective("comm")
+@on_root
 def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     """Read the printed tile that `write_tile` wrote into a folder (collective).
 
@@ -136,7 +136,7 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
         return PrintedTile(archive.arrays["printed"], size, composite=composite, **numbers)
 
     remedy = "Give the output folder of demos/tile.py."
-    return on_first_rank(comm, lambda: read_archive(path, KIND, make, TileFileError, remedy))
+    return read_archive(path, KIND, make, TileFileError, remedy)
 
 
 def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> PrintedTile:
