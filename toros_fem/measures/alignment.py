@@ -28,6 +28,9 @@ class AlignedObjective:
         objective: T, evaluated after the motion.
         weights: Factor on each vertex's area in the fit, (n,); None: 1.
 
+    Attributes:
+        objective: T, as it is evaluated after the motion.
+
     Raises:
         TargetError: On use, if the skin or the target lies on a line, so that the best rotation is
             not unique.
@@ -40,14 +43,14 @@ class AlignedObjective:
         require_objective("objective", objective)
         weight = weighted_areas(skin, "weights", weights, 1.0)[:, 0]
         weight, owned = weight / weight.sum(), skin.owned_vertices
-        self._comm, self._objective = skin.comm, objective
+        self._comm, self.objective = skin.comm, objective
         self._centre = weight @ target
         self._target = target[owned] - self._centre
         self._weight = weight[owned, None]
 
     def forward(self, positions: Floats) -> float:
         """Return T at positions of the owned nodes, (n, 3) (collective)."""
-        return self._objective.forward(self.aligned(positions))
+        return self.objective.forward(self.aligned(positions))
 
     def aligned(self, positions: Floats) -> Floats:
         """Return the positions moved rigidly onto the target, (n, 3) (collective)."""
@@ -58,7 +61,7 @@ class AlignedObjective:
         """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
         arm, rotation, matrix = self._fit(positions)
         aligned = arm @ rotation.T + self._centre
-        by_arm = self._objective.backward(aligned) @ rotation
+        by_arm = self.objective.backward(aligned) @ rotation
         torque = sum_over_ranks(self._comm, np.cross(arm, by_arm).sum(axis=0))
         reach = np.linalg.solve(matrix, torque)
         by_arm += self._weight * np.cross(self._target @ rotation, reach)

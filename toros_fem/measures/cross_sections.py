@@ -16,6 +16,10 @@ from toros_fem.measures.shape import Nodes, checked_target
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
 
+# Sum of the position weights of a component from which on a shape is judged by it: legs that turn
+# weigh their centre line by some hundredths, to tell up from down.
+COUNTS = 0.5
+
 
 def label_cross_sections(
     pattern: Pattern, vertices: Ints, along: npt.ArrayLike, count: int, *, border: bool = True
@@ -106,6 +110,9 @@ class CrossSectionObjective:
     section to section, so that a target of several turns is not mistaken for a shorter one. Each
     vertex counts by its flat area. A section may swell freely. One with an orientation weight must
     not lie on a line, as assembled, in the target, or in a simulated shape (TargetError).
+
+    Attributes:
+        compared: Whether positions along x, y and z count much: by `COUNTS` at least.
     """
 
     def __init__(self, skin: Nodes, target: Floats, sections: CrossSections) -> None:
@@ -131,6 +138,7 @@ class CrossSectionObjective:
         owned = skin.owned_vertices
         self._label, self._weight, self._arm = self._label[owned], weight[owned], self._arm[owned]
         self._position_weight = sections.position_weights / pattern.size**2
+        self.compared = sections.position_weights.sum(axis=0) >= COUNTS
 
     def forward(self, positions: Floats) -> float:
         """Return T at positions of the owned nodes, (n, 3) (collective)."""

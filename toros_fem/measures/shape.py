@@ -55,20 +55,24 @@ def require_objective(name: str, value: Any) -> None:
 
 
 class SumObjective:
-    """Sum of several objectives."""
+    """Sum of several objectives.
+
+    Attributes:
+        parts: The objectives.
+    """
 
     def __init__(self, *parts: Objective) -> None:
         for number, part in enumerate(parts):
             require_objective(f"parts[{number}]", part)
-        self._parts = parts
+        self.parts = parts
 
     def forward(self, positions: Floats) -> float:
         """Return T at positions of the owned nodes, (n, 3) (collective)."""
-        return sum(part.forward(positions) for part in self._parts)
+        return sum(part.forward(positions) for part in self.parts)
 
     def backward(self, positions: Floats) -> Floats:
         """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
-        return np.asarray(sum(part.backward(positions) for part in self._parts))
+        return np.asarray(sum(part.backward(positions) for part in self.parts))
 
 
 class ShapeObjective:
@@ -89,6 +93,9 @@ class ShapeObjective:
         weights: Factor on each vertex's area in w, shape (n,), or (n, 3) for each component,
             ≥ 0; with 0 the vertex is free. Σ w is then the mean over the components.
         relative: Factor on each vertex's area in r, shape (n,), ≥ 0; None: 0.
+
+    Attributes:
+        compared: Whether positions along x, y and z count.
     """
 
     def __init__(
@@ -102,6 +109,7 @@ class ShapeObjective:
         by_component = weights is not None and np.ndim(weights) == 2
         position = weighted_areas(skin, "weights", weights, 1.0, 3 if by_component else 1)
         orientation = weighted_areas(skin, "relative", relative, 0.0)
+        self.compared = np.broadcast_to(position.any(axis=0), 3)
         unit = position.sum() / position.shape[1] * skin.pattern.size**2
         owned = skin.owned_vertices
         self._comm = skin.comm

@@ -157,7 +157,8 @@ def _shown(found: PrintedResult) -> _Shown:
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
-    return _Shown(shown_skin(problem, regions), positions, target, fields, folds, values, note)
+    skin_shown = shown_skin(problem, regions, shown.equilibrium.poses)
+    return _Shown(skin_shown, positions, target, fields, folds, values, note)
 
 
 def _draw(

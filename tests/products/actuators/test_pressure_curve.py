@@ -24,6 +24,8 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.products.actuators.pressure_curve import (
+    HALVINGS,
+    PARTS,
     CurveFigures,
     PressureCurve,
     trace_pressure_curve,
@@ -70,7 +72,7 @@ def test_a_curve_passes_through_the_print(
     assert at.result is made.equilibrium
     assert at.metrics == problem.metrics_of(made.equilibrium)
     above = [p.result.pressure for p in curve.points if p.result.pressure > 1.5e3]
-    assert above == pytest.approx([2e3, 3e3, 4e3, 6e3, 7e3, 8e3])
+    assert {2e3, 3e3, 4e3, 6e3, 7e3, 8e3} <= {round(pressure, 6) for pressure in above}
     assert curve.failure_above is curve.failure_below is None
 
 
@@ -79,6 +81,13 @@ def test_volume_and_bend_rise_with_the_pressure(curve: PressureCurve) -> None:
     assert np.diff([point.result.pressure for point in curve.points]).min() > 0
     assert np.diff([point.result.volume for point in curve.points]).min() > 0
     assert np.diff([point.metrics["angle_deg"] for point in curve.points]).min() > 0
+
+
+def test_points_are_dense_where_a_metric_changes_fast(curve: PressureCurve) -> None:
+    """A film is smooth then, and a curve is no polygon."""
+    angles = np.array([point.metrics["angle_deg"] for point in curve.points])
+    assert np.diff(angles).max() < 2 / PARTS * np.ptp(angles)
+    assert len(curve.points) < 8 + HALVINGS + PARTS
 
 
 def test_a_curve_begins_where_the_skin_is_filled(
@@ -105,7 +114,8 @@ def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:
     made = problem.simulate_binary(inner_side(tube), pressure=(1e3, 2e3))
     curve = trace_pressure_curve(problem, made, 1e3, 1)
     pressures = np.array([point.result.pressures for point in curve.points])
-    assert pressures[-2:].tolist() == [[500.0, 1e3], [1e3, 2e3]]
+    assert pressures[-1].tolist() == [1e3, 2e3]
+    assert [500.0, 1e3] in pressures.tolist()
     assert pressures[:, 1] == pytest.approx(2 * pressures[:, 0])
 
 
@@ -130,13 +140,14 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
     with (tmp_path / "curve.csv").open(encoding="utf-8") as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     assert list(rows[0]) == ["pressure_pa", "volume_m3", "stretch_use", "angle_deg"]
-    assert [row["pressure_pa"] for row in rows[-4:]] == [2e3, 3e3, 3.5e3, 4e3]
-    assert rows[-3]["angle_deg"] == problem.metrics_of(made.equilibrium)["angle_deg"]
+    at = {round(row["pressure_pa"], 6): row["angle_deg"] for row in rows}
+    assert {2e3, 3e3, 3.5e3, 4e3} <= set(at)
+    assert at[3e3] == problem.metrics_of(made.equilibrium)["angle_deg"]
     assert (entry.points, entry.highest_pa) == (len(rows), 4e3)
     assert entry.unfilled_at_pa is not None
     assert entry.lowest_pa == rows[0]["pressure_pa"] > entry.unfilled_at_pa
     found = [(m["measured"], m["simulated"]) for m in entry.measured]
-    assert found == [(40.0, rows[-2]["angle_deg"]), (50.0, None)]
+    assert found == [(40.0, at[3.5e3]), (50.0, None)]
     assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -17,7 +17,7 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.triangles import expected_triangles, lowered_limit, require_affordable
-from toros_fem.products.actuators.pressure_curve import HALVINGS
+from toros_fem.products.actuators.pressure_curve import HALVINGS, PARTS
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
     from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -281,7 +281,8 @@ def _curve_part(scene: ActuatorScene, finest: int) -> list[Part]:
     results = scene.results
     if results.curve_pressure is None:
         return []
-    likely = _times(CURVE_POINT, results.curve_steps, results.curve_steps + HALVINGS)
+    most = results.curve_steps + HALVINGS + PARTS
+    likely = _times(CURVE_POINT, results.curve_steps, most)
     return [Part("curve over the pressure", finest, likely)]
 
 

@@ -24,6 +24,8 @@ from toros_fem.results.writer import if_plotting
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
+# Between points by which a metric changes by more than its range over this number there are more.
+PARTS = 16
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
 
@@ -56,9 +58,10 @@ def trace_pressure_curve(
     """Follow a print from its pressure down until the skin is not filled, and up (collective).
 
     The pressures are multiples of the step. Below one step they are halved, `HALVINGS` times at
-    most. Several chambers keep the ratios of their pressures. A skin is filled where it encloses at
-    least the volume of its assembled shape. While its equilibria are stable, the volume of a
-    chamber rises with its pressure, so that this begins at one pressure.
+    most. Where a metric changes fast there are pressures between them. Several chambers keep the
+    ratios of their pressures. A skin is filled where it encloses at least the volume of its
+    assembled shape. While its equilibria are stable, the volume of a chamber rises with its
+    pressure, so that this begins at one pressure.
 
     Args:
         problem: The design problem.
@@ -73,14 +76,16 @@ def trace_pressure_curve(
     empty = float(sum(solver.model.volumes(solver.model.assembled)))
     lower, higher = _pressures(begin.pressure, largest, steps, further)
 
-    def follow(pressures: Sequence[float]) -> tuple[list[TracePoint], str | None]:
+    def follow(
+        pressures: Sequence[float], start: Equilibrium = begin
+    ) -> tuple[list[TracePoint], str | None]:
         """Return the points as long as the skin is filled, and why there are no more."""
         levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
         found: list[TracePoint] = []
         if not levels:
             return found, None
         try:
-            for point in trace(solver, made.projected, levels, problem.metrics, start=begin):
+            for point in trace(solver, made.projected, levels, problem.metrics, start=start):
                 found.append(point)
                 if point.result.volume < empty:
                     break
@@ -94,8 +99,26 @@ def trace_pressure_curve(
     if below and below[-1].result.volume < empty:
         unfilled_at = below.pop().result.pressure
     middle = measured_point(solver, begin, problem.metrics)
-    points = (*reversed(below), middle, *above)
-    return PressureCurve(points, unfilled_at, failure_below, failure_above)
+    points = [*reversed(below), middle, *above]
+    followed = [m.key for m in problem.metrics if m.target is not None]
+    for k, between in reversed(list(enumerate(_between(points, followed)))):
+        # Downwards, as the curve: a skin that snaps does so at a lower pressure when it empties.
+        more, _ = follow(between[::-1], points[k + 1].result)
+        points[k + 1 : k + 1] = reversed(more)
+    return PressureCurve(tuple(points), unfilled_at, failure_below, failure_above)
+
+
+def _between(points: Sequence[TracePoint], keys: Sequence[str]) -> list[list[float]]:
+    """Return pressures in Pa to add after each point but the last, rising, by metrics of keys."""
+    values = np.array([[point.metrics[key] for key in keys] for point in points])
+    steps = np.abs(np.diff(values, axis=0))
+    ranges = np.maximum(np.ptp(values, axis=0), np.finfo(float).tiny)
+    parts = np.ceil((PARTS * steps / ranges).max(axis=1, initial=1)).astype(int)
+    pressures = [point.result.pressure for point in points]
+    return [
+        [float(p) for p in np.linspace(low, high, count + 1)[1:-1]]
+        for low, high, count in zip(pressures, pressures[1:], parts, strict=False)
+    ]
 
 
 def _pressures(

@@ -15,12 +15,17 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.cross_sections import CrossSectionObjective
+from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 
+# Vertical part of a unit normal from which on a ground is level.
+LEVEL = 0.999
 # Series that a finished design is followed by.
 FOLLOWING = ("print", "pressure", "gait", "load")
 
@@ -39,7 +44,7 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
         return None
     positions = problem.physics.shape_of(evaluation.equilibrium)
     density = problem.skin.gather_cells(problem.fields.shown(evaluation.projected))
-    skin = shown_skin(problem)
+    skin = shown_skin(problem, poses=evaluation.equilibrium.poses)
     if problem.whole is not None:
         positions = problem.whole.at_vertices(positions)
         density = problem.whole.at_cells(density)
@@ -55,12 +60,18 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
     return skin, frame
 
 
-def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = None) -> ShownSkin:
+def shown_skin(
+    problem: ShapeProblem,
+    regions: Sequence[BaseGeometry] | None = None,
+    poses: Sequence[Sequence[float]] | None = None,
+) -> ShownSkin:
     """Return the whole skin of a design problem, on every rank (collective).
 
     Args:
         problem: The design problem.
         regions: Print on each panel of the whole, polygons in m; None before there is one.
+        poses: Poses of the bodies that it touches, as of an `Equilibrium`; None leaves them where
+            they are made.
     """
     pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
     passive = (
@@ -73,7 +84,41 @@ def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = N
         target = None if target is None else whole.at_vertices(target)
         passive = None if passive is None else whole.at_cells(passive)
     aligned = isinstance(problem.objective, AlignedObjective)
-    return ShownSkin(pattern, target, aligned, passive, regions)
+    body, ground = _beside(problem.solver.contact, poses)
+    compared = _compared(problem.objective)
+    return ShownSkin(pattern, target, aligned, passive, regions, body, ground, compared)
+
+
+def _beside(
+    contact: Contact | None, poses: Sequence[Sequence[float]] | None
+) -> tuple[tuple[Floats, Ints] | None, float | None]:
+    """Return the bodies that a skin touches, as one surface, and the height of a level ground."""
+    if contact is None:
+        return None, None
+    bodies = list(contact.bodies)
+    if poses is not None:
+        bodies = [body.moved(np.asarray(pose)) for body, pose in zip(bodies, poses, strict=True)]
+    heights = [g.point[2] for g in contact.grounds if g.normal[2] > LEVEL]
+    ground = heights[0] if heights else None
+    if not bodies:
+        return None, ground
+    firsts = np.cumsum([0, *(len(body.points) for body in bodies)])
+    triangles = [body.triangles + k for body, k in zip(bodies, firsts, strict=False)]
+    return (np.concatenate([body.points for body in bodies]), np.concatenate(triangles)), ground
+
+
+def _compared(objective: Objective) -> tuple[bool, bool, bool]:
+    """Return whether an objective compares positions with the target along x, y and z."""
+    if isinstance(objective, AlignedObjective):
+        return _compared(objective.objective)
+    if isinstance(objective, SumObjective):
+        found = np.any([_compared(part) for part in objective.parts], axis=0)
+    elif isinstance(objective, ShapeObjective | CrossSectionObjective):
+        found = objective.compared
+    else:
+        return False, False, False
+    x, y, z = (bool(one) for one in found)
+    return x, y, z
 
 
 def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:

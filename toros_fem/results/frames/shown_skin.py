@@ -33,7 +33,9 @@ class ShownSkin:
         passive: Prescribed density of all triangles, (t,), NaN where it is designed; None designs
             every triangle.
         regions: Print on each panel, polygons in m; None where densities are shown instead.
-        body: Points, (k, 3), in m, and triangles, (l, 3), of an object beside the skin.
+        body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
+        ground: Height in m of a level ground; None without one.
+        compared: Whether the design compares positions with the target along x, y and z.
     """
 
     pattern: Pattern
@@ -42,6 +44,8 @@ class ShownSkin:
     passive: Floats | None = None
     regions: Sequence[BaseGeometry] | None = None
     body: tuple[Floats, Ints] | None = None
+    ground: float | None = None
+    compared: tuple[bool, bool, bool] = (False, False, False)
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:
@@ -59,7 +63,8 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
         arrays |= packed_regions(skin.regions)
     if skin.body is not None:
         arrays[BODY[0]], arrays[BODY[1]] = skin.body
-    archive = archive_of(KIND, skin.pattern, arrays, {"aligned": skin.aligned})
+    numbers = {"aligned": skin.aligned, "ground": skin.ground, "compared": list(skin.compared)}
+    archive = archive_of(KIND, skin.pattern, arrays, numbers)
     path = folder / f"{KIND}-{archive.digest[:12]}.npz"
     if not path.exists():
         write_archive(path, archive)
@@ -82,6 +87,8 @@ def read_skin(path: Path) -> ShownSkin:
             passive=arrays.get("passive"),
             regions=regions_of(archive) if REGIONS[0] in arrays else None,
             body=(arrays[BODY[0]], arrays[BODY[1]]) if BODY[0] in arrays else None,
+            ground=archive.numbers.get("ground"),
+            compared=tuple(archive.numbers.get("compared", (False,) * 3)),
         )
 
     return read_archive(path, KIND, make, OutputError, REMEDY)

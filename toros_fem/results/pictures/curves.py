@@ -1,0 +1,211 @@
+"""Pictures of numbers: over the pressure, over the iterations, and the paths of feet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from toros_fem.base.array_types import Floats
+from toros_fem.measures.figures import Figure as Told
+from toros_fem.measures.figures import formatted, unit_of
+from toros_fem.results.pictures.style import ACCENT, DARK, INK, SECOND, SIZE, SOFT, TALL, page
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measured value beside a curve.
+
+    Attributes:
+        key: Key of its figure.
+        pressure: In Pa.
+        value: In the figure's unit.
+        simulated: Ours at the same pressure; None where there is none.
+        source: Who measured it.
+    """
+
+    key: str
+    pressure: float
+    value: float
+    simulated: float | None
+    source: str
+
+
+def plot_curve(
+    path: Path,
+    rows: Sequence[Mapping[str, float]],
+    figures: Sequence[Told],
+    pressure: float | None,
+    title: str = "",
+    measured: Sequence[Measured] = (),
+    broken: tuple[bool, bool] = (False, False),
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture of figures over the pressure, those of different units below one another.
+
+    Args:
+        path: PNG file to write.
+        rows: Values by key, "pressure_pa" among them, by rising pressure.
+        figures: Figures to draw, with their intervals and targets at the pressure of the design.
+        pressure: Pressure of the design in Pa; None for none.
+        title: A sentence with the result.
+        measured: Measured values, drawn with what ours is there.
+        broken: Whether the curve ends for want of an equilibrium, at its lower and upper end.
+        facts: As of `page`.
+    """
+    at = [1e-3 * row["pressure_pa"] for row in rows]
+    ends = [k for k, is_broken in zip((0, -1), broken, strict=True) if is_broken]
+    units = list(dict.fromkeys(told.unit for told in figures))
+    with page(path, title, SIZE if len(units) < 3 else TALL, facts) as figure:
+        grid = figure.subplots(
+            len(units), 1, sharex=True, squeeze=False,
+            gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
+        )[:, 0]  # fmt: skip
+        for axes, unit in zip(grid, units, strict=True):
+            axes.grid(axis="y")
+            shown = [told for told in figures if told.unit == unit]
+            factor = unit_of(unit).factor
+            for told, colour in zip(shown, (DARK, SECOND, SOFT, INK) * len(shown), strict=False):
+                values = [factor * row.get(told.key, np.nan) for row in rows]
+                axes.plot(at, values, "-", color=colour, lw=1.6)
+                _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
+                _design(axes, told, pressure, colour, factor)
+                _targets(axes, told, factor)
+                _beside(axes, told, [m for m in measured if m.key == told.key], factor)
+                for k in ends:
+                    axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
+                    axes.annotate(
+                        "no equilibrium beyond", (at[k], values[k]), (6, -12),
+                        textcoords="offset points", color=ACCENT, fontsize=8,
+                    )  # fmt: skip
+            axes.set_ylabel(_axis_label(shown))
+            axes.margins(y=0.12)
+        grid[-1].set_xlabel("pressure (kPa)")
+        grid[-1].set_xlim(left=0)
+
+
+def _axis_label(shown: Sequence[Told]) -> str:
+    names = " and ".join(told.name.replace("_", " ") for told in shown) if len(shown) < 3 else ""
+    sign = unit_of(shown[0].unit).sign.strip()
+    sign = "relative to rest" if sign == "×" else sign
+    return f"{names} ({sign})" if sign else names
+
+
+def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
+    axes.annotate(name, at, (6, 0), textcoords="offset points", color=colour, va="center",
+                  fontweight="bold", annotation_clip=False)  # fmt: skip
+
+
+def _design(axes: Axes, told: Told, pressure: float | None, colour: str, factor: float) -> None:
+    """Draw the figure at the pressure of the design with its error."""
+    if pressure is None or told.value is None:
+        return
+    x, y = 1e-3 * pressure, factor * told.value
+    if told.interval is not None:
+        axes.errorbar(x, y, factor * told.interval, color=colour, capsize=4, lw=1.2, zorder=4)
+    axes.plot(x, y, "o", color=colour, ms=6, zorder=5)
+    axes.annotate(
+        told.shown, (x, y), (-8, 8), textcoords="offset points", ha="right", color=colour, zorder=6
+    )
+
+
+def _targets(axes: Axes, told: Told, factor: float) -> None:
+    if told.target is None:
+        return
+    axes.axhline(factor * told.target, color=ACCENT, ls="--", lw=1.2, zorder=1)
+    axes.annotate(
+        f"target {formatted(told.target, told.unit)}", (0, factor * told.target), (4, 3),
+        xycoords=("axes fraction", "data"), textcoords="offset points", color=ACCENT, fontsize=8,
+    )  # fmt: skip
+
+
+def _beside(axes: Axes, told: Told, measured: Sequence[Measured], factor: float) -> None:
+    """Draw measured values, with what ours is at the same pressure in words."""
+    for one in measured:
+        x, y = 1e-3 * one.pressure, factor * one.value
+        axes.plot(x, y, "D", color=INK, mfc="white", ms=7, zorder=5)
+        words = f"{formatted(one.value, told.unit, 3)} ({one.source})"
+        if one.simulated is not None:
+            words += f",\n{formatted(one.simulated, told.unit, 3)} ours"
+            axes.plot([x, x], [y, factor * one.simulated], color=SOFT, lw=0.8, ls=":")
+        axes.annotate(words, (x, y), (8, -4), textcoords="offset points", fontsize=8, va="top")
+
+
+def draw_history(
+    axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None, *, named: bool = True
+) -> None:
+    """Draw the objective over the iterations, and one figure at the right.
+
+    Dotted lines mark where the next mesh begins.
+
+    Args:
+        axes: The axes.
+        rows: Rows of the history.
+        told: The figure; None for none.
+        named: Whether to name the horizontal axis.
+    """
+    count = [row["iteration"] for row in rows]
+    axes.semilogy(count, [row["objective"] for row in rows], color=DARK, lw=1.4)
+    axes.set_ylabel("objective", color=DARK)
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    if named:
+        axes.set_xlabel("iteration")
+    for begin in (b["iteration"] for a, b in pairwise(rows) if b.get("level") != a.get("level")):
+        axes.axvline(begin, color=SOFT, ls=":", lw=0.8)
+    if told is None or told.key not in rows[-1]:
+        return
+    right, factor = axes.twinx(), unit_of(told.unit).factor
+    right.spines["right"].set_visible(True)
+    right.plot(count, [factor * row[told.key] for row in rows], color=SECOND, lw=1.4)
+    right.set_ylabel(_axis_label([told]), color=SECOND)
+    if told.target is not None:
+        right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
+
+
+def plot_tracks(
+    path: Path,
+    feet: Floats,
+    every: int,
+    stride: float | None = None,
+    measured: tuple[str, float] | None = None,
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture of the paths of feet in the x-z plane.
+
+    Args:
+        path: PNG file to write.
+        feet: Positions, (rows, feet, 3), in m.
+        every: Number of rows between two marks, which show the phases of the gait.
+        stride: Distance along x of a cycle in m, drawn true to scale below the paths; None for
+            none.
+        measured: The same for a measured stride, after who measured it.
+        facts: As of `page`.
+    """
+    title = "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm"
+    with page(path, title, facts=facts) as figure:
+        axes = figure.add_axes((0.09, 0.12, 0.88, 0.75))
+        colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
+        for k, colour in zip(range(feet.shape[1]), colours, strict=False):
+            x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+            axes.plot(x, z, color=colour)
+            axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
+            axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
+            _name(axes, (float(x.max()), float(z[x.argmax()])), f"foot {k}", colour)
+        bars = [] if stride is None else [("simulated", stride, DARK)]
+        bars += [] if measured is None else [(*measured, ACCENT)]
+        low, high = axes.get_ylim()
+        begin = 1e3 * float(feet[:, :, 0].mean())
+        for k, (name, length, colour) in enumerate(bars):
+            height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
+            axes.annotate("", (end, height), (begin, height), zorder=4,
+                          arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
+            axes.annotate(f"{name}: {1e3 * length:.3g} mm", (min(begin, end), height), (0, 5),
+                          textcoords="offset points", color=colour)  # fmt: skip
+        if bars:
+            axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
+        axes.set_xlabel("x (mm); a square is the start")
+        axes.set_ylabel("height (mm)")

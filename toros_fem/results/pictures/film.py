@@ -1,0 +1,207 @@
+"""Films of a run: the skin as it inflates and empties, as it walks, or as its design changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from PIL import Image as Bitmap
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import OutputError, ParameterError
+from toros_fem.base.files import replace_file
+from toros_fem.measures.figures import Figure as Told
+from toros_fem.measures.figures import formatted
+from toros_fem.results.frames.files import Frame
+from toros_fem.results.pictures.inflation import inflation_view
+from toros_fem.results.pictures.of_run import sentence, told_figures
+from toros_fem.results.pictures.shown import DrawnSkin
+from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.style import DARK, LETTERS, SOFT, TITLE
+from toros_fem.results.pictures.view import View
+from toros_fem.results.report.run_folder import SERIES, Run, read_run
+
+# Width and height in inches, and pixels per inch: 720 × 405.
+SIZE, DPI = (7.2, 4.05), 100
+# Pictures from rest to the last state; time in ms of each, and of the last state.
+MOST, SHOWN, HELD = 24, 83, 1000
+# Between two frames whose figure differs by more than this part of its range shapes are not made.
+JOINED = 0.12
+# A walker goes from left to right.
+WALKING = View(15.0, 15.0)
+# Colours of the palette of a GIF, and pictures that it is made of.
+COLOURS, SAMPLES = 128, 4
+
+
+def write_animation(folder: str | Path, series: str = "pressure") -> Path:
+    """Write a film of a run into its folder, as APNG and as GIF, and return the GIF (one rank).
+
+    No display is needed. The names are inflation.apng and inflation.gif for the series "pressure",
+    and SERIES.apng and SERIES.gif for others.
+
+    Args:
+        folder: Folder of the run.
+        series: What it follows: "pressure", "iteration", "gait" or "load".
+
+    Raises:
+        OutputError: The folder has no such frames, a file cannot be read, or the film not be
+            written.
+        ParameterError: The series is unknown.
+    """
+    if series not in SERIES:
+        raise ParameterError(f"series = {series!r} must be one of {', '.join(SERIES)}.")
+    run = read_run(folder)
+    frames = run.series.get(series, ())
+    if len(frames) < 2:
+        raise OutputError(
+            f"{folder} has no frames over the {series}, so there is nothing to animate. A finished "
+            "design with a curve has some."
+        )
+    name = "inflation" if series == "pressure" else series
+    path = run.folder / f"{name}.gif"
+    scenes = _inflated(run, frames) if series == "pressure" else _as_recorded(frames)
+    pictures = _pictures(run, series, scenes)
+    times = [SHOWN] * len(pictures)
+    times[-1] = HELD
+    if series == "pressure":  # back to rest
+        pictures, times = pictures + pictures[-2:0:-1], times + [SHOWN] * (len(pictures) - 2)
+    try:
+        replace_file(path.with_suffix(".apng"), _apng(pictures, times))
+        replace_file(path, _gif(pictures, times))
+    except OSError as caught:
+        raise OutputError(f"{path} could not be written: {caught}. Free some space.") from None
+    return path
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A picture of a film."""
+
+    skin: str
+    positions: Floats
+    density: Floats | None
+    values: Mapping[str, float]
+    number: int
+
+
+def _as_recorded(frames: Sequence[Frame]) -> list[_Scene]:
+    """Return frames at even distances, the first and the last among them."""
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(MOST, len(frames))).round().astype(int))
+    return [_of(frames[k]) for k in chosen]
+
+
+def _of(frame: Frame) -> _Scene:
+    return _Scene(frame.skin, frame.positions, frame.density, frame.values, frame.number)
+
+
+def _inflated(run: Run, frames: Sequence[Frame]) -> list[_Scene]:
+    """Return states from rest to the design's pressure, at equal steps of the first figure.
+
+    Between frames that are close, positions are interpolated; where they are far apart the frames
+    themselves are shown.
+    """
+    pressure = run.summary.value("pressure_pa") or frames[-1].values["pressure_pa"]
+    rows = [frame for frame in frames if frame.values["pressure_pa"] <= 1.001 * pressure]
+    rows = rows if len(rows) > 1 else list(frames)
+    key = next((f.key for f in told_figures(run) if f.key in rows[-1].values), "pressure_pa")
+    reached = np.array([frame.values[key] for frame in rows])
+    way = np.concatenate([[0.0], np.abs(np.diff(reached)).cumsum()])
+    if way[-1] == 0:
+        return _as_recorded(rows)
+    scenes = []
+    for goal in np.linspace(0, way[-1], MOST):
+        k = int(np.clip(np.searchsorted(way, goal) - 1, 0, len(rows) - 2))
+        one, other = rows[k], rows[k + 1]
+        step = way[k + 1] - way[k]
+        part = float((goal - way[k]) / step) if step > 0 else 1.0
+        if step > JOINED * way[-1] or one.skin != other.skin:
+            part = round(part)
+        values = {
+            name: (1 - part) * value + part * other.values[name]
+            for name, value in one.values.items()
+            if name in other.values
+        }
+        positions = (1 - part) * one.positions + part * other.positions
+        scenes.append(_Scene(one.skin, positions, one.density, values, k))
+    return scenes
+
+
+def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Image]:
+    """Draw the pictures of a film, in one frame."""
+    fixed = {scene.skin: DrawnSkin(run.skins[scene.skin]) for scene in scenes}
+    places = np.concatenate([scene.positions for scene in scenes])
+    last, shown = scenes[-1], run.skins[scenes[-1].skin]
+    others = [] if shown.target is None or series == "gait" else [shown.target]
+    others += [] if shown.body is None else [shown.body[0]]
+    view = WALKING if series == "gait" else inflation_view(fixed[last.skin], last.positions)
+    figures = told_figures(run)
+    pictures = []
+    with rc_context(LETTERS):
+        for scene in scenes:
+            drawn = fixed[scene.skin]
+            if scene.density is not None:
+                drawn = DrawnSkin(run.skins[scene.skin], scene.density)
+            figure = Figure(figsize=SIZE, dpi=DPI)
+            stage = Stage(figure, (0.01, 0.01, 0.98, 0.86), view, np.concatenate([places, *others]))
+            if series == "gait" or drawn.skin.ground is not None:
+                stage.ground(float(places[:, 2].min()), places)
+            positions = drawn.placed(scene.positions)
+            stage.draw(drawn.surfaces(positions))
+            if drawn.skin.target is not None and series != "gait":
+                stage.outline(drawn, drawn.skin.target)
+            stage.bar()
+            told, asked = _words(series, scene, figures)
+            figure.text(0.02, 0.93, told, fontsize=TITLE, fontweight="bold", color=DARK)
+            figure.text(0.98, 0.93, asked, ha="right", color=SOFT)
+            stream = BytesIO()
+            figure.savefig(stream, format="png", dpi=DPI)
+            pictures.append(Bitmap.open(stream).convert("RGB"))
+    return pictures
+
+
+def _words(series: str, scene: _Scene, figures: Sequence[Told]) -> tuple[str, str]:
+    """Return what is told above a picture, and the targets."""
+    if series == "iteration":
+        return f"Iteration {scene.number}", ""
+    if series == "gait":
+        return f"Position {scene.number + 1}", ""
+    found = [
+        Told(told.name, told.unit, scene.values[told.key])
+        for told in figures
+        if told.key in scene.values
+    ]
+    targets = [
+        f"target {formatted(told.target, told.unit)}" for told in figures if told.target is not None
+    ]
+    rounded = [Told(f.name, f.unit, float(f"{f.value or 0:.3g}")) for f in found]
+    return sentence(rounded, scene.values.get("pressure_pa")), ", ".join(targets)
+
+
+def _apng(pictures: Sequence[Bitmap.Image], times: Sequence[int]) -> bytes:
+    stream = BytesIO()
+    pictures[0].save(
+        stream, format="PNG", save_all=True, append_images=pictures[1:], duration=list(times),
+        loop=0, optimize=True,
+    )  # fmt: skip
+    return stream.getvalue()
+
+
+def _gif(pictures: Sequence[Bitmap.Image], times: Sequence[int]) -> bytes:
+    """Return pictures as a GIF with one palette, of pictures from the first one to the last."""
+    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, SAMPLES).astype(int)]
+    width, height = pictures[0].size
+    strip = Bitmap.new("RGB", (width, height * len(chosen)))
+    for k, picture in enumerate(chosen):
+        strip.paste(picture, (0, k * height))
+    palette = strip.quantize(COLOURS, dither=Bitmap.Dither.NONE)
+    frames = [picture.quantize(palette=palette, dither=Bitmap.Dither.NONE) for picture in pictures]
+    stream = BytesIO()
+    frames[0].save(
+        stream, format="GIF", save_all=True, append_images=frames[1:], duration=list(times), loop=0
+    )
+    return stream.getvalue()

@@ -1,0 +1,369 @@
+"""Pictures of flat panels: the print and its faults, the design on its way, lines, wrinkles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.design.lines.field import LineField
+from toros_fem.making.panels.seam_lines import sewn_seams
+from toros_fem.making.print.printability import Printability, PrintLimits
+from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
+from toros_fem.meshes.panels import Place, panel_places
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.results.pictures.style import (
+    ACCENT,
+    FABRIC,
+    INK,
+    PRINT,
+    SECOND,
+    SOFT,
+    bar_length,
+    fill,
+    page,
+    scale_bar,
+)
+
+# Space between panels over the size of the pattern.
+GAP = 0.05
+EDGE = "#8A7D63"
+# Part of the page for the panels, and for what is told beside them.
+PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
+# Faults of a kind that are closer than this on the page, in mm of the page, have one number.
+CLOSE = 4.0
+# Rows of faults that find room.
+MOST_ROWS = 14
+# Colours of line families, in turn, and their names.
+FAMILIES = (ACCENT, SECOND, "#009E73", "#CC79A7")
+# Length of the mark of the largest share, over the mean edge length.
+MARK = 1.1
+# Colours of slack, wrinkled and taut triangles.
+STATES = {Tension.SLACK: "#E5E7EB", Tension.WRINKLED: "#F2C078", Tension.TAUT: "#9DC3E6"}
+
+
+def draw_panels(
+    figure: Figure,
+    box: tuple[float, float, float, float],
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry] | None,
+    *,
+    names: bool = True,
+) -> tuple[Axes, list[Place]]:
+    """Draw the panels as large as they fit into a part of a page, with a bar of their scale.
+
+    Args:
+        figure: The page.
+        box: Left, bottom, width and height of the part, over the page.
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m; None for bare panels.
+        names: Whether to write the names of the panels, and a bar of their scale.
+
+    Returns:
+        The axes, in mm, and the place of each panel.
+    """
+    axes = figure.add_axes(box)
+    axes.set_axis_off()
+    page_size = figure.get_size_inches() * box[2:]
+    places = panel_places(pattern, GAP * pattern.size, tuple(page_size))
+    for panel, place in enumerate(places):
+        outline = place.region(pattern.outline(panel))
+        fill(axes, outline, FABRIC, EDGE)
+        if regions is not None:
+            fill(axes, place.region(regions[panel]), PRINT)
+        left, _, _, top = 1e3 * np.array(outline.bounds)
+        if names:
+            axes.annotate(
+                pattern.panel_names[panel], (left, top), (0, 3),
+                textcoords="offset points", fontsize=8, color=SOFT,
+            )  # fmt: skip
+    bounds = shapely.total_bounds(
+        [place.region(pattern.outline(k)) for k, place in enumerate(places)]
+    )
+    low, high = 1e3 * bounds[:2], 1e3 * bounds[2:]
+    room = 0.06 * (high - low).max() if names else 0.01 * (high - low).max()
+    axes.set_xlim(low[0] - room / 2, high[0] + room / 2)
+    axes.set_ylim(low[1] - room * (1.3 if names else 0.5), high[1] + room)
+    axes.set_aspect("equal")
+    if names:
+        scale_bar(axes, bar_length(float((high - low).max())), (0.0, 0.01))
+    return axes, places
+
+
+def plot_pattern(
+    path: Path,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    printability: Printability,
+    limits: PrintLimits,
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture of the flat panels: print, numbered seams, and all that cannot be printed.
+
+    Faults have numbers; a list beside the panels tells what they are. Those of a kind that are
+    close have one number.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        printability: Measured widths, islands and holes.
+        limits: Bounds for narrow lines, narrow gaps and small holes.
+        facts: As of `page`.
+    """
+    faults = _faults(printability, limits)
+    count = sum(fault.count for fault in faults)
+    title = {
+        0: "Printable: print the dark areas, sew along equal numbers",
+        1: "1 place cannot be printed as it is drawn",
+    }.get(count, f"{count} places cannot be printed as they are drawn")
+    with page(path, title, facts=facts) as figure:
+        axes, places = draw_panels(figure, PANELS_BOX, pattern, regions)
+        if not pattern.moulded:
+            _number_seams(axes, pattern, places)
+        scale = _mm_of_page(axes)
+        groups = _grouped(faults, places, CLOSE / scale)
+        for number, group in enumerate(groups, 1):
+            for fault in group:
+                _mark(axes, fault, places[fault.panel])
+            at = 1e3 * places[group[0].panel].points(group[0].at)
+            axes.annotate(
+                f"{number}", tuple(at), (9, 9), textcoords="offset points", color="white",
+                fontsize=8, fontweight="bold", ha="center", va="center", zorder=6,
+                bbox={"boxstyle": "circle,pad=0.25", "fc": ACCENT, "ec": "white", "lw": 0.8},
+                arrowprops={"arrowstyle": "-", "color": ACCENT, "lw": 0.8, "shrinkB": 0},
+            )  # fmt: skip
+        _list(figure, groups, printability, limits)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fault:
+    """A place that cannot be printed: its kind, the panel, a point on it, and what it measures."""
+
+    kind: str
+    panel: int
+    at: Floats
+    size: float
+    shape: BaseGeometry
+    count: int = 1
+
+
+def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
+    """Return the faults of a print, the worst of each kind first."""
+    faults = []
+    for island in found.free_islands:
+        inside = island.polygon.point_on_surface()
+        at = shapely.get_coordinates(inside)[0]
+        faults.append(_Fault("free island", island.panel, at, island.area, island.polygon))
+    for kind, narrow in (("line", found.narrow_lines), ("gap", found.narrow_gaps)):
+        for place in narrow:
+            line = shapely.LineString(place.ends)
+            faults.append(_Fault(kind, place.panel, np.array(place.centre), place.width, line))
+    for hole in found.holes:
+        if hole.area < limits.hole_area:
+            at = shapely.get_coordinates(hole.polygon.centroid)[0]
+            faults.append(_Fault("hole", hole.panel, at, hole.area, hole.polygon))
+    return faults
+
+
+def _grouped(faults: Sequence[_Fault], places: Sequence[Place], near: float) -> list[list[_Fault]]:
+    """Return faults that share a number: of one kind, within a distance in mm of the first one."""
+    groups: list[list[_Fault]] = []
+    for fault in faults:
+        at = 1e3 * places[fault.panel].points(fault.at)
+        for group in groups:
+            first = group[0]
+            other = 1e3 * places[first.panel].points(first.at)
+            if first.kind == fault.kind and float(np.linalg.norm(at - other)) < near:
+                group.append(fault)
+                break
+        else:
+            groups.append([fault])
+    return groups
+
+
+def _mark(axes: Axes, fault: _Fault, place: Place) -> None:
+    shape = place.region(fault.shape)
+    if shape.geom_type == "LineString":
+        axes.plot(*(1e3 * shapely.get_coordinates(shape).T), color=ACCENT, lw=2, zorder=5)
+    elif fault.kind == "hole":
+        ring = 1e3 * shapely.get_coordinates(shape.exterior)
+        axes.plot(*ring.T, color=ACCENT, lw=1.5, zorder=5)
+    else:
+        fill(axes, shape, ACCENT)
+
+
+def _list(
+    figure: Figure,
+    groups: Sequence[Sequence[_Fault]],
+    found: Printability,
+    limits: PrintLimits,
+) -> None:
+    """Write what each number means, and the thinnest line and gap."""
+    bounds = {"line": limits.width, "gap": limits.gap}
+    rows = []
+    for number, group in enumerate(groups, 1):
+        kind, size = group[0].kind, min(fault.size for fault in group)
+        many = f"{len(group)} {kind}s, " if len(group) > 1 else f"{kind} "
+        if kind in bounds:
+            told = f"{many}{1e3 * size:.2f} of {1e3 * bounds[kind]:.2g} mm"
+        else:
+            told = f"{many}{1e6 * size:.2g} mm²"
+        rows.append((f"{number}", told, ACCENT))
+    if len(rows) > MOST_ROWS:
+        rows = [*rows[: MOST_ROWS - 1], ("…", f"and {len(rows) - MOST_ROWS + 1} more", ACCENT)]
+    for name, smallest, limit in (
+        ("thinnest line", found.smallest_width, limits.width),
+        ("thinnest gap", found.smallest_gap, limits.gap),
+    ):
+        if smallest is not None:
+            rows.append(("", f"{name} {1e3 * smallest.width:.2g} mm", INK))
+            rows.append(("", f"(at least {1e3 * limit:.2g} mm)", SOFT))
+    rows.append(("", f"{found.number_of_pieces} printed pieces", INK))
+    axes = figure.add_axes(TOLD_BOX)
+    axes.set_axis_off()
+    for k, (number, told, colour) in enumerate(rows):
+        height = 1 - 0.058 * k
+        axes.text(0.0, height, number, color=colour, fontweight="bold", va="top")
+        axes.text(0.08, height, told, color=INK if number else colour, va="top")
+
+
+def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Place]) -> None:
+    """Write the number of each seam beside both of its sides, outside of the panels."""
+    for seam in sewn_seams(pattern):
+        half = np.array([seam.length / 2])
+        reach = 0.1 * seam.length
+        for side in (0, 1):
+            place = places[seam.panels[side]]
+            at = place.points(seam.at(side, half))[0]
+            out = place.vectors(seam.outward(side, half, reach))[0]
+            axes.annotate(
+                f"{seam.number}", tuple(1e3 * at), tuple(8 * out), textcoords="offset points",
+                fontsize=8, color=SOFT, ha="center", va="center",
+            )  # fmt: skip
+
+
+def _mm_of_page(axes: Axes) -> float:
+    """Return how many mm on the page a mm of the panels is."""
+    figure = axes.get_figure()
+    assert figure is not None
+    width, height = 25.4 * figure.get_size_inches() * axes.get_position(original=True).size
+    return min(width / np.ptp(axes.get_xlim()), height / np.ptp(axes.get_ylim()))
+
+
+def draw_density(
+    figure: Figure, box: tuple[float, float, float, float], pattern: Pattern, density: Floats
+) -> Axes:
+    """Draw a density on the flat panels, from fabric at 0 to print at 1, in a part of a page."""
+    axes, places = draw_panels(figure, box, pattern, None, names=False)
+    mix = np.clip(np.nan_to_num(density), 0, 1)[:, None]
+    colours = (1 - mix) * FABRIC + mix * PRINT
+    axes.add_collection(
+        PolyCollection(
+            list(1e3 * _placed(pattern, pattern.corners, places)),
+            facecolors=colours,
+            edgecolors="face",
+            lw=0.2,
+        ),
+        autolim=False,
+    )
+    return axes
+
+
+def plot_lines(
+    path: Path,
+    field: LineField,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture of line families, laid over each other, and of the print that they became.
+
+    Each mark has the direction of the lines in its triangle; its length grows with the share. The
+    families may be those of a part that is cut at symmetry planes, beside the print of the whole.
+
+    Args:
+        path: PNG file to write.
+        field: The line families.
+        pattern: The pattern that is printed on.
+        regions: Print on each of its panels, polygons in m.
+        facts: As of `page`.
+    """
+    title = f"{field.families} families of lines, and the print that they became"
+    with page(path, title, facts=facts) as figure:
+        axes, places = draw_panels(figure, (0.02, 0.10, 0.47, 0.79), field.pattern, None)
+        area = field.pattern.areas
+        shown = np.argsort(-(area @ field.shares), kind="stable")
+        for order, family in enumerate(shown):
+            colour = FAMILIES[order % len(FAMILIES)]
+            axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
+            if order < len(FAMILIES):
+                share = float(area @ field.shares[:, family]) / float(area.sum())
+                figure.text(0.02 + 0.12 * order, 0.03, f"{share:.1%} of the area", color=colour)
+        draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
+
+
+def _marks(field: LineField, family: int, colour: str, places: Sequence[Place]) -> LineCollection:
+    """Return the marks of one family, in mm."""
+    pattern, shares = field.pattern, field.shares[:, family]
+    angles = field.angles[:, family]
+    most = max(float(field.shares.max()), 1e-12)
+    half = MARK / 2 * np.sqrt(2 * pattern.areas.mean() * shares / most)
+    along = half[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return _strokes(pattern, along, colour, 0.9, places)
+
+
+def plot_wrinkles(
+    path: Path, pattern: Pattern, field: WrinkleField, facts: Mapping[str, str] | None = None
+) -> None:
+    """Write a picture of wrinkles on the flat panels.
+
+    The colour is the state of each triangle; strokes have the direction of the tension, along which
+    wrinkles run.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        field: Its wrinkles.
+        facts: As of `page`.
+    """
+    with page(path, "Wrinkles run along the strokes, the direction of tension", facts=facts) as f:
+        axes, places = draw_panels(f, PANELS_BOX, pattern, None)
+        colours = np.array([STATES[state] for state in Tension])[field.state]
+        corners = 1e3 * _placed(pattern, pattern.corners, places)
+        cells = PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
+        axes.add_collection(cells, autolim=False)
+        length = np.sqrt(2 * pattern.areas)
+        along = 0.3 * length[:, None] * field.flat
+        axes.add_collection(_strokes(pattern, along, INK, 0.7, places), autolim=False)
+        for k, state in enumerate(Tension):
+            height = 0.85 - 0.06 * k
+            f.text(0.71, height, "■", color=STATES[state], fontsize=14, va="center")
+            told = f"{state.name.lower()} {field.share(state, pattern.areas):.0%}"
+            f.text(0.74, height, told, va="center")
+
+
+def _strokes(
+    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Place]
+) -> LineCollection:
+    """Return strokes through the centroids, in mm, by half of each, (t, 2), in m; none of 0."""
+    ends = np.stack([pattern.centroids - along, pattern.centroids + along], axis=1)
+    ends = _placed(pattern, ends, places)
+    return LineCollection(list(1e3 * ends[along.any(axis=1)]), colors=colour, lw=width)
+
+
+def _placed(pattern: Pattern, points: Floats, places: Sequence[Place]) -> Floats:
+    """Return points of each triangle, (t, k, 2), at the places of their panels."""
+    placed = np.array(points)
+    for panel, place in enumerate(places):
+        here = pattern.panel == panel
+        placed[here] = place.points(placed[here])
+    return placed

@@ -1,0 +1,128 @@
+"""Pictures of a skin as it inflates, and the strip from flat print to inflated skin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from toros_fem.base.array_types import Floats
+from toros_fem.results.pictures.flat import draw_panels
+from toros_fem.results.pictures.shapes import framed_with
+from toros_fem.results.pictures.shown import DrawnSkin
+from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.style import INK, SOFT, STRIP, TITLE, page
+from toros_fem.results.pictures.view import View
+
+# Opacity of the first state, and of the last one but one.
+FIRST, BEFORE = 0.22, 0.5
+# Distance of a state's name from its tip, in points.
+NAME = 28.0
+# Elevation and further turn of the view, in degrees.
+ABOVE, TURN = 12.0, -20.0
+# Part of the vertices that move less than the tip.
+TIP = 0.95
+# States are drawn in one place if the tip moves by so many widths of the skin, else side by side
+# with this distance over the width.
+SWEEP, BESIDE = 1.5, 2.4
+
+
+def plot_inflation(
+    path: Path,
+    drawn: DrawnSkin,
+    states: Sequence[tuple[str, Floats]],
+    title: str,
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a picture of a skin at rest and at rising pressures in one frame, earlier ones fading.
+
+    States that would cover each other, as those of a skin that twists, stand side by side.
+
+    Args:
+        path: PNG file to write.
+        drawn: The skin.
+        states: For each state its name and positions of all vertices, (n, 3), in m; the last one
+            is that of the target.
+        title: A sentence with the result.
+        facts: As of `page`.
+    """
+    with page(path, title, facts=facts) as figure:
+        draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), drawn, states)
+
+
+def plot_hero(
+    path: Path,
+    drawn: DrawnSkin,
+    states: Sequence[tuple[str, Floats]],
+    sentence: str,
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """Write a strip with the flat print at the left and the skin as it inflates at the right.
+
+    Args:
+        path: PNG file to write.
+        drawn: The skin, with its print.
+        states: As of `plot_inflation`.
+        sentence: What it does, such as "inflate it to 5 kPa: it bends by 179°".
+        facts: As of `page`.
+    """
+    with page(path, size=STRIP, facts=facts) as figure:
+        draw_panels(figure, (0.01, 0.03, 0.28, 0.80), drawn.pattern, drawn.skin.regions)
+        draw_inflation(figure, (0.30, 0.02, 0.69, 0.84), drawn, states)
+        for x, words in ((0.02, "print this, sew it …"), (0.31, f"… {sentence}")):
+            figure.text(x, 0.93, words, fontsize=TITLE - 1, va="center")
+
+
+def draw_inflation(
+    figure: Figure,
+    box: tuple[float, float, float, float],
+    drawn: DrawnSkin,
+    states: Sequence[tuple[str, Floats]],
+) -> None:
+    """Draw the states of an inflation into a part of a page, as `plot_inflation` does."""
+    names, placed = [name for name, _ in states], [drawn.placed(x) for _, x in states]
+    view = inflation_view(drawn, placed[-1])
+    moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
+    tip = moves >= np.quantile(moves, TIP)
+    tips = [view.project(x[tip]).mean(axis=0) for x in placed]
+    width = max(float(np.ptp(view.project(x)[:, 0])) for x in placed[:1])
+    sweeps = float(np.linalg.norm(tips[-1] - tips[0])) > SWEEP * width
+    step = np.zeros(3) if sweeps else BESIDE * width * view.directions[0]
+    placed = [x + k * step for k, x in enumerate(placed)]
+    last, target = placed[-1], drawn.skin.target
+    target = None if target is None else target + (len(placed) - 1) * step
+    every = np.concatenate(placed)
+    across, up = 72 * figure.get_size_inches() * box[2:]
+    room = (2.2 * NAME / across, 2.2 * NAME / across, 0.03, 1.6 * NAME / up)
+    others = [] if target is None else [target]
+    stage = Stage(figure, box, view, framed_with(drawn, every, others), room)
+    fading = [*np.linspace(FIRST, BEFORE, len(placed) - 1), 1.0] if sweeps else [1.0] * len(placed)
+    for x, opacity in zip(placed, fading, strict=True):
+        surfaces = drawn.surfaces(x)
+        stage.draw(surfaces if x is last else surfaces[:1], float(opacity))
+    if target is not None:
+        stage.outline(drawn, target)
+    stage.bar()
+    middle = view.project(every).mean(axis=0)
+    for name, x in zip(names, placed, strict=True):
+        flat = view.project(x)
+        if sweeps:
+            at = flat[tip].mean(axis=0)
+            away = at - middle
+        else:
+            at = np.array([flat[:, 0].mean(), flat[:, 1].max()])
+            away = np.array([0.0, 0.5])
+        away = away / max(float(np.linalg.norm(away)), 1e-9) * (NAME if sweeps else NAME / 2)
+        stage.axes.annotate(
+            name, tuple(1e3 * at), tuple(away), textcoords="offset points", ha="center",
+            va="center", color=INK if x is last else SOFT, zorder=5,
+            fontweight="bold" if x is last else "normal",
+        )  # fmt: skip
+
+
+def inflation_view(drawn: DrawnSkin, positions: Floats) -> View:
+    """Return the side view from somewhat above, for states in one frame."""
+    side, _ = drawn.views(positions)
+    return View(ABOVE, side.turn + TURN)

@@ -1,0 +1,158 @@
+"""What is drawn of a skin in space: its print, its target, bodies beside it, and lines on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.measures.rotation import polar_rotation
+from toros_fem.meshes.panels import cut_triangles
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
+from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
+from toros_fem.results.pictures.view import View, oblique_view, side_view
+
+# Lines on a skin: fractions of the width of its largest panel.
+LINES = (0.25, 0.5, 0.75)
+# Effect of light on colours that are data, and brightness of the print beside fabric there.
+DATA, DARKER = 0.5, 0.8
+# A line is hidden where it is this far behind what is seen, over the size of the skin.
+HIDDEN = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialLine:
+    """A line that moves with the skin.
+
+    Attributes:
+        triangle: Triangle of each of its points, (m,).
+        weights: Barycentric coordinates of the points, (m, 3).
+    """
+
+    triangle: Ints
+    weights: Floats
+
+    def at(self, triangles: Ints, positions: Floats) -> Floats:
+        """Return its points in space, (m, 3), in m, for positions of all vertices, (n, 3)."""
+        corners = positions[triangles[self.triangle]]
+        return np.einsum("mi,mic->mc", self.weights, corners)
+
+
+class DrawnSkin:
+    """A skin, ready to be drawn in any of its states.
+
+    Args:
+        skin: The whole skin, and what is drawn with it.
+        density: Density of all triangles, (t,), where there is no print; None for bare fabric.
+    """
+
+    def __init__(self, skin: ShownSkin, density: Floats | None = None) -> None:
+        self.skin, self.pattern = skin, skin.pattern
+        self._density = density if skin.regions is None else None
+        self._closed = len(skin.pattern.free_edges) == 0
+
+    @cached_property
+    def ink(self) -> Ink | None:
+        """The print, to draw with."""
+        regions = self.skin.regions
+        return None if regions is None else ink_of(self.pattern, regions)
+
+    @cached_property
+    def print_share(self) -> Floats:
+        """Printed fraction of each triangle, (t,)."""
+        if self.skin.regions is not None:
+            cut = cut_triangles(self.pattern, self.skin.regions)
+            printed = np.bincount(cut.cell, cut.inside * cut.areas, len(self.pattern.triangles))
+            return np.asarray(printed / self.pattern.areas)
+        none = np.zeros(len(self.pattern.triangles))
+        return none if self._density is None else np.clip(np.nan_to_num(self._density), 0, 1)
+
+    @cached_property
+    def lines(self) -> Sequence[MaterialLine]:
+        """Lines along the largest panel, by which twist is seen."""
+        return material_lines(self.pattern)
+
+    def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[Surface]:
+        """Return the skin at positions of all vertices, (n, 3), and the body beside it.
+
+        Args:
+            positions: In m.
+            colours: Colours as of a `Surface`, in the place of fabric and print; None for these.
+        """
+        skin = Surface(self.pattern.triangles, positions, FABRIC, self.ink, closed=self._closed)
+        if colours is not None:
+            skin = replace(skin, colour=colours, contrast=DATA, ink_shade=DARKER)
+        elif self.ink is None:
+            skin = replace(skin, colour=FABRIC + self.print_share[:, None] * (PRINT - FABRIC))
+        drawn = [skin]
+        if self.skin.body is not None:
+            points, triangles = self.skin.body
+            drawn.append(Surface(triangles, points, BODY, closed=True))
+        return drawn
+
+    def placed(self, positions: Floats) -> Floats:
+        """Return positions, moved rigidly onto the target where the design compares them so."""
+        target = self.skin.target
+        if not self.skin.aligned or target is None:
+            return positions
+        weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
+        centre, goal = weights @ positions, weights @ target
+        moment = ((target - goal) * weights[:, None]).T @ (positions - centre)
+        rotation, _ = polar_rotation(moment)
+        return np.asarray((positions - centre) @ rotation.T + goal)
+
+    def views(self, positions: Floats) -> tuple[View, View]:
+        """Return the side view and the oblique view of a state."""
+        target = self.skin.target
+        side = side_view(positions if target is None else target)
+        return side, oblique_view(self.pattern.triangles, positions, self.print_share, side)
+
+
+def material_lines(pattern: Pattern) -> list[MaterialLine]:
+    """Return lines along the longer side of the largest panel, at `LINES` of its width."""
+    areas = np.bincount(pattern.panel, pattern.areas, len(pattern.panel_names))
+    cells = np.flatnonzero(pattern.panel == np.argmax(areas))
+    flat = pattern.corners[cells]
+    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+    across = int(np.argmin(high - low))
+    edge = np.sqrt(4 / np.sqrt(3) * pattern.areas[cells].mean())
+    lines: list[MaterialLine] = []
+    for fraction in LINES:
+        # No vertex lies on it.
+        level = low[across] + fraction * (high - low)[across] + 1e-6 * edge
+        triangle, weights = _crossings(flat[..., across] - level)
+        along = np.einsum("mi,mi->m", weights, flat[triangle, :, 1 - across])
+        order = np.argsort(along, kind="stable")
+        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > 3 * edge) + 1)
+        lines += [MaterialLine(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
+    return lines
+
+
+def _crossings(values: Floats) -> tuple[Ints, Floats]:
+    """Return triangle and barycentric coordinates of zeros on edges, of values (t, 3)."""
+    triangles, weights = [], []
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        crossed = np.flatnonzero(values[:, first] * values[:, second] < 0)
+        part = values[crossed, first] / (values[crossed, first] - values[crossed, second])
+        found = np.zeros((len(crossed), 3))
+        found[:, first], found[:, second] = 1 - part, part
+        triangles.append(crossed)
+        weights.append(found)
+    return np.concatenate(triangles), np.concatenate(weights)
+
+
+def visible(points: Floats, view: View, image: Image, size: float) -> Bools:
+    """Return whether points in space, (m, 3), are seen on a picture of surfaces of a size in m."""
+    height, width = image.depth.shape
+    window = image.window
+    share = (view.project(points) - window.low) / (window.high - window.low)
+    column = (share[:, 0] * width).astype(int)
+    row = ((1 - share[:, 1]) * height).astype(int)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    depth = image.depth[row.clip(0, height - 1), column.clip(0, width - 1)]
+    return np.asarray(inside & (view.depth(points) >= depth - HIDDEN * size))

@@ -1,0 +1,106 @@
+"""Axes in mm without a frame that show surfaces, the outline of a target, and lines on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from toros_fem.base.array_types import Floats
+from toros_fem.results.pictures.raster import Image, Surface, Window, render, window_of
+from toros_fem.results.pictures.shown import DrawnSkin, visible
+from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, bar_length, scale_bar
+from toros_fem.results.pictures.view import View
+
+
+class Stage:
+    """A part of a page with a view in space.
+
+    Args:
+        figure: The page.
+        box: Left, bottom, width and height of the part, over the page.
+        view: Where the viewer is.
+        points: Points in space that must be seen, (n, 3), in m.
+        room: Further room around them at the left, right, bottom and top, over their extent.
+    """
+
+    def __init__(
+        self,
+        figure: Figure,
+        box: tuple[float, float, float, float],
+        view: View,
+        points: Floats,
+        room: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        self.view = view
+        flat = view.project(points)
+        low, size = flat.min(axis=0), np.ptp(flat, axis=0)
+        left, right, below, above = room
+        wider = np.array([low - size * [left, below], low + size * [1 + right, 1 + above]])
+        width, height = figure.get_size_inches() * box[2:]
+        self.window: Window = window_of(wider, width / height, round(width * DPI))
+        self.size = float(np.ptp(points, axis=0).max())
+        low, high = 1e3 * self.window.low, 1e3 * self.window.high
+        self._extent = (low[0], high[0], low[1], high[1])
+        self.axes: Axes = figure.add_axes(box)
+        self.axes.set_axis_off()
+        self._limit()
+
+    def draw(self, surfaces: Sequence[Surface], opacity: float = 1.0) -> Image:
+        """Draw surfaces, and return their picture."""
+        image = render(surfaces, self.view, self.window)
+        (left, low), (right, high) = 1e3 * image.window.low, 1e3 * image.window.high
+        self.axes.imshow(
+            image.colours, extent=(left, right, low, high), interpolation="none", alpha=opacity
+        )
+        self._limit()
+        return image
+
+    def outline(self, drawn: DrawnSkin, positions: Floats, width: float = 1.6) -> None:
+        """Draw the dashed outline of a target, and its lines where they are seen."""
+        image = render(drawn.surfaces(positions)[:1], self.view, self.window)
+        covered = np.pad(np.flipud(image.colours[..., 3]), 1)
+        window, pixel = image.window, 1 / image.window.scale
+        (left, low), (right, high) = 1e3 * (window.low - pixel), 1e3 * (window.high + pixel)
+        self.axes.contour(
+            covered, levels=[127.5], colors=[ACCENT], linewidths=width, linestyles="--",
+            extent=(left, right, low, high),
+        )  # fmt: skip
+        self.lines(drawn, positions, image, ACCENT, ":")
+
+    def lines(
+        self, drawn: DrawnSkin, positions: Floats, image: Image, colour: str, style: str = "-"
+    ) -> None:
+        """Draw the lines of a skin where they are seen on its picture."""
+        for line in drawn.lines:
+            points = line.at(drawn.pattern.triangles, positions)
+            flat = 1e3 * self.view.project(points)
+            flat[~visible(points, self.view, image, self.size)] = np.nan
+            self.axes.plot(*flat.T, color=colour, ls=style, lw=0.9)
+
+    def ground(self, height: float, points: Floats) -> None:
+        """Draw the ground below points in space, (n, 3), at a height in m."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        reach = 0.1 * float(np.ptp(points[:, :2], axis=0).max())
+        (left, front), (right, back) = low[:2] - reach, high[:2] + reach
+        corners = np.array(
+            [
+                [x, y, height]
+                for x, y in ((left, front), (right, front), (right, back), (left, back))
+            ]
+        )
+        flat = 1e3 * self.view.project(corners)
+        if np.ptp(flat[:, 1]) > 0.01 * np.ptp(flat[:, 0]):
+            self.axes.fill(*flat.T, color=GROUND, zorder=-1)
+        else:
+            self.axes.axhline(float(flat[:, 1].mean()), color="0.6", lw=1, zorder=-1)
+
+    def bar(self, at: tuple[float, float] = (0.02, 0.03)) -> None:
+        """Draw a bar that shows the scale."""
+        scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), at)
+
+    def _limit(self) -> None:
+        self.axes.set_xlim(self._extent[:2])
+        self.axes.set_ylim(self._extent[2:])

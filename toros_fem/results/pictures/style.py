@@ -1,0 +1,142 @@
+"""The look of all pictures: size, colours, letters, and how a picture is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.path import Path as Outline
+from shapely import get_coordinates, get_parts
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.files import replace_file
+
+
+def _rgb(colour: str) -> Floats:
+    return np.array(to_rgb(colour))
+
+
+# Colour of the print in words and lines.
+DARK = "#1F3A5F"
+FABRIC, PRINT, BODY = _rgb("#EBDFC8"), _rgb(DARK), _rgb("#9AA5B1")
+SILHOUETTE = _rgb("#3A3326")
+# For the target and whatever is to be looked at, and for a second line.
+ACCENT, SECOND = "#D55E00", "#0072B2"
+INK, SOFT, GRID = "#222222", "#6B7280", "#E5E7EB"
+GROUND = "#F1F2F4"
+SEQUENTIAL = "cividis"
+SIGNED = LinearSegmentedColormap.from_list("signed", [SECOND, "white", ACCENT])
+# Width and height in inches, and pixels per inch.
+SIZE, TALL, STRIP, DPI = (8.0, 4.5), (8.0, 6.0), (8.0, 3.1), 200
+# Sizes of letters in points.
+TEXT, TITLE, LARGE = 9.0, 11.0, 20.0
+LETTERS = {
+    "font.family": "DejaVu Sans",
+    "font.size": TEXT,
+    "axes.titlesize": TEXT,
+    "axes.labelsize": TEXT,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "axes.edgecolor": SOFT,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": False,
+    "grid.color": GRID,
+    "figure.facecolor": "white",
+}
+
+
+@contextmanager
+def page(
+    path: Path,
+    title: str = "",
+    size: tuple[float, float] = SIZE,
+    facts: Mapping[str, str] | None = None,
+) -> Iterator[Figure]:
+    """Give a figure in the project's style, and write it as a PNG when it is drawn.
+
+    Args:
+        path: PNG file to write.
+        title: A sentence with the result; empty for none.
+        size: Width and height in inches.
+        facts: What the file tells of itself, as text chunks: run, seed, figure.
+
+    Raises:
+        OSError: It cannot be written; what was there before stays.
+    """
+    with rc_context(LETTERS):
+        figure = Figure(figsize=size)
+        if title:
+            figure.text(
+                0.02, 1 - 0.12 / size[1], title, fontsize=TITLE, fontweight="bold", va="top"
+            )
+        yield figure
+        stream = BytesIO()
+        figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None, **(facts or {})})
+        replace_file(path, stream.getvalue())
+
+
+def fill(
+    axes: Axes, shape: BaseGeometry, colour: Floats | str, edge: str = "none", width: float = 0.8
+) -> None:
+    """Fill a region given in m on axes in mm.
+
+    Args:
+        axes: The axes.
+        shape: The region.
+        colour: Its colour.
+        edge: Colour of its border.
+        width: Width of its border in points.
+    """
+    outlines = []
+    for polygon in get_parts(shape):
+        if polygon.is_empty:
+            continue
+        rings = [get_coordinates(ring) * 1e3 for ring in (polygon.exterior, *polygon.interiors)]
+        codes = [
+            [Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY]
+            for ring in rings
+        ]
+        outlines.append(Outline(np.concatenate(rings), np.concatenate(codes)))
+    if outlines:
+        patches = PathCollection(outlines, facecolors=[colour], edgecolors=edge, linewidths=width)
+        axes.add_collection(patches)
+
+
+def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
+    """Draw a bar of a length in mm on axes in mm, and write its length.
+
+    Args:
+        axes: The axes.
+        length: In mm.
+        at: Left end, as fractions of the axes.
+    """
+    left, right = axes.get_xlim()
+    start = left + at[0] * (right - left)
+    low, high = axes.get_ylim()
+    height = low + at[1] * (high - low)
+    axes.plot([start, start + length], [height] * 2, color=INK, lw=2, solid_capstyle="butt")
+    axes.annotate(
+        f"{length:g} mm", (start, height), (0, 4), textcoords="offset points", color=INK, fontsize=8
+    )
+
+
+def bar_length(span: float) -> float:
+    """Return the length in mm of a bar beside something that is `span` mm large: 1, 2 or 5·10ⁿ."""
+    wanted = 0.15 * span
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= wanted * 1.0001))
