@@ -34,8 +34,11 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import bend
 from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric
 from toros_fem.results.files import write_fields
-from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
-from toros_fem.results.pictures.shape_plot import plot_shape
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.pictures.flat import draw_pattern
+from toros_fem.results.pictures.shapes import draw_shape
+from toros_fem.results.pictures.shown import DrawnSkin
+from toros_fem.results.pictures.style import page
 
 SIZES = (3_000, 12_000, 45_000, 146_000, 250_000)
 QUICK = (1_000, 3_000)
@@ -244,9 +247,11 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
             folder = Path(name)
             write_svg(folder / "pattern.svg", pattern, regions)
             write_fields(folder / "skin.vtu", pattern, positions, {"printed": cells * 1.0})
-            plot_pattern(folder / "pattern.png", pattern, regions)
-            plot_printability(folder / "made.png", pattern, regions, found, config.print.limits)
-            plot_shape(folder / "shape.png", pattern, positions, case.target, regions, "")
+            with page(folder / "pattern.png") as figure:
+                draw_pattern(figure, pattern, regions, found, config.print.limits)
+            with page(folder / "shape.png") as figure:
+                shown = ShownSkin(pattern, case.target, regions=regions)
+                draw_shape(figure, DrawnSkin(shown), positions, ())
 
     return {"print_s": seconds, "files_s": cpu(write)[1]}
 

@@ -142,7 +142,7 @@ def kept_meshes(request: pytest.FixtureRequest) -> Generator[None]:
 def without_pictures() -> Generator[None]:
     """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run."""
     with pytest.MonkeyPatch.context() as patch:
-        for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*_plot.py"):
+        for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py"):
             patch.setitem(sys.modules, f"toros_fem.results.pictures.{path.stem}", None)
         yield
 

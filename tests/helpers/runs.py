@@ -78,9 +78,10 @@ def write_run(
     frames = folder / FOLDER
     frames.mkdir(parents=True)
     target = bent(pattern, np.pi / 2)
-    plain = write_skin(frames, ShownSkin(pattern, target))
+    compared = (True, True, True)
+    plain = write_skin(frames, ShownSkin(pattern, target, compared=compared))
     regions = regions_of(pattern)
-    printed = write_skin(frames, ShownSkin(pattern, target, regions=regions))
+    printed = write_skin(frames, ShownSkin(pattern, target, regions=regions, compared=compared))
     drawn = np.random.default_rng(1).random(len(pattern.triangles))
     history, curve = [], []
     for k in range(iterations):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.meshes.pattern import Pattern
@@ -57,7 +57,8 @@ def miss_of(
     along = int(np.argmax(extents))
     slender = extents[along] > SLENDER * np.sort(extents)[1]
     everywhere = np.arange(len(pattern.points))
-    groups, areas = [everywhere], pattern.vertex_areas
+    groups: list[Ints] = [everywhere]
+    areas = pattern.vertex_areas
     if slender:
         labels = label_cross_sections(pattern, everywhere, np.eye(3)[along], SECTIONS, border=False)
         groups = section_vertices(labels)

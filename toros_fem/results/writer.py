@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import write_table, write_together
 from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
-from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.panels.svg import write_svg
@@ -43,10 +41,9 @@ def write_results(
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    The files are history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu, pattern.png,
-    manufacture.png, shape.png and convergence.png; of a design that began with densities also
-    design.png, of a tension field wrinkles.png. When all are there, summary.json follows. Where the
-    print has no equilibrium, pictures and fields show the design's own shape.
+    The files are history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu and frames. When all
+    are there, summary.json follows, then the pictures of `draw_run`, and wrinkles.png of a tension
+    field. Where the print has no equilibrium, pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -69,25 +66,17 @@ def write_results(
         result, printed, printed_metrics(result, printed), {}, config, seconds or {}
     )
     write_design(folder, made)
-    return write_summary(made.problem.comm, folder, made)
+    summary = write_summary(made.problem.comm, folder, made)
+    draw_pictures(made.problem.comm, folder)
+    return summary
 
 
-def write_design(
-    folder: str | Path,
-    found: PrintedResult,
-    *,
-    field: LineField | None = None,
-    start: LineField | None = None,
-    pictures: bool = True,
-) -> None:
-    """Write the files of `write_results` without summary.json, and of line families (collective).
+def write_design(folder: str | Path, found: PrintedResult) -> None:
+    """Write the files of `write_results` without summary.json and its pictures (collective).
 
     Args:
         folder: Output folder, made if missing.
         found: The design and its print.
-        field: Line families that the design was made of, for lines.png; None for none.
-        start: Line families that these began with; None leaves them out.
-        pictures: Whether to draw pictures; without them, what matters most is on disk at once.
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
@@ -104,10 +93,32 @@ def write_design(
         density = shown.fields["rho_projected"] if printed.evaluation is None else None
         write_print(folder, shown.skin, shown.positions, shown.values, shown.note, density)
         write_fields(folder / "skin.vtu", printed.pattern, shown.positions, shown.fields)
-        if pictures:
-            if_plotting(lambda: _draw(folder, found, shown, field, start))
+        draw_wrinkles(folder, printed.pattern, shown.folds)
 
     write_together(comm, folder, write)
+
+
+def draw_pictures(
+    comm: MPI.Comm, folder: str | Path, more: Callable[[], None] = lambda: None
+) -> None:
+    """Draw the pictures of a run's folder, and further ones (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Folder of a run with its summary.
+        more: Draws further pictures, on the first rank.
+
+    Raises:
+        OutputError: A picture cannot be written; on all ranks.
+    """
+
+    def draw() -> None:
+        from toros_fem.results.pictures.of_run import draw_run
+
+        draw_run(folder)
+        more()
+
+    write_together(comm, folder, lambda: if_plotting(draw))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,35 +172,6 @@ def _shown(found: PrintedResult) -> _Shown:
     return _Shown(skin_shown, positions, target, fields, folds, values, note)
 
 
-def _draw(
-    folder: Path,
-    found: PrintedResult,
-    shown: _Shown,
-    field: LineField | None,
-    start: LineField | None,
-) -> None:
-    """Draw the pictures of a design (one rank)."""
-    from toros_fem.results.pictures.curve_plot import plot_convergence
-    from toros_fem.results.pictures.design_plot import plot_design
-    from toros_fem.results.pictures.line_plot import plot_line_field, plot_wrinkles
-    from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
-    from toros_fem.results.pictures.shape_plot import plot_shape
-
-    printed, result = found.printed, found.design
-    skin, regions = printed.pattern, printed.regions
-    plot_pattern(folder / "pattern.png", skin, regions)
-    plot_printability(folder / "manufacture.png", skin, regions, printed.after, printed.limits)
-    plot_shape(folder / "shape.png", skin, shown.positions, shown.target, regions, _title(found))
-    plot_convergence(folder / "convergence.png", result.history, found.problem.metrics)
-    if result.initial is not None:
-        last = shown.fields["rho_projected"]
-        plot_design(folder / "design.png", result.initial, skin, last, regions)
-    if field is not None:
-        plot_line_field(folder / "lines.png", field, skin, regions, start)
-    if shown.folds is not None:
-        plot_wrinkles(folder / "wrinkles.png", skin, shown.folds)
-
-
 def wrinkles_of(
     pattern: Pattern, composite: Composite | None, density: Floats, positions: Floats
 ) -> WrinkleField | None:
@@ -199,83 +181,25 @@ def wrinkles_of(
     return wrinkles(pattern, composite, density, positions)
 
 
+def draw_wrinkles(folder: Path, pattern: Pattern, folds: WrinkleField | None) -> None:
+    """Draw wrinkles.png of a tension field (one rank)."""
+
+    def draw(found: WrinkleField) -> None:
+        from toros_fem.results.pictures.flat import draw_wrinkles as on_panels
+        from toros_fem.results.pictures.style import page
+
+        with page(folder / "wrinkles.png") as figure:
+            on_panels(figure, pattern, found)
+
+    if folds is not None:
+        if_plotting(lambda: draw(folds))
+
+
 def wrinkle_fields(folds: WrinkleField | None) -> dict[str, Floats]:
     """Return the fields of skin.vtu that show wrinkles."""
     if folds is None:
         return {}
     return {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
-
-
-def _title(found: PrintedResult) -> str:
-    """Return the title of the picture of the shape: metrics, their targets and the pressure."""
-    as_printed, values = found.printed.evaluation is not None, found.shown_metrics
-    # Of a distance or a gap the target is 0, which says nothing.
-    told = ", ".join(
-        f"{m.name} {m.formatted(values[m.key])}"
-        + (f" of {m.formatted(m.target)}" if m.target else "")
-        for m in found.problem.metrics
-    )
-    shown = "as printed" if as_printed else "as designed, not as printed,"
-    return f"{told} {shown} at {found.design.final.equilibrium.pressure / 1e3:.3g} kPa"
-
-
-def write_comparison(
-    comm: MPI.Comm,
-    folder: str | Path,
-    name: str,
-    content: Mapping[str, Any],
-    pattern: Pattern,
-    panel: str,
-    variants: Sequence[tuple[str, BaseGeometry, str]],
-) -> None:
-    """Write the table and the picture strip of several designs (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        name: Name of both files, without ending.
-        content: Content of the JSON file.
-        pattern: The pattern.
-        panel: Name of the panel to show.
-        variants: For each variant its title, its print on that panel, in m, and a caption.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
-    """
-    folder = Path(folder)
-
-    def draw() -> None:
-        from toros_fem.results.pictures.pattern_plot import plot_variants
-
-        plot_variants(folder / f"{name}.png", pattern, panel, variants)
-
-    def write() -> None:
-        write_json(folder / f"{name}.json", content)
-        if_plotting(draw)
-
-    write_together(comm, folder, write)
-
-
-def write_pictures(
-    comm: MPI.Comm, folder: str | Path, pictures: Mapping[str, Callable[[Path], None]]
-) -> None:
-    """Write pictures, each by a function of its path (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        pictures: For the name of each file what draws it, called on the first rank only.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
-    """
-    folder = Path(folder)
-
-    def draw() -> None:
-        for name, picture in pictures.items():
-            picture(folder / name)
-
-    write_together(comm, folder, lambda: if_plotting(draw))
 
 
 def if_plotting(draw: Callable[[], None]) -> None:

@@ -61,7 +61,7 @@ class Export(Command, ManufactureOptions):
         part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.over(made_as(summary))
         output = self.output or run / FOLDER
-        drawings = ["pattern.svg", NAME, "pattern.png", "manufacture.png"]
+        drawings = ["pattern.svg", NAME, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)
 
         def write() -> dict[str, Any]:
@@ -75,12 +75,11 @@ class Export(Command, ManufactureOptions):
             write_svg(output / "pattern.svg", stored.pattern, stored.regions)
 
             def draw() -> None:
-                from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
+                from toros_fem.results.pictures.flat import draw_pattern
+                from toros_fem.results.pictures.style import page
 
-                plot_pattern(output / "pattern.png", stored.pattern, stored.regions)
-                plot_printability(
-                    output / "manufacture.png", stored.pattern, stored.regions, made, stored.limits
-                )
+                with page(output / "pattern.png") as figure:
+                    draw_pattern(figure, stored.pattern, stored.regions, made, stored.limits)
 
             if_plotting(draw)
             return manifest

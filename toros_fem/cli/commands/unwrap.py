@@ -67,9 +67,11 @@ class Unwrap(Command, Unwrapping):
         }
 
         def draw() -> None:
-            from toros_fem.results.pictures.surface_plot import plot_unwrapped
+            from toros_fem.results.pictures.style import TALL, page
+            from toros_fem.results.pictures.unwrapped import draw_unwrapped
 
-            plot_unwrapped(output / "unwrap.png", unwrapped)
+            with page(output / "unwrap.png", size=TALL) as figure:
+                draw_unwrapped(figure, unwrapped)
 
         def write() -> None:
             if self.verbose:

@@ -39,7 +39,7 @@ class View(Command):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the page, and the animation (collective)."""
-        from toros_fem.results.report.animation import write_animation
+        from toros_fem.results.pictures.film import write_animation
         from toros_fem.results.report.page_file import write_report
 
         def write() -> tuple[Path, Path | None]:

@@ -51,7 +51,7 @@ from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import journal_of, run_of
 from toros_fem.results.summary import PrintedResult, printed_metrics
-from toros_fem.results.writer import write_design
+from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene
@@ -330,7 +330,7 @@ class Designer(Job):
         scene, folder = self.scene, Path(self.output)
         metrics = printed_metrics(result, printed)
         made = PrintedResult(result, printed, metrics, config=scene)
-        found = self._write(ActuatorResult(made, search), pictures=False)
+        found = self._write(ActuatorResult(made, search))
         if scene.results.estimate_error:
             self._check()
             errors = self._errors(found)
@@ -339,7 +339,8 @@ class Designer(Job):
             found = replace(found, made=made, errors=errors)
         self._check()
         curve = write_curve(folder, made.problem, printed, scene.results, scene.MEASURED)
-        found = self._write(replace(found, curve=curve), pictures=True)
+        found = self._write(replace(found, curve=curve))
+        draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
         write_together(
@@ -357,18 +358,10 @@ class Designer(Job):
         if run is not None:
             run.check()
 
-    def _write(self, found: ActuatorResult, *, pictures: bool) -> ActuatorResult:
+    def _write(self, found: ActuatorResult) -> ActuatorResult:
         """Write a design and return it with the time that it took until now."""
         found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
-        lines = found.search.lines
-        relaxed = None if lines is None else lines.best.relaxed
-        write_design(
-            self.output,
-            found.made,
-            field=None if relaxed is None else relaxed.field,
-            start=None if relaxed is None else relaxed.start,
-            pictures=pictures,
-        )
+        write_design(self.output, found.made)
         write_summary(self.comm, self.output, found)
         return found
 
@@ -380,6 +373,17 @@ class Designer(Job):
         if made is None:
             return None
         return errors_by_refinement(problem.solver, made.equilibrium, problem.metrics)
+
+
+def _draw_lines(folder: Path, found: ActuatorResult) -> None:
+    """Draw the line families that a design was made of, if it was (one rank)."""
+    from toros_fem.results.pictures.flat import draw_lines
+    from toros_fem.results.pictures.style import page
+
+    lines, printed = found.search.lines, found.made.printed
+    if lines is not None and lines.best.relaxed is not None:
+        with page(folder / "lines.png") as figure:
+            draw_lines(figure, lines.best.relaxed.field, printed.pattern, printed.regions)
 
 
 def design_actuator(

@@ -20,7 +20,6 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
-from toros_fem.results.writer import if_plotting
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
@@ -167,7 +166,7 @@ def write_curve(
     config: Results,
     measured: Sequence[Measurement] = (),
 ) -> CurveFigures | None:
-    """Write curve.csv and curve.png and return what they tell (collective).
+    """Write curve.csv and frames, and return what they tell (collective).
 
     None if the configuration leaves the curve out.
 
@@ -199,19 +198,11 @@ def write_curve(
         }
         for point in curve.points
     ]
-    skin, at = shown_skin(problem, printed.regions), made.equilibrium.pressure
+    skin = shown_skin(problem, printed.regions, made.equilibrium.poses)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", skin, curve.points, whole)
-        if_plotting(draw)
-
-    def draw() -> None:
-        from toros_fem.results.pictures.curve_plot import plot_metrics_over_pressure
-
-        broken = (curve.failure_below is not None, curve.failure_above is not None)
-        place = folder / "curve.png"
-        plot_metrics_over_pressure(place, rows, problem.metrics, at, compared, broken)
 
     write_together(problem.comm, folder, write)
     return CurveFigures(

@@ -26,6 +26,7 @@ from toros_fem.products.actuators.estimates import MetricErrors, errors_by_refin
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.writer import draw_pictures
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene
@@ -137,6 +138,7 @@ def simulate_actuator(
     where = None if pattern is None else str(pattern)
     found = SimulationResult(path, where, failure, errors)
     write_summary(comm, output, found)
+    draw_pictures(comm, output)
     return found
 
 

@@ -13,7 +13,7 @@ from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 from toros_fem.results.writer import if_plotting
 
-COLOURS = ("#1f3a63", "#c8571b", "#4b8b57", "#8a4f9e")
+COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
 
 
 def fit_table(result: Fit) -> str:
@@ -77,38 +77,37 @@ def _rows(result: Fit) -> list[dict[str, object]]:
 
 def plot_fit(path: Path, result: Fit) -> None:
     """Draw stress and lateral stretch beside the data, and the residuals below (one rank)."""
-    import matplotlib.pyplot as plt
-
-    from toros_fem.results.pictures.drawing import DPI
+    from toros_fem.results.pictures.style import GRID, SOFT, TALL, page
 
     samples = result.samples
-    shown = [("stress in N/m", samples.stress, result.stress, result.r2_stress)]
+    shown = [("stress (N/m)", samples.stress, result.stress)]
     if result.r2_lateral is not None:
-        shown.append(("lateral stretch", samples.lateral, result.lateral, result.r2_lateral))
-    figure, axes = plt.subplots(
-        2, len(shown), figsize=(1 + 5 * len(shown), 6.5), sharex=True, squeeze=False,
-        height_ratios=[2.4, 1], layout="constrained",
-    )  # fmt: skip
-    for (top, bottom), (label, measured, fitted, r2) in zip(axes.T, shown, strict=True):
-        for name, colour in zip(dict.fromkeys(samples.direction), cycle(COLOURS), strict=False):
-            rows = samples.curve_along(name)
-            stretch, words = 1 + samples.strain[rows], f"{name}, " if name else ""
-            tests = samples.direction.count(name)
-            count = f"{words}measured ({tests} test{'s' if tests > 1 else ''})"
-            dots = {"ls": "", "marker": ".", "ms": 4, "color": colour, "alpha": 0.5}
-            top.plot(stretch, measured[rows], label=count, **dots)
-            top.plot(stretch, fitted[rows], color=colour, lw=1.8, label=f"{words}eq. (1)")
-            bottom.plot(stretch, (measured - fitted)[rows], **dots)
-        bottom.axhline(0.0, color="0.5", lw=0.8)
-        bottom.set(xlabel="stretch", ylabel="measured − fitted")
-        top.set(ylabel=label, title=f"{label.partition(' in ')[0]}, R² = {r2:.4f}")
-        top.legend(frameon=False, fontsize=8)
-        for axis in (top, bottom):
-            axis.grid(alpha=0.3)
-            if result.trusted_to < result.measured_to:  # the fit is not to be trusted there
-                axis.axvspan(result.trusted_to, result.measured_to, color="0.85", zorder=0)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+        shown.append(("lateral stretch", samples.lateral, result.lateral))
+    where = {"left": 0.09, "right": 0.97, "bottom": 0.09, "top": 0.88, "hspace": 0.12}
+    with page(path, _quality(result, "not measured"), TALL) as figure:
+        grid = figure.subplots(
+            2, len(shown), sharex=True, squeeze=False, height_ratios=[2.4, 1],
+            gridspec_kw={**where, "wspace": 0.25},
+        )  # fmt: skip
+        for (top, bottom), (label, measured, fitted) in zip(grid.T, shown, strict=True):
+            names = dict.fromkeys(samples.direction)
+            for k, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
+                rows = samples.curve_along(name)
+                stretch, words = 1 + samples.strain[rows], f"{name}: " if name else ""
+                tests = samples.direction.count(name)
+                told = f"{words}{tests} test{'s' * (tests > 1)} (dots), eq. (1) (line)"
+                dots = {"ls": "", "marker": ".", "ms": 4, "color": colour, "alpha": 0.5}
+                top.plot(stretch, measured[rows], **dots)
+                top.plot(stretch, fitted[rows], color=colour, lw=1.8)
+                top.text(0.03, 0.95 - 0.07 * k, told, color=colour, transform=top.transAxes)
+                bottom.plot(stretch, (measured - fitted)[rows], **dots)
+            bottom.axhline(0.0, color=SOFT, lw=0.8)
+            bottom.set(xlabel="stretch", ylabel="measured − fitted")
+            top.set_ylabel(label)
+            for axis in (top, bottom):
+                axis.grid(axis="y")
+                if result.trusted_to < result.measured_to:  # the fit is not to be trusted there
+                    axis.axvspan(result.trusted_to, result.measured_to, color=GRID, zorder=0)
 
 
 def library_entry(

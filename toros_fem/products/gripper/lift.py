@@ -15,7 +15,6 @@ from toros_fem.base.files import write_together
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
-from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import repeated, write_series
@@ -71,8 +70,9 @@ def write_lift(
     regions: Sequence[BaseGeometry],
     body: RigidBody,
     fingers: int,
+    title: str,
 ) -> None:
-    """Write frames, and pictures of all fingers around the object (collective).
+    """Write frames, and a picture of all fingers around the object (collective).
 
     Args:
         comm: Communicator.
@@ -83,14 +83,14 @@ def write_lift(
         regions: Print on each of its panels, polygons in m.
         body: The object before the lift, in the finger's frame.
         fingers: Number of fingers around it.
+        title: A sentence with the result.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    axis, ball, post = float(body.centre[2]), body.triangles, _post(body)
+    axis, post = float(body.centre[2]), _post(body)
     angles = 2 * np.pi * np.arange(fingers) / fingers
     every, prints = repeated(pattern, regions, fingers)
-    first = len(every.points)
 
     def fingers_of(shape: LiftShape) -> Floats:
         up = [0.0, 0.0, shape.raised]
@@ -100,30 +100,38 @@ def write_lift(
         return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
 
     def draw() -> None:
-        from toros_fem.results.pictures.shape_plot import plot_shapes
+        from toros_fem.results.pictures.raster import Surface
+        from toros_fem.results.pictures.shapes import plot_states
+        from toros_fem.results.pictures.shown import DrawnSkin
+        from toros_fem.results.pictures.style import BODY
+        from toros_fem.results.pictures.view import View
 
-        solids = [ball + first, post.triangles + first + len(body.points)]
-        cells = np.concatenate([every.triangles, *solids])
-        none, shapes, densities = np.full(len(cells), np.nan), [], []
+        stand = Surface(post.triangles, post.points, BODY, closed=True)
+        states = []
         for density, row in rows:
-            for shape in row:
-                x = np.concatenate([fingers_of(shape), object_of(shape), post.points])
-                shapes.append((shape.title, x))
-                densities.append(np.append(np.tile(density, fingers), none)[: len(cells)])
-        plot_shapes(folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1]))
-        closed = rows[-1][1][0]
-        side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
-        plot_shapes(
-            folder / "finger.png",
-            np.concatenate([pattern.triangles, ball + len(pattern.points)]),
-            [("one finger, from the side", side)],
-            np.append(np.zeros(len(pattern.triangles)), none[: len(ball)]),
-            printed=cut_triangles(pattern, regions),
-        )
+            # The print itself is drawn where there is one.
+            printed = density is rows[-1][0]
+            drawn = DrawnSkin(
+                ShownSkin(every, regions=prints if printed else None), np.tile(density, fingers)
+            )
+            states.append(
+                [
+                    (
+                        shape.title,
+                        [
+                            *drawn.surfaces(fingers_of(shape)),
+                            Surface(body.triangles, object_of(shape), BODY, closed=True),
+                            stand,
+                        ],
+                    )
+                    for shape in row
+                ]
+            )
+        plot_states(folder / "lift.png", states, View(*VIEW), title)
 
     def write() -> None:
         last = rows[-1][1][-1]
-        skin = ShownSkin(every, regions=prints, body=(object_of(last), ball))
+        skin = ShownSkin(every, regions=prints, body=(object_of(last), body.triangles))
         write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
         if_plotting(draw)
 

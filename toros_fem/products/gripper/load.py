@@ -255,10 +255,11 @@ def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResu
         elif owned is shown.projected:  # a finger may have several equilibria: this one is known
             start = shown.equilibrium.positions
         pulls[name] = grip.pull(density, pressures, start)
+    figures = [pulls[name].figures for name in ("as printed", "initial design")]
+    lifted = Lifted(scene.object.mass, scene.contact.friction, scene.fingers, *figures)
     if rows := [pull.row(name) for name, pull in pulls.items() if pull.points]:
         pattern, copies, regions = problem.whole.pattern, scene.fingers, list(printed.regions)
         if grip.finger is None:
             pattern, copies, regions = grip.closing.skin.pattern, 1, regions * copies
-        write_lift(comm, output, pattern, rows, regions, grip.body, copies)
-    figures = [pulls[name].figures for name in ("as printed", "initial design")]
-    return Lifted(scene.object.mass, scene.contact.friction, scene.fingers, *figures)
+        write_lift(comm, output, pattern, rows, regions, grip.body, copies, lifted.words)
+    return lifted

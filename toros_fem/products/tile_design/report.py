@@ -156,11 +156,15 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
 
     def draw() -> None:
         from toros_fem.products.tiles import plots
-        from toros_fem.results.pictures.curve_plot import plot_convergence
+        from toros_fem.results.pictures.curves import draw_history
+        from toros_fem.results.pictures.style import STRIP, page
 
         region = repeated(printed.regions[0], tile, SIDE, SIDE)
         plots.plot_tiles(folder / "pattern.png", tile, region, SIDE)
-        plot_convergence(folder / "convergence.png", made.result.history, ())
+        history = [row.columns() for row in made.result.history]
+        title = f"Designed in {made.result.history[-1].iteration} iterations"
+        with page(folder / "design.png", title, STRIP) as figure:
+            draw_history(figure.add_axes((0.10, 0.17, 0.87, 0.65)), history, None)
         if measured is not None:
             plots.plot_curves(folder / "curves.png", measured.curves)
             plots.plot_profile(

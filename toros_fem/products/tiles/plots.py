@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -19,13 +19,24 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.tiles.printed_tile import region_of_triangles
 from toros_fem.products.tiles.pull_test import PulledSheet
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
-from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, fill
+from toros_fem.results.pictures.style import (
+    ACCENT,
+    DARK,
+    EDGE,
+    FABRIC,
+    PRINT,
+    SECOND,
+    SEQUENTIAL,
+    SOFT,
+    TALL,
+    bar_length,
+    fill,
+    page,
+    scale_bar,
+)
 
-TARGET_COLOUR = "tab:red"
 # Colour, line width and marker of each direction; both lines show where they cover each other.
-LINE_STYLES = (("#0a7fc2", 3.0, "o"), ("#d1242f", 1.4, "s"))
-# Longest side of a sheet's picture, in inches.
-LONGEST_SIDE = 7.0
+LINE_STYLES = ((SECOND, 3.0, "o"), (ACCENT, 1.4, "s"))
 # Directions that differ by less than a part of this, in rad, are the same.
 ROUND = 1e9
 
@@ -53,81 +64,97 @@ def plot_profile(
     angles: Floats,
     target: ProfileTarget | None,
 ) -> None:
-    """Draw stiffness and contraction over all directions, and their target at `angles` in rad."""
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
-    )
-    stiffness = full_circle(profile.angles, profile.stiffness, symmetry)
-    left.plot(*stiffness, color=PRINTED, label="printed")
-    right.plot(*full_circle(profile.angles, profile.contraction, symmetry), color=PRINTED)
-    label, shown = "target", profile.contraction
+    """Draw stiffness and contraction over all directions, and their target at `angles` in rad.
+
+    A contraction that is negative somewhere, as of an auxetic tile, has Cartesian axes: a polar
+    plot hides it in its middle.
+    """
     goals = (None, None) if target is None else (target.stiffness, target.contraction)
-    for axes, values in zip((left, right), goals, strict=True):
-        if values is not None:
-            circle = full_circle(angles, values, symmetry)
-            axes.plot(*circle, "o", ms=5, mfc="none", color=TARGET_COLOUR, label=label)
-            label = ""
-            if axes is right:
-                shown = np.append(shown, values[~np.isnan(values)])
-    turn = np.linspace(0, 2 * np.pi, 100)
-    left.plot(turn, np.full(100, fabric_stiffness), "--", color="0.5", label="fabric without print")
-    left.set_rlim(0)
-    left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
-    low = min(0.0, float(shown.min()))
-    if low < 0:
-        right.plot(turn, np.zeros(100), color="0.7", lw=0.8)
-    right.set_rlim(1.2 * low, 1.1 * max(0.1, float(shown.max())))
-    right.set_title("lateral contraction")
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    _save(path, figure)
+    contraction = full_circle(profile.angles, profile.contraction, symmetry)
+    wanted = None if goals[1] is None else full_circle(angles, goals[1], symmetry)
+    every = np.concatenate([contraction[1], [0.0] if wanted is None else wanted[1]])
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
+    with page(path, f"Stiffness and contraction at {100 * profile.strain:g} % of strain") as figure:
+        left = figure.add_axes((0.06, 0.10, 0.38, 0.66), projection="polar")
+        left.plot(*full_circle(profile.angles, profile.stiffness, symmetry), color=DARK)
+        turn = np.linspace(0, 2 * np.pi, 100)
+        left.plot(turn, np.full(100, fabric_stiffness), "--", color=SOFT)
+        if goals[0] is not None:
+            left.plot(*full_circle(angles, goals[0], symmetry), "o", ms=5, mfc="none", color=ACCENT)
+        left.set_ylim(0)
+        left.set_title("secant stiffness (N/m)", pad=14)
+        if low < 0:
+            right = figure.add_axes((0.58, 0.16, 0.38, 0.58))
+            right.plot(np.degrees(contraction[0]), contraction[1], color=DARK)
+            if wanted is not None:
+                right.plot(np.degrees(wanted[0]), wanted[1], "o", ms=5, mfc="none", color=ACCENT)
+            right.axhline(0, color=SOFT, lw=0.8)
+            right.set(xlabel="direction (°)", xticks=range(0, 361, 90))
+            right.grid(axis="y")
+        else:
+            right = figure.add_axes((0.56, 0.10, 0.38, 0.66), projection="polar")
+            right.plot(*contraction, color=DARK)
+            if wanted is not None:
+                right.plot(*wanted, "o", ms=5, mfc="none", color=ACCENT)
+            right.set_ylim(0, 1.1 * max(0.1, high))
+        right.set_title("lateral contraction", pad=14)
+        words = [("— printed", DARK), ("- - fabric without print", SOFT)]
+        words += [("○ target", ACCENT)] if target is not None else []
+        for k, (text, colour) in enumerate(words):
+            figure.text(0.02 + 0.13 * k + 0.08 * (k > 1), 0.02, text, color=colour)
 
 
 def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
     """Draw stress and contraction of profiles at increasing strains, a line for each direction."""
-    figure, (left, right) = _over_strain("nominal stress in N/m", "lateral contraction")
     strain = [100 * profile.strain for profile in curves]
-    for k, angle in enumerate(curves[0].angles):
-        stress = [profile.stress[k] for profile in curves]
-        left.plot([0.0, *strain], [0.0, *stress], ".-", label=f"{np.degrees(angle):.4g}°")
-        right.plot(strain, [profile.contraction[k] for profile in curves], ".-")
-    figure.legend(loc="outside right upper", frameon=False)
-    _save(path, figure)
+    with page(path, "Each direction of the tile over the strain") as figure:
+        left, right = _over_strain(figure, "nominal stress (N/m)", "lateral contraction")
+        count = len(curves[0].angles)
+        for k, angle in enumerate(curves[0].angles):
+            colour = colormaps[SEQUENTIAL](0.85 * k / max(1, count - 1))
+            stress = [profile.stress[k] for profile in curves]
+            left.plot([0.0, *strain], [0.0, *stress], ".-", color=colour)
+            right.plot(strain, [profile.contraction[k] for profile in curves], ".-", color=colour)
+            name = f"{np.degrees(angle):.4g}°"
+            left.annotate(name, (strain[-1], stress[-1]), (4, 0), textcoords="offset points",
+                          color=colour, fontsize=8, va="center")  # fmt: skip
 
 
 def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
     """Draw stress and contraction over strain, of sheets and of the periodic tile."""
-    figure, (left, right) = _over_strain(
-        "force over width in N/m", "lateral contraction of the middle over strain"
-    )
-    for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
-        test, predicted, name = one.test, one.predicted, one.sheet.direction
-        strain, style = 100 * test.strain, {"color": colour, "lw": lw}
-        sheet = {"label": f"along {name}: sheet", "marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
-        periodic = {"label": f"along {name}: predicted", "ls": "--"}
-        middle = {"label": f"along {name}: sheet, over the strain of its middle", "ls": ":"}
-        left.plot([0, *strain], [0, *test.stress], **style, **sheet)
-        left.plot([0, *strain], [0, *predicted.stress], **style, **periodic)
-        right.plot(strain, test.contraction, **style, **sheet)
-        right.plot(strain, predicted.contraction, **style, **periodic)
-        right.plot(strain, test.middle_contraction, **style, **middle)
-    right.axhline(0.0, color="0.6", lw=0.8)
-    for axes in (left, right):
-        axes.set_xlim(left=0)
-    handles = right.get_legend_handles_labels()
-    figure.legend(*handles, frameon=False, ncols=2, loc="outside lower center")
-    _save(path, figure)
+    with page(path, "Pulled sheets, and what their tile predicts", TALL) as figure:
+        left, right = _over_strain(figure, "force over width (N/m)", "lateral contraction", 0.20)
+        handles: dict[str, Any] = {}
+        for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
+            test, predicted, name = one.test, one.predicted, one.sheet.direction
+            strain = 100 * test.strain
+            style: dict[str, Any] = {"color": colour, "lw": lw}
+            sheet: dict[str, Any] = {"marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
+            left.plot([0, *strain], [0, *test.stress], **style, **sheet)
+            left.plot([0, *strain], [0, *predicted.stress], **style, ls="--")
+            for text, values, how in (
+                (f"along {name}: sheet", test.contraction, sheet),
+                (f"along {name}: predicted", predicted.contraction, {"ls": "--"}),
+                (f"along {name}: sheet, by its middle", test.middle_contraction, {"ls": ":"}),
+            ):
+                (handles[text],) = right.plot(strain, values, **style, **how)
+        right.axhline(0.0, color=SOFT, lw=0.8)
+        for axes in (left, right):
+            axes.set_xlim(left=0)
+        figure.legend(handles.values(), handles.keys(), frameon=False, ncols=2, loc="lower center")
 
 
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
-    """Draw the print `region` in m on count × count tiles and the border of one, in mm."""
-    figure, axes = plt.subplots(figsize=(7, 7), layout="constrained")
-    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
-    axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
-    fill(axes, region, PRINTED)
-    border = corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3
-    axes.plot(*border.T, color=TARGET_COLOUR, lw=1)
-    _to_scale(axes)
-    _save(path, figure)
+    """Draw the print `region` in m on count × count tiles and the border of one."""
+    with page(path, f"{count} × {count} tiles; the framed one is repeated", TALL) as figure:
+        axes = figure.add_axes((0.02, 0.03, 0.96, 0.86))
+        corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
+        axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
+        fill(axes, region, PRINT)
+        border = corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3
+        axes.plot(*border.T, color=ACCENT, lw=1.2)
+        _to_scale(axes)
+        scale_bar(axes, bar_length(float(np.ptp(axes.get_xlim()))), (0.0, 0.0))
 
 
 def plot_deformed(
@@ -147,38 +174,34 @@ def plot_deformed(
 
 
 def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:
-    """Draw a sheet before and after the pull to `positions` (n, 3) in m, to scale, in mm."""
+    """Draw a sheet before and after the pull to `positions` (n, 3) in m, to scale."""
     size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
     grid = (1, 2) if size[1] > size[0] else (2, 1)
-    page = LONGEST_SIDE * size / size.max() * grid[::-1] + 1.2
-    figure, row = plt.subplots(*grid, figsize=page, sharex=True, sharey=True, layout="constrained")
-    for axes, name, points in zip(row, ("before", title), (pattern.points, positions), strict=True):
-        corners = points[pattern.triangles, :2]
-        fill(axes, region_of_triangles(corners), FABRIC, edge="0.45")
-        fill(axes, region_of_triangles(corners[printed]), PRINTED)
-        axes.set_title(name)
-        _to_scale(axes)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.set_ylabel("mm")
-        axes.label_outer()
-    _save(path, figure)
+    with page(path, title[:1].upper() + title[1:], TALL) as figure:
+        where = {"left": 0.02, "right": 0.98, "bottom": 0.03, "top": 0.86, "hspace": 0.15}
+        row = figure.subplots(*grid, sharex=True, sharey=True, gridspec_kw=where)
+        for axes, name, points in zip(
+            row, ("before", "pulled"), (pattern.points, positions), strict=True
+        ):
+            corners = points[pattern.triangles, :2]
+            fill(axes, region_of_triangles(corners), FABRIC, edge=EDGE)
+            fill(axes, region_of_triangles(corners[printed]), PRINT)
+            axes.set_title(name, color=SOFT)
+            _to_scale(axes)
+        scale_bar(row[-1], bar_length(float(np.ptp(row[-1].get_xlim()))), (0.0, 0.0))
 
 
-def _over_strain(*labels: str) -> tuple[Figure, Any]:
-    """Return a figure of two axes over the strain in %, with labels of what they show."""
-    figure, row = plt.subplots(1, 2, figsize=(11, 5), layout="constrained")
-    for axes, label in zip(row, labels, strict=True):
-        axes.set(xlabel="strain in %", ylabel=label)
-        axes.grid(alpha=0.3)
-    return figure, row
+def _over_strain(figure: Figure, left: str, right: str, bottom: float = 0.12) -> tuple[Axes, Axes]:
+    """Return axes side by side over the strain in %, with labels of what they show."""
+    where = {"left": 0.09, "right": 0.95, "bottom": bottom, "top": 0.87, "wspace": 0.3}
+    both = figure.subplots(1, 2, gridspec_kw=where)
+    for axes, label in zip(both, (left, right), strict=True):
+        axes.set(xlabel="strain (%)", ylabel=label)
+        axes.grid(axis="y")
+    return both[0], both[1]
 
 
 def _to_scale(axes: Axes) -> None:
     axes.set_aspect("equal")
     axes.autoscale_view()
-    axes.set_xlabel("mm")
-
-
-def _save(path: Path, figure: Figure) -> None:
-    figure.savefig(path, dpi=DPI, bbox_inches="tight")
-    plt.close(figure)
+    axes.set_axis_off()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -13,9 +12,7 @@ from toros_fem.products.tolerance.result import Tolerances, Variant
 from toros_fem.results.writer import if_plotting
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
-LESS, FIRST_ORDER = "#7fa6c9", "#cc5519"
-TICK = {"color": FIRST_ORDER, "marker": "|", "ls": "", "ms": 13, "mew": 2}
-CROSS = {**TICK, "marker": "x", "ms": 9}
+LESS = "#7FA6C9"
 
 
 def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> None:
@@ -36,9 +33,7 @@ def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> N
 
 def plot_tolerances(path: Path, found: Tolerances) -> None:
     """Write a picture of how each metric moves, a bar for each variant (one rank)."""
-    import matplotlib.pyplot as plt
-
-    from toros_fem.results.pictures.drawing import DPI, PRINTED
+    from toros_fem.results.pictures.style import ACCENT, DARK, INK, page
 
     def what(variant: Variant) -> tuple[str, str]:
         return variant.quantity, variant.amount
@@ -48,37 +43,40 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
 
     pairs = [list(pair) for _, pair in groupby(sorted(found.variants, key=what), what)]
     pairs.sort(key=spread)
-    columns, bars = len(found.metrics), [(k, v) for k, pair in enumerate(pairs) for v in pair]
-    size = (2.5 + 4.5 * columns, 1.6 + 0.38 * len(pairs))
-    options: dict[str, Any] = {"sharey": True, "squeeze": False, "layout": "constrained"}
-    figure, grid = plt.subplots(1, columns, figsize=size, **options)
-    for axes, metric in zip(grid[0], found.metrics, strict=True):
-        key, nominal = metric.key, found.nominal[metric.key]
-        for row, variant in bars:
-            change = found.change(variant, key)
-            if change is None:
-                axes.plot(nominal, row, **CROSS)
-            else:
-                colour = LESS if variant.change < 0 else PRINTED
-                axes.barh(row, change, left=nominal, height=0.62, color=colour)
-            axes.plot(variant.predicted[key], row, **TICK)
-        axes.axvline(nominal, color="0.2", lw=0.8)
-        if metric.target is not None:
-            axes.axvline(metric.target, color="0.5", linestyle="--", lw=1)
-        axes.set_xlabel(metric.label)
-        axes.grid(axis="x", alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    grid[0, 0].set_yticks(range(len(pairs)), [" ± ".join(what(pair[0])) for pair in pairs])
-    handles = {
-        "less than drawn": plt.Rectangle((0, 0), 1, 1, color=LESS),
-        "more than drawn": plt.Rectangle((0, 0), 1, 1, color=PRINTED),
-        "first order": plt.Line2D([], [], **TICK),
-    }
-    if any(m.target is not None for m in found.metrics):
-        handles["target"] = plt.Line2D([], [], color="0.5", ls="--", lw=1)
-    if any(not v.values for v in found.variants):
-        handles["no equilibrium"] = plt.Line2D([], [], **CROSS)
-    below: dict[str, Any] = {"frameon": False, "ncols": len(handles), "loc": "outside lower center"}
-    figure.legend(handles.values(), handles.keys(), **below)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    bars = [(k, v) for k, pair in enumerate(pairs) for v in pair]
+    tick = {"color": ACCENT, "marker": "|", "ls": "", "ms": 13, "mew": 2}
+    height = 1.9 + 0.34 * len(pairs)
+    where = {"left": 0.24, "right": 0.97, "bottom": 0.75 / height, "top": 1 - 0.85 / height}
+    with page(path, "What a print that is not made as drawn does", (8.0, height)) as figure:
+        grid = figure.subplots(
+            1, len(found.metrics), sharey=True, squeeze=False, gridspec_kw={**where, "wspace": 0.1}
+        )
+        for axes, metric in zip(grid[0], found.metrics, strict=True):
+            key, nominal = metric.key, found.nominal[metric.key]
+            for row, variant in bars:
+                change = found.change(variant, key)
+                if change is None:
+                    axes.plot(nominal, row, **{**tick, "marker": "x", "ms": 9})
+                else:
+                    colour = LESS if variant.change < 0 else DARK
+                    axes.barh(row, change, left=nominal, height=0.62, color=colour)
+                axes.plot(variant.predicted[key], row, **tick)
+            axes.axvline(nominal, color=INK, lw=0.8)
+            if metric.target is not None:
+                axes.axvline(metric.target, color=ACCENT, linestyle="--", lw=1)
+                axes.annotate(
+                    "target", (metric.target, 1), (3, 2), xycoords=("data", "axes fraction"),
+                    textcoords="offset points", color=ACCENT, fontsize=8,
+                )  # fmt: skip
+            axes.set_xlabel(metric.label)
+            axes.grid(axis="x")
+        grid[0, 0].set_yticks(range(len(pairs)), [" ± ".join(what(pair[0])) for pair in pairs])
+        words = [
+            ("■ less than drawn", LESS),
+            ("■ more than drawn", DARK),
+            ("| first order", ACCENT),
+        ]
+        if any(not variant.values for variant in found.variants):
+            words.append(("× no equilibrium", ACCENT))
+        for k, (text, colour) in enumerate(words):
+            figure.text(0.02 + 0.22 * k, 1 - 0.52 / height, text, color=colour)

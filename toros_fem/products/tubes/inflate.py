@@ -28,6 +28,7 @@ from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tub
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.writer import draw_pictures
 
 METRICS = (
     Metric("radius", "percent", None, lambda of, x: 100 * swelling(of, x)),
@@ -124,6 +125,7 @@ class InflateScene(Scene):
         write_pressure_path(comm, output, path)
         found = InflationResult(path, self.pressure.pressure)
         write_summary(comm, output, found)
+        draw_pictures(comm, output)
         return found
 
     def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:

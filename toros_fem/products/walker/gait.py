@@ -24,7 +24,6 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
@@ -33,6 +32,8 @@ from toros_fem.results.writer import if_plotting
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
+# Positions of the gait side by side in a picture.
+IN_A_ROW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,29 +265,29 @@ def write_gait(
     Raises:
         OutputError: A file cannot be written.
     """
-    gait, pattern, points = walk.gait, walk.whole.pattern, walk.points
+    gait, points = walk.gait, walk.points
+    shapes = [walk.whole.at_vertices(point.positions) for point in points]
+    ground = min(float(x[:, 2].min()) for x in shapes)
+    skin = ShownSkin(walk.whole.pattern, regions=regions, ground=ground)
 
     def draw() -> None:
-        from toros_fem.results.pictures.curve_plot import plot_tracks
-        from toros_fem.results.pictures.shape_plot import plot_shapes
+        from toros_fem.results.pictures.curves import draw_tracks
+        from toros_fem.results.pictures.shapes import plot_states
+        from toros_fem.results.pictures.shown import DrawnSkin
+        from toros_fem.results.pictures.style import page
+        from toros_fem.results.pictures.view import View
 
-        shown = []
+        robot, shown = DrawnSkin(skin), []
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
             full = ", ".join(name for name, fraction in fractions if fraction >= 0.5)
-            x = walk.whole.at_vertices(points[k].positions)
-            shown.append((f"{number}: {full or 'none'}", x))
-        plot_shapes(
-            folder / "gait.png",
-            pattern.triangles,
-            shown,
-            np.zeros(len(pattern.triangles)),
-            view=(15.0, 15.0),
-            columns=4,
-            printed=cut_triangles(pattern, regions),
-        )
+            shown.append((f"{number}: {full or 'none'}", robot.surfaces(shapes[k])))
         stride = walk.stride if walk.complete else None
-        plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
+        title = "A cycle of the gait" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm"
+        rows = [shown[k : k + IN_A_ROW] for k in range(0, len(shown), IN_A_ROW)]
+        plot_states(folder / "gait.png", rows, View(15.0, 15.0), title, ground)
+        with page(folder / "tracks.png") as figure:
+            draw_tracks(figure, walk.feet, gait.steps, stride, measured)
 
     def write() -> None:
         rows = []
@@ -296,8 +297,7 @@ def write_gait(
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
-        drawn = ShownSkin(pattern, regions=regions)
-        write_path(folder, "gait", drawn, points, whole=walk.whole, chambers=gait.names)
+        write_path(folder, "gait", skin, points, whole=walk.whole, chambers=gait.names)
         if_plotting(draw)
 
     write_together(comm, folder, write)

@@ -5,15 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import formatted, unit_of
-from toros_fem.results.pictures.style import ACCENT, DARK, INK, SECOND, SIZE, SOFT, TALL, page
+from toros_fem.results.pictures.style import (
+    ACCENT,
+    DARK,
+    INK,
+    SECOND,
+    SOFT,
+    write_title,
+)
 
 
 @dataclass(frozen=True)
@@ -35,57 +43,52 @@ class Measured:
     source: str
 
 
-def plot_curve(
-    path: Path,
+def draw_curve(
+    figure: Figure,
     rows: Sequence[Mapping[str, float]],
     figures: Sequence[Told],
     pressure: float | None,
-    title: str = "",
     measured: Sequence[Measured] = (),
     broken: tuple[bool, bool] = (False, False),
-    facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture of figures over the pressure, those of different units below one another.
+    """Draw figures over the pressure, those of different units below one another.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         rows: Values by key, "pressure_pa" among them, by rising pressure.
         figures: Figures to draw, with their intervals and targets at the pressure of the design.
         pressure: Pressure of the design in Pa; None for none.
-        title: A sentence with the result.
         measured: Measured values, drawn with what ours is there.
         broken: Whether the curve ends for want of an equilibrium, at its lower and upper end.
-        facts: As of `page`.
     """
     at = [1e-3 * row["pressure_pa"] for row in rows]
     ends = [k for k, is_broken in zip((0, -1), broken, strict=True) if is_broken]
     units = list(dict.fromkeys(told.unit for told in figures))
-    with page(path, title, SIZE if len(units) < 3 else TALL, facts) as figure:
-        grid = figure.subplots(
-            len(units), 1, sharex=True, squeeze=False,
-            gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
-        )[:, 0]  # fmt: skip
-        for axes, unit in zip(grid, units, strict=True):
-            axes.grid(axis="y")
-            shown = [told for told in figures if told.unit == unit]
-            factor = unit_of(unit).factor
-            for told, colour in zip(shown, (DARK, SECOND, SOFT, INK) * len(shown), strict=False):
-                values = [factor * row.get(told.key, np.nan) for row in rows]
-                axes.plot(at, values, "-", color=colour, lw=1.6)
-                _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
-                _design(axes, told, pressure, colour, factor)
-                _targets(axes, told, factor)
-                _beside(axes, told, [m for m in measured if m.key == told.key], factor)
-                for k in ends:
-                    axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
-                    axes.annotate(
-                        "no equilibrium beyond", (at[k], values[k]), (6, -12),
-                        textcoords="offset points", color=ACCENT, fontsize=8,
-                    )  # fmt: skip
-            axes.set_ylabel(_axis_label(shown))
-            axes.margins(y=0.12)
-        grid[-1].set_xlabel("pressure (kPa)")
-        grid[-1].set_xlim(left=0)
+    grid = figure.subplots(
+        len(units), 1, sharex=True, squeeze=False,
+        gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
+    )[:, 0]  # fmt: skip
+    for axes, unit in zip(grid, units, strict=True):
+        axes.grid(axis="y")
+        shown = [told for told in figures if told.unit == unit]
+        factor = unit_of(unit).factor
+        for told, colour in zip(shown, (DARK, SECOND, SOFT, INK) * len(shown), strict=False):
+            values = [factor * row.get(told.key, np.nan) for row in rows]
+            axes.plot(at, values, "-", color=colour, lw=1.6)
+            _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
+            _design(axes, told, pressure, colour, factor)
+            _targets(axes, told, factor)
+            _beside(axes, told, [m for m in measured if m.key == told.key], factor)
+            for k in ends:
+                axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
+                axes.annotate(
+                    "no equilibrium beyond", (at[k], values[k]), (6, -12),
+                    textcoords="offset points", color=ACCENT, fontsize=8,
+                )  # fmt: skip
+        axes.set_ylabel(_axis_label(shown))
+        axes.margins(y=0.12)
+    grid[-1].set_xlabel("pressure (kPa)")
+    grid[-1].set_xlim(left=0)
 
 
 def _axis_label(shown: Sequence[Told]) -> str:
@@ -151,7 +154,7 @@ def draw_history(
     count = [row["iteration"] for row in rows]
     axes.semilogy(count, [row["objective"] for row in rows], color=DARK, lw=1.4)
     axes.set_ylabel("objective", color=DARK)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if named:
         axes.set_xlabel("iteration")
     for begin in (b["iteration"] for a, b in pairwise(rows) if b.get("level") != a.get("level")):
@@ -166,46 +169,46 @@ def draw_history(
         right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
 
 
-def plot_tracks(
-    path: Path,
+def draw_tracks(
+    figure: Figure,
     feet: Floats,
     every: int,
     stride: float | None = None,
     measured: tuple[str, float] | None = None,
-    facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture of the paths of feet in the x-z plane.
+    """Draw the paths of feet in the x-z plane.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         feet: Positions, (rows, feet, 3), in m.
         every: Number of rows between two marks, which show the phases of the gait.
         stride: Distance along x of a cycle in m, drawn true to scale below the paths; None for
             none.
         measured: The same for a measured stride, after who measured it.
-        facts: As of `page`.
     """
-    title = "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm"
-    with page(path, title, facts=facts) as figure:
-        axes = figure.add_axes((0.09, 0.12, 0.88, 0.75))
-        colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
-        for k, colour in zip(range(feet.shape[1]), colours, strict=False):
-            x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
-            axes.plot(x, z, color=colour)
-            axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
-            axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
-            _name(axes, (float(x.max()), float(z[x.argmax()])), f"foot {k}", colour)
-        bars = [] if stride is None else [("simulated", stride, DARK)]
-        bars += [] if measured is None else [(*measured, ACCENT)]
-        low, high = axes.get_ylim()
-        begin = 1e3 * float(feet[:, :, 0].mean())
-        for k, (name, length, colour) in enumerate(bars):
-            height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
-            axes.annotate("", (end, height), (begin, height), zorder=4,
-                          arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
-            axes.annotate(f"{name}: {1e3 * length:.3g} mm", (min(begin, end), height), (0, 5),
-                          textcoords="offset points", color=colour)  # fmt: skip
-        if bars:
-            axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
-        axes.set_xlabel("x (mm); a square is the start")
-        axes.set_ylabel("height (mm)")
+    write_title(
+        figure,
+        "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm",
+    )
+    axes = figure.add_axes((0.09, 0.12, 0.88, 0.75))
+    colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
+    for k, colour in zip(range(feet.shape[1]), colours, strict=False):
+        x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+        axes.plot(x, z, color=colour)
+        axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
+        axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
+        _name(axes, (float(x.max()), float(z[x.argmax()])), f"foot {k}", colour)
+    bars = [] if stride is None else [("simulated", stride, DARK)]
+    bars += [] if measured is None else [(*measured, ACCENT)]
+    low, high = axes.get_ylim()
+    begin = 1e3 * float(feet[:, :, 0].mean())
+    for k, (name, length, colour) in enumerate(bars):
+        height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
+        axes.annotate("", (end, height), (begin, height), zorder=4,
+                      arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
+        axes.annotate(f"{name}: {1e3 * length:.3g} mm", (min(begin, end), height), (0, 5),
+                      textcoords="offset points", color=colour)  # fmt: skip
+    if bars:
+        axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
+    axes.set_xlabel("x (mm); a square is the start")
+    axes.set_ylabel("height (mm)")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import shapely
@@ -22,6 +21,7 @@ from toros_fem.meshes.panels import Place, panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.style import (
     ACCENT,
+    EDGE,
     FABRIC,
     INK,
     PRINT,
@@ -29,13 +29,12 @@ from toros_fem.results.pictures.style import (
     SOFT,
     bar_length,
     fill,
-    page,
     scale_bar,
+    write_title,
 )
 
 # Space between panels over the size of the pattern.
 GAP = 0.05
-EDGE = "#8A7D63"
 # Part of the page for the panels, and for what is told beside them.
 PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
 # Faults of a kind that are closer than this on the page, in mm of the page, have one number.
@@ -98,50 +97,48 @@ def draw_panels(
     return axes, places
 
 
-def plot_pattern(
-    path: Path,
+def draw_pattern(
+    figure: Figure,
     pattern: Pattern,
     regions: Sequence[BaseGeometry],
     printability: Printability,
     limits: PrintLimits,
-    facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture of the flat panels: print, numbered seams, and all that cannot be printed.
+    """Draw the flat panels: print, numbered seams, and all that cannot be printed.
 
     Faults have numbers; a list beside the panels tells what they are. Those of a kind that are
     close have one number.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         pattern: The pattern.
         regions: Print on each panel, polygons in m.
         printability: Measured widths, islands and holes.
         limits: Bounds for narrow lines, narrow gaps and small holes.
-        facts: As of `page`.
     """
     faults = _faults(printability, limits)
     count = sum(fault.count for fault in faults)
-    title = {
+    words = {
         0: "Printable: print the dark areas, sew along equal numbers",
         1: "1 place cannot be printed as it is drawn",
     }.get(count, f"{count} places cannot be printed as they are drawn")
-    with page(path, title, facts=facts) as figure:
-        axes, places = draw_panels(figure, PANELS_BOX, pattern, regions)
-        if not pattern.moulded:
-            _number_seams(axes, pattern, places)
-        scale = _mm_of_page(axes)
-        groups = _grouped(faults, places, CLOSE / scale)
-        for number, group in enumerate(groups, 1):
-            for fault in group:
-                _mark(axes, fault, places[fault.panel])
-            at = 1e3 * places[group[0].panel].points(group[0].at)
-            axes.annotate(
-                f"{number}", tuple(at), (9, 9), textcoords="offset points", color="white",
-                fontsize=8, fontweight="bold", ha="center", va="center", zorder=6,
-                bbox={"boxstyle": "circle,pad=0.25", "fc": ACCENT, "ec": "white", "lw": 0.8},
-                arrowprops={"arrowstyle": "-", "color": ACCENT, "lw": 0.8, "shrinkB": 0},
-            )  # fmt: skip
-        _list(figure, groups, printability, limits)
+    write_title(figure, words)
+    axes, places = draw_panels(figure, PANELS_BOX, pattern, regions)
+    if not pattern.moulded:
+        _number_seams(axes, pattern, places)
+    scale = _mm_of_page(axes)
+    groups = _grouped(faults, places, CLOSE / scale)
+    for number, group in enumerate(groups, 1):
+        for fault in group:
+            _mark(axes, fault, places[fault.panel])
+        at = 1e3 * places[group[0].panel].points(group[0].at)
+        axes.annotate(
+            f"{number}", tuple(at), (9, 9), textcoords="offset points", color="white",
+            fontsize=8, fontweight="bold", ha="center", va="center", zorder=6,
+            bbox={"boxstyle": "circle,pad=0.25", "fc": ACCENT, "ec": "white", "lw": 0.8},
+            arrowprops={"arrowstyle": "-", "color": ACCENT, "lw": 0.8, "shrinkB": 0},
+        )  # fmt: skip
+    _list(figure, groups, printability, limits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +227,10 @@ def _list(
     rows.append(("", f"{found.number_of_pieces} printed pieces", INK))
     axes = figure.add_axes(TOLD_BOX)
     axes.set_axis_off()
-    for k, (number, told, colour) in enumerate(rows):
+    for k, (mark, told, colour) in enumerate(rows):
         height = 1 - 0.058 * k
-        axes.text(0.0, height, number, color=colour, fontweight="bold", va="top")
-        axes.text(0.08, height, told, color=INK if number else colour, va="top")
+        axes.text(0.0, height, mark, color=colour, fontweight="bold", va="top")
+        axes.text(0.08, height, told, color=INK if mark else colour, va="top")
 
 
 def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Place]) -> None:
@@ -253,8 +250,8 @@ def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Place]) -> None
 
 def _mm_of_page(axes: Axes) -> float:
     """Return how many mm on the page a mm of the panels is."""
-    figure = axes.get_figure()
-    assert figure is not None
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)
     width, height = 25.4 * figure.get_size_inches() * axes.get_position(original=True).size
     return min(width / np.ptp(axes.get_xlim()), height / np.ptp(axes.get_ylim()))
 
@@ -278,37 +275,31 @@ def draw_density(
     return axes
 
 
-def plot_lines(
-    path: Path,
-    field: LineField,
-    pattern: Pattern,
-    regions: Sequence[BaseGeometry],
-    facts: Mapping[str, str] | None = None,
+def draw_lines(
+    figure: Figure, field: LineField, pattern: Pattern, regions: Sequence[BaseGeometry]
 ) -> None:
-    """Write a picture of line families, laid over each other, and of the print that they became.
+    """Draw line families, laid over each other, and of the print that they became.
 
     Each mark has the direction of the lines in its triangle; its length grows with the share. The
     families may be those of a part that is cut at symmetry planes, beside the print of the whole.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         field: The line families.
         pattern: The pattern that is printed on.
         regions: Print on each of its panels, polygons in m.
-        facts: As of `page`.
     """
-    title = f"{field.families} families of lines, and the print that they became"
-    with page(path, title, facts=facts) as figure:
-        axes, places = draw_panels(figure, (0.02, 0.10, 0.47, 0.79), field.pattern, None)
-        area = field.pattern.areas
-        shown = np.argsort(-(area @ field.shares), kind="stable")
-        for order, family in enumerate(shown):
-            colour = FAMILIES[order % len(FAMILIES)]
-            axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
-            if order < len(FAMILIES):
-                share = float(area @ field.shares[:, family]) / float(area.sum())
-                figure.text(0.02 + 0.12 * order, 0.03, f"{share:.1%} of the area", color=colour)
-        draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
+    write_title(figure, f"{field.families} families of lines, and the print that they became")
+    axes, places = draw_panels(figure, (0.02, 0.10, 0.47, 0.79), field.pattern, None)
+    area = field.pattern.areas
+    shown = np.argsort(-(area @ field.shares), kind="stable")
+    for order, family in enumerate(shown):
+        colour = FAMILIES[order % len(FAMILIES)]
+        axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
+        if order < len(FAMILIES):
+            share = float(area @ field.shares[:, family]) / float(area.sum())
+            figure.text(0.02 + 0.12 * order, 0.03, f"{share:.1%} of the area", color=colour)
+    draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
 
 
 def _marks(field: LineField, family: int, colour: str, places: Sequence[Place]) -> LineCollection:
@@ -321,34 +312,31 @@ def _marks(field: LineField, family: int, colour: str, places: Sequence[Place]) 
     return _strokes(pattern, along, colour, 0.9, places)
 
 
-def plot_wrinkles(
-    path: Path, pattern: Pattern, field: WrinkleField, facts: Mapping[str, str] | None = None
-) -> None:
-    """Write a picture of wrinkles on the flat panels.
+def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None:
+    """Draw wrinkles on the flat panels.
 
     The colour is the state of each triangle; strokes have the direction of the tension, along which
     wrinkles run.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         pattern: The pattern.
         field: Its wrinkles.
-        facts: As of `page`.
     """
-    with page(path, "Wrinkles run along the strokes, the direction of tension", facts=facts) as f:
-        axes, places = draw_panels(f, PANELS_BOX, pattern, None)
-        colours = np.array([STATES[state] for state in Tension])[field.state]
-        corners = 1e3 * _placed(pattern, pattern.corners, places)
-        cells = PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
-        axes.add_collection(cells, autolim=False)
-        length = np.sqrt(2 * pattern.areas)
-        along = 0.3 * length[:, None] * field.flat
-        axes.add_collection(_strokes(pattern, along, INK, 0.7, places), autolim=False)
-        for k, state in enumerate(Tension):
-            height = 0.85 - 0.06 * k
-            f.text(0.71, height, "■", color=STATES[state], fontsize=14, va="center")
-            told = f"{state.name.lower()} {field.share(state, pattern.areas):.0%}"
-            f.text(0.74, height, told, va="center")
+    write_title(figure, "Wrinkles run along the strokes, the direction of tension")
+    axes, places = draw_panels(figure, PANELS_BOX, pattern, None)
+    colours = np.array([STATES[state] for state in Tension])[field.state]
+    corners = 1e3 * _placed(pattern, pattern.corners, places)
+    cells = PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
+    axes.add_collection(cells, autolim=False)
+    length = np.sqrt(2 * pattern.areas)
+    along = 0.3 * length[:, None] * field.flat
+    axes.add_collection(_strokes(pattern, along, INK, 0.7, places), autolim=False)
+    for k, state in enumerate(Tension):
+        height = 0.85 - 0.06 * k
+        figure.text(0.71, height, "■", color=STATES[state], fontsize=14, va="center")
+        share = field.share(state, pattern.areas)
+        figure.text(0.74, height, f"{state.name.lower()} {share:.0%}", va="center")
 
 
 def _strokes(

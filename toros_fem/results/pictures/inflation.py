@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +12,7 @@ from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.shapes import framed_with
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
-from toros_fem.results.pictures.style import INK, SOFT, STRIP, TITLE, page
+from toros_fem.results.pictures.style import INK, SOFT, TITLE
 from toros_fem.results.pictures.view import View
 
 # Opacity of the first state, and of the last one but one.
@@ -29,50 +28,21 @@ TIP = 0.95
 SWEEP, BESIDE = 1.5, 2.4
 
 
-def plot_inflation(
-    path: Path,
-    drawn: DrawnSkin,
-    states: Sequence[tuple[str, Floats]],
-    title: str,
-    facts: Mapping[str, str] | None = None,
+def draw_hero(
+    figure: Figure, drawn: DrawnSkin, states: Sequence[tuple[str, Floats]], sentence: str
 ) -> None:
-    """Write a picture of a skin at rest and at rising pressures in one frame, earlier ones fading.
-
-    States that would cover each other, as those of a skin that twists, stand side by side.
+    """Draw a strip with the flat print at the left and the skin as it inflates at the right.
 
     Args:
-        path: PNG file to write.
-        drawn: The skin.
-        states: For each state its name and positions of all vertices, (n, 3), in m; the last one
-            is that of the target.
-        title: A sentence with the result.
-        facts: As of `page`.
-    """
-    with page(path, title, facts=facts) as figure:
-        draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), drawn, states)
-
-
-def plot_hero(
-    path: Path,
-    drawn: DrawnSkin,
-    states: Sequence[tuple[str, Floats]],
-    sentence: str,
-    facts: Mapping[str, str] | None = None,
-) -> None:
-    """Write a strip with the flat print at the left and the skin as it inflates at the right.
-
-    Args:
-        path: PNG file to write.
+        figure: The page.
         drawn: The skin, with its print.
-        states: As of `plot_inflation`.
+        states: As of `draw_inflation`.
         sentence: What it does, such as "inflate it to 5 kPa: it bends by 179°".
-        facts: As of `page`.
     """
-    with page(path, size=STRIP, facts=facts) as figure:
-        draw_panels(figure, (0.01, 0.03, 0.28, 0.80), drawn.pattern, drawn.skin.regions)
-        draw_inflation(figure, (0.30, 0.02, 0.69, 0.84), drawn, states)
-        for x, words in ((0.02, "print this, sew it …"), (0.31, f"… {sentence}")):
-            figure.text(x, 0.93, words, fontsize=TITLE - 1, va="center")
+    draw_panels(figure, (0.01, 0.03, 0.28, 0.80), drawn.pattern, drawn.skin.regions)
+    draw_inflation(figure, (0.30, 0.02, 0.69, 0.84), drawn, states)
+    for x, words in ((0.02, "print this, sew it …"), (0.31, f"… {sentence}")):
+        figure.text(x, 0.93, words, fontsize=TITLE - 1, va="center")
 
 
 def draw_inflation(
@@ -81,7 +51,17 @@ def draw_inflation(
     drawn: DrawnSkin,
     states: Sequence[tuple[str, Floats]],
 ) -> None:
-    """Draw the states of an inflation into a part of a page, as `plot_inflation` does."""
+    """Draw a skin at rest and at rising pressures in one frame, earlier ones fading.
+
+    States that would cover each other, as those of a skin that twists, stand side by side.
+
+    Args:
+        figure: The page.
+        box: Left, bottom, width and height of the part to draw in, over the page.
+        drawn: The skin.
+        states: For each state its name and positions of all vertices, (n, 3), in m; the last one
+            is that of the target.
+    """
     names, placed = [name for name, _ in states], [drawn.placed(x) for _, x in states]
     view = inflation_view(drawn, placed[-1])
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)

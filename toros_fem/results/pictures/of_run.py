@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure as MplFigure
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
@@ -16,12 +18,13 @@ from toros_fem.making.print.printability import printability
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
-from toros_fem.results.pictures.curves import Measured, plot_curve
-from toros_fem.results.pictures.flat import plot_pattern
-from toros_fem.results.pictures.inflation import plot_hero, plot_inflation
-from toros_fem.results.pictures.progress import plot_progress
-from toros_fem.results.pictures.shapes import plot_miss, plot_shape
+from toros_fem.results.pictures.curves import Measured, draw_curve
+from toros_fem.results.pictures.flat import draw_pattern
+from toros_fem.results.pictures.inflation import draw_hero, draw_inflation
+from toros_fem.results.pictures.progress import draw_progress
+from toros_fem.results.pictures.shapes import draw_miss, draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
+from toros_fem.results.pictures.style import SIZE, STRIP, TALL, page
 from toros_fem.results.report.run_folder import Run, read_run
 
 # Figures that every run has, told where it has no others.
@@ -52,105 +55,109 @@ class _Pictures:
     """The pictures of one run."""
 
     def __init__(self, run: Run) -> None:
-        self.run, self.folder = run, run.folder
-        made = read_frames(run.folder / FOLDER, "print")
-        frames = made or run.series.get("pressure", ()) or run.series.get("iteration", ())
-        self.state: Frame | None = frames[-1] if frames else None
-        self.figures = told_figures(run)
-        self.facts = facts_of(run)
+        self.run, self.written = run, list[Path]()
+        self.figures, self.facts = told_figures(run), facts_of(run)
+        self.state = _state(run)
         if self.state is not None:
             skin = read_skin(run.folder / FOLDER / self.state.skin)
             self.drawn = DrawnSkin(skin, self.state.density)
+            pressure = self.state.values.get("pressure_pa")
+            self.title = sentence(self.figures, pressure)
 
     def draw(self) -> list[Path]:
-        found = []
         if self.state is not None:
-            found += self._shape(self.state)
-            found += self._inflation(self.state)
-        found += self._pattern()
-        found += self._curve()
-        found += self._design()
-        return found
+            self._shape(self.state)
+            self._inflation(self.state)
+        self._pattern()
+        self._curve()
+        self._design()
+        return self.written
 
-    def _shape(self, state: Frame) -> list[Path]:
-        path = self.folder / "shape.png"
+    @contextmanager
+    def _page(
+        self, name: str, title: str = "", size: tuple[float, float] = SIZE
+    ) -> Iterator[MplFigure]:
+        path = self.run.folder / name
+        with page(path, title, size, self.facts) as figure:
+            yield figure
+        self.written.append(path)
+
+    def _shape(self, state: Frame) -> None:
         failed = self.run.summary.entries.get("printed_failure")
         warning = "The print has no equilibrium: this is the design." if failed else state.note
-        plot_shape(path, self.drawn, state.positions, self.title, self.figures, self.facts, warning)
-        if self.drawn.skin.target is None or not any(self.drawn.skin.compared):
-            return [path]
-        miss = self.folder / "miss.png"
-        plot_miss(miss, self.drawn, state.positions, self.facts)
-        return [path, miss]
+        with self._page("shape.png", self.title) as figure:
+            draw_shape(figure, self.drawn, state.positions, self.figures, warning)
+        if self.drawn.skin.target is not None and any(self.drawn.skin.compared):
+            with self._page("miss.png") as figure:
+                draw_miss(figure, self.drawn, state.positions)
 
-    def _inflation(self, state: Frame) -> list[Path]:
-        states = self.states(state)
+    def _inflation(self, state: Frame) -> None:
+        frames = self.run.series.get("pressure", ())
+        states = states_of(frames, state, self.figures, self.drawn)
         if len(states) < 3:
-            return []
-        path, hero = self.folder / "inflation.png", self.folder / "hero.png"
-        plot_inflation(path, self.drawn, states, self.title, self.facts)
-        if self.drawn.skin.regions is None:
-            return [path]
-        told = ", ".join(f"{f.name.replace('_', ' ')} {f.shown}" for f in self.figures[:2])
-        dashed = " (dashed: target)" if self.drawn.skin.target is not None else ""
-        does = f"inflate it to {states[-1][0]}: {told}{dashed}"
-        plot_hero(hero, self.drawn, states, does, self.facts)
-        return [path, hero]
+            return
+        with self._page("inflation.png", self.title) as figure:
+            draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), self.drawn, states)
+        if self.drawn.skin.regions is not None:
+            told = ", ".join(f"{f.name.replace('_', ' ')} {f.shown}" for f in self.figures[:2])
+            dashed = " (dashed: target)" if self.drawn.skin.target is not None else ""
+            with self._page("hero.png", size=STRIP) as figure:
+                does = f"inflate it to {states[-1][0]}: {told}{dashed}"
+                draw_hero(figure, self.drawn, states, does)
 
-    def _pattern(self) -> list[Path]:
-        if not (self.folder / PRINT_FILE).exists():
-            return []
-        path, stored = self.folder / "pattern.png", read_print_polygons(MPI.COMM_SELF, self.folder)
-        found = printability(stored.pattern, stored.regions, stored.limits)
-        plot_pattern(path, stored.pattern, stored.regions, found, stored.limits, self.facts)
-        return [path]
+    def _pattern(self) -> None:
+        folder = self.run.folder
+        if (folder / PRINT_FILE).exists():
+            stored = read_print_polygons(MPI.COMM_SELF, folder)
+            found = printability(stored.pattern, stored.regions, stored.limits)
+            with self._page("pattern.png") as figure:
+                draw_pattern(figure, stored.pattern, stored.regions, found, stored.limits)
 
-    def _curve(self) -> list[Path]:
+    def _curve(self) -> None:
         rows = [row for row in self.run.curve if "pressure_pa" in row]
-        figures = [told for told in self.figures if told.key in (rows[0] if rows else {})]
+        figures = [told for told in self.figures if rows and told.key in rows[0]]
         if len(rows) < 2 or not figures:
-            return []
-        path, entries = self.folder / "curve.png", self.run.summary.entries.get("curve") or {}
+            return
+        entries = self.run.summary.entries.get("curve") or {}
         measured = [
-            Measured(m["metric"], m["pressure_pa"], m["measured"], m["simulated"], m["source"])
+            Measured(m["metric"], m["pressure_pa"], m["measured"], m.get("simulated"), m["source"])
             for m in entries.get("measured", ())
         ]
-        broken = tuple(bool(entries.get(f"failure_{end}")) for end in ("below", "above"))
+        broken = bool(entries.get("failure_below")), bool(entries.get("failure_above"))
         at = None if self.state is None else self.state.values.get("pressure_pa")
-        plot_curve(
-            path, rows, figures, at, self.title, measured, (broken[0], broken[1]), self.facts
-        )
-        return [path]
+        size = SIZE if len({told.unit for told in figures}) < 3 else TALL
+        with self._page("curve.png", self.title, size) as figure:
+            draw_curve(figure, rows, figures, at, measured, broken)
 
-    def _design(self) -> list[Path]:
-        rows, frames = self.run.history, self.run.series.get("iteration", ())
+    def _design(self) -> None:
+        rows = self.run.history
         if len(rows) < 2:
-            return []
+            return
         steps = [
             (frame.number, self.run.skins[frame.skin].pattern, frame.density)
-            for frame in _some(frames)
+            for frame in _some(self.run.series.get("iteration", ()))
             if frame.density is not None
         ]
         printed = None
         if self.state is not None and self.drawn.skin.regions is not None:
             printed = self.drawn.pattern, self.drawn.skin.regions
-        path, last = self.folder / "design.png", int(rows[-1]["iteration"])
         told = next((f for f in self.figures if f.key in rows[-1]), None)
         seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
-        title = f"Designed in {last} iterations"
+        title = f"Designed in {int(rows[-1]['iteration'])} iterations"
         title += "" if seconds is None else f", {seconds:.0f} s"
-        plot_progress(path, steps, printed, rows, told, title, self.facts)
-        return [path]
+        with self._page("design.png", title, TALL) as figure:
+            draw_progress(figure, steps, printed, rows, told)
 
-    @property
-    def title(self) -> str:
-        """The result in a sentence."""
-        pressure = None if self.state is None else self.state.values.get("pressure_pa")
-        return sentence(self.figures, pressure)
 
-    def states(self, state: Frame) -> list[tuple[str, Floats]]:
-        """Return rest, some states on the way, and the design's, each with its name."""
-        return states_of(self.run.series.get("pressure", ()), state, self.figures, self.drawn)
+def _state(run: Run) -> Frame | None:
+    """Return the print at its pressure, else the design as far as it is; None without shapes."""
+    if made := read_frames(run.folder / FOLDER, "print"):
+        return made[-1]
+    if frames := run.series.get("pressure"):
+        pressure = run.summary.value("pressure_pa") or frames[-1].values["pressure_pa"]
+        return min(frames, key=lambda frame: abs(frame.values["pressure_pa"] - pressure))
+    frames = run.series.get("iteration")
+    return frames[-1] if frames else None
 
 
 def told_figures(run: Run) -> list[Figure]:

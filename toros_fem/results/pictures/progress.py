@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
+from matplotlib.figure import Figure
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
@@ -12,45 +12,40 @@ from toros_fem.measures.figures import Figure as Told
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.curves import draw_history
 from toros_fem.results.pictures.flat import draw_density, draw_panels
-from toros_fem.results.pictures.style import SOFT, TALL, page
+from toros_fem.results.pictures.style import SOFT
 
 # Lower end and height of the panels, over the page.
 BOTTOM, HEIGHT = 0.40, 0.47
 
 
-def plot_progress(
-    path: Path,
+def draw_progress(
+    figure: Figure,
     steps: Sequence[tuple[int, Pattern, Floats]],
     printed: tuple[Pattern, Sequence[BaseGeometry]] | None,
     rows: Sequence[Mapping[str, float]],
     told: Told | None,
-    title: str,
-    facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture of the density at some iterations, of the print, and of the history below.
+    """Draw the density at some iterations, the print, and the history below.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         steps: For each step its iteration, the pattern and the density of its triangles, (t,).
         printed: The pattern that is printed on and the print on each panel, polygons in m; None
             before there is a print.
         rows: Rows of the history.
         told: Figure that is followed beside the objective; None for none.
-        title: A sentence with the result.
-        facts: As of `page`.
     """
     count = len(steps) + (printed is not None)
     width = 0.98 / max(count, 1)
-    with page(path, title, TALL, facts) as figure:
-        for k in range(count):
-            box = (0.01 + k * width, BOTTOM, 0.95 * width, HEIGHT)
-            if k < len(steps):
-                iteration, pattern, density = steps[k]
-                draw_density(figure, box, pattern, density)
-                name = f"iteration {iteration}"
-            else:
-                assert printed is not None
-                draw_panels(figure, box, *printed, names=False)
-                name = "print"
-            figure.text(box[0] + box[2] / 2, BOTTOM + HEIGHT + 0.02, name, ha="center", color=SOFT)
-        draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)
+    for k in range(count):
+        box = (0.01 + k * width, BOTTOM, 0.95 * width, HEIGHT)
+        if k < len(steps):
+            iteration, pattern, density = steps[k]
+            draw_density(figure, box, pattern, density)
+            name = f"iteration {iteration}"
+        else:
+            assert printed is not None
+            draw_panels(figure, box, *printed, names=False)
+            name = "print"
+        figure.text(box[0] + box[2] / 2, BOTTOM + HEIGHT + 0.02, name, ha="center", color=SOFT)
+    draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)

@@ -22,7 +22,8 @@ from toros_fem.results.pictures.style import FABRIC, PRINT, SILHOUETTE
 from toros_fem.results.pictures.view import View
 
 # Directions to the light, from upper left, and to a weaker one, with what each adds to the shade.
-LIGHT, FILL = np.array([-0.4, 0.55, 0.75]), np.array([0.6, -0.2, 0.5])
+LIGHT = np.array([-0.40, 0.54, 0.74])
+FILL = np.array([0.74, -0.25, 0.62])
 SHADE, LIT, FILLED = 0.55, 0.45, 0.10
 # Brightness of the inside of an open skin.
 INSIDE = 0.75
@@ -200,11 +201,11 @@ def render(surfaces: Sequence[Surface], view: View, window: Window) -> Image:
             normal = np.einsum("ki,kic->kc", weights, normals[triangle])
             shade = 1 + surface.contrast * (_shade(normal, view) - 1)
             colours[place] = _inked(surface, triangle, weights) * shade[:, None]
-    depth, colours = depth.reshape(height, width), colours.reshape(height, width, 3)
+    buffer, picture = depth.reshape(height, width), colours.reshape(height, width, 3)
     size = max((float(np.ptp(s.points, axis=0).max()) for s in surfaces), default=1.0)
-    lines = silhouettes(depth, STEP * size)
-    colours[lines] = SILHOUETTE
-    return Image(_reduced(colours, np.isfinite(depth) | lines), depth, window)
+    lines = silhouettes(buffer, STEP * size)
+    picture[lines] = SILHOUETTE
+    return Image(_reduced(picture, np.isfinite(buffer) | lines), buffer, window)
 
 
 def _covered(window: Window, points: Floats) -> Window:
@@ -280,7 +281,7 @@ def _shade(normals: Floats, view: View) -> Floats:
     normals = _unit(normals)
     behind = normals @ view.directions[2] < 0
     normals = np.where(behind[:, None], -normals, normals)
-    lit, filled = (np.clip(normals @ (_unit(d) @ view.directions), 0, 1) for d in (LIGHT, FILL))
+    lit, filled = (np.clip(normals @ (d @ view.directions), 0, 1) for d in (LIGHT, FILL))
     return np.asarray((SHADE + LIT * lit + FILLED * filled) * np.where(behind, INSIDE, 1.0))
 
 

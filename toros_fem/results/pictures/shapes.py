@@ -23,12 +23,14 @@ from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import (
     ACCENT,
     DARK,
+    EDGE,
     INK,
     LARGE,
     SEQUENTIAL,
     SIZE,
     SOFT,
     page,
+    write_title,
 )
 from toros_fem.results.pictures.view import View
 
@@ -37,8 +39,6 @@ SIDE_BOX = (0.01, 0.02, 0.60, 0.87)
 OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
 NUMBERS_BOX = (0.62, 0.03, 0.375, 0.39)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
-# Colour of lines on a skin.
-LINE = "#8A7D63"
 # Columns of the numbers.
 COLUMNS = (0.0, 0.27, 0.645, 0.815)
 # Figures that are told at most.
@@ -104,39 +104,34 @@ def verdict(figures: Sequence[Told], miss: Miss | None) -> Verdict | None:
     return Verdict("Not certain", SOFT, "the error is too large to tell")
 
 
-def plot_shape(
-    path: Path,
+def draw_shape(
+    figure: Figure,
     drawn: DrawnSkin,
     positions: Floats,
-    title: str,
     figures: Sequence[Told],
-    facts: Mapping[str, str] | None = None,
     warning: str = "",
 ) -> None:
-    """Write a picture of the inflated skin with the dashed outline of its target, and of its miss.
+    """Draw the inflated skin with the dashed outline of its target, and of its miss.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         drawn: The skin.
         positions: Positions of all vertices, (n, 3), in m.
-        title: A sentence with the result.
         figures: The figures to tell, those with a target first.
-        facts: As of `page`.
         warning: What is not as usual, such as that the print has no equilibrium; empty for nothing.
     """
     positions, target = drawn.placed(positions), drawn.skin.target
     side, oblique = drawn.views(positions)
     framed = framed_with(drawn, positions, [] if target is None else [target])
-    with page(path, title, facts=facts) as figure:
-        for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-            stage = Stage(figure, box, view, framed)
-            image = stage.draw(drawn.surfaces(positions))
-            if target is not None:
-                stage.lines(drawn, positions, image, LINE)
-                stage.outline(drawn, target, 1.6 if view == side else 1.0)
-            if view == side:
-                stage.bar()
-        _tell(figure, figures, _miss(drawn, positions), warning)
+    for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
+        stage = Stage(figure, box, view, framed)
+        image = stage.draw(drawn.surfaces(positions))
+        if target is not None:
+            stage.lines(drawn, positions, image, EDGE)
+            stage.outline(drawn, target, 1.6 if view == side else 1.0)
+        if view == side:
+            stage.bar()
+    _tell(figure, figures, _miss(drawn, positions), warning)
 
 
 def framed_with(drawn: DrawnSkin, positions: Floats, others: Sequence[Floats]) -> Floats:
@@ -206,16 +201,13 @@ def _row(told: Told) -> _Row:
     return _Row(name, told.shown, target, formatted(missed, told.unit, 2, sign=True), is_off)
 
 
-def plot_miss(
-    path: Path, drawn: DrawnSkin, positions: Floats, facts: Mapping[str, str] | None = None
-) -> None:
-    """Write a picture of the inflated skin, coloured by its distance from the target.
+def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
+    """Draw the inflated skin, coloured by its distance from the target.
 
     Args:
-        path: PNG file to write.
+        figure: The page.
         drawn: The skin, with a target.
         positions: Positions of all vertices, (n, 3), in m.
-        facts: As of `page`.
     """
     positions, target = drawn.placed(positions), drawn.skin.target
     miss = _miss(drawn, positions)
@@ -224,22 +216,22 @@ def plot_miss(
     most = max(float(miss.each.max()), 1e-6)
     colours = matplotlib.colormaps[SEQUENTIAL](miss.each / most)[:, :3][drawn.pattern.triangles]
     side, oblique = drawn.views(positions)
-    title = (
+    write_title(
+        figure,
         f"{1e3 * miss.rms:.2g} mm from the target on average, "
-        f"{100 * miss.rms / miss.length:.1f} % of the length"
+        f"{100 * miss.rms / miss.length:.1f} % of the length",
     )
-    with page(path, title, facts=facts) as figure:
-        for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-            stage = Stage(figure, box, view, framed_with(drawn, positions, [target]))
-            stage.draw(drawn.surfaces(positions, colours))
-            stage.outline(drawn, target)
-            if view == side:
-                stage.bar()
-        scale = ScalarMappable(Normalize(0, 1e3 * most), SEQUENTIAL)
-        bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
-        axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
-        along = "" if all(drawn.skin.compared) else f" along {axes_named}"
-        bar.set_label(WHAT_IS_SHOWN[miss.by_sections].format(along))
+    for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
+        stage = Stage(figure, box, view, framed_with(drawn, positions, [target]))
+        stage.draw(drawn.surfaces(positions, colours))
+        stage.outline(drawn, target)
+        if view == side:
+            stage.bar()
+    scale = ScalarMappable(Normalize(0, 1e3 * most), SEQUENTIAL)
+    bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
+    axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
+    along = "" if all(drawn.skin.compared) else f" along {axes_named}"
+    bar.set_label(WHAT_IS_SHOWN[miss.by_sections].format(along))
 
 
 def plot_states(

@@ -32,7 +32,8 @@ SILHOUETTE = _rgb("#3A3326")
 # For the target and whatever is to be looked at, and for a second line.
 ACCENT, SECOND = "#D55E00", "#0072B2"
 INK, SOFT, GRID = "#222222", "#6B7280", "#E5E7EB"
-GROUND = "#F1F2F4"
+# Of the ground, and of the edge of fabric.
+GROUND, EDGE = "#F1F2F4", "#8A7D63"
 SEQUENTIAL = "cividis"
 SIGNED = LinearSegmentedColormap.from_list("signed", [SECOND, "white", ACCENT])
 # Width and height in inches, and pixels per inch.
@@ -60,6 +61,12 @@ LETTERS = {
 }
 
 
+def write_title(figure: Figure, sentence: str) -> None:
+    """Write a sentence with the result at the top of a page."""
+    top = 1 - 0.12 / figure.get_size_inches()[1]
+    figure.text(0.02, top, sentence, fontsize=TITLE, fontweight="bold", va="top")
+
+
 @contextmanager
 def page(
     path: Path,
@@ -81,9 +88,7 @@ def page(
     with rc_context(LETTERS):
         figure = Figure(figsize=size)
         if title:
-            figure.text(
-                0.02, 1 - 0.12 / size[1], title, fontsize=TITLE, fontweight="bold", va="top"
-            )
+            write_title(figure, title)
         yield figure
         stream = BytesIO()
         figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None, **(facts or {})})

@@ -1,0 +1,104 @@
+"""Curves tell what they show beside the lines."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure as Page
+
+from toros_fem.measures.figures import Figure
+from toros_fem.results.pictures.curves import Measured, draw_curve, draw_history, draw_tracks
+from toros_fem.results.pictures.style import bar_length, page
+
+ROWS = [
+    {"pressure_pa": 1e3 * k, "angle_deg": 20.0 * k, "twist_deg": 5.0 * k, "length_ratio": 1 + k / 9}
+    for k in range(6)
+]
+ANGLE = Figure("angle", "deg", 80.0, 3.0, 90.0, 2.7)
+TWIST = Figure("twist", "deg", 20.0)
+LENGTH = Figure("length", "ratio", 1.4)
+
+
+def words(figure: Page) -> list[str]:
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_figures_of_one_unit_share_axes() -> None:
+    """Each line has its name, the target and the value at the design's pressure their words."""
+    figure = Page(figsize=(8, 4.5))
+    draw_curve(figure, ROWS, [ANGLE, TWIST, LENGTH], 4e3)
+    assert len(figure.axes) == 2
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "angle and twist (°)",
+        "length (relative to rest)",
+    ]
+    told = words(figure)
+    assert {"angle", "twist", "length", "target 90°", "80.0 ± 3.0°", "20°", "1.4×"} <= set(told)
+    bar = figure.axes[0].containers[0]
+    (low, high) = bar[2][0].get_segments()[0][:, 1]
+    assert (low, high) == (77.0, 83.0)
+
+
+def test_measured_values_stand_beside_ours() -> None:
+    figure = Page(figsize=(8, 4.5))
+    measured = [Measured("angle_deg", 3e3, 50.0, 60.0, "paper"),
+                Measured("angle_deg", 5e3, 70.0, None, "a bench"),
+                Measured("twist_deg", 5e3, 7.0, None, "another")]  # fmt: skip
+    draw_curve(figure, ROWS, [ANGLE], 4e3, measured)
+    told = words(figure)
+    assert "50° (paper),\n60° ours" in told
+    assert "70° (a bench)" in told
+    assert not any("another" in word for word in told)
+
+
+@pytest.mark.parametrize(("broken", "count"), [((True, False), 1), ((True, True), 2)])
+def test_ends_without_equilibrium(broken: tuple[bool, bool], count: int) -> None:
+    figure = Page(figsize=(8, 4.5))
+    draw_curve(figure, ROWS, [ANGLE], None, (), broken)
+    assert words(figure).count("no equilibrium beyond") == count
+
+
+def test_units_are_those_of_readers() -> None:
+    """A held mass of 0.05 kg is drawn as 50 g."""
+    figure = Page(figsize=(8, 4.5))
+    rows = [{"pressure_pa": 1e3, "mass_kg": 0.01}, {"pressure_pa": 2e3, "mass_kg": 0.05}]
+    draw_curve(figure, rows, [Figure("mass", "kg", 0.05)], 2e3)
+    assert figure.axes[0].lines[0].get_ydata()[-1] == pytest.approx(50.0)
+
+
+def test_history_marks_the_next_mesh() -> None:
+    rows = [
+        {"iteration": k, "level": k // 3, "objective": 0.5**k, "angle_deg": 10.0 * k}
+        for k in range(6)
+    ]
+    figure = Page(figsize=(8, 3))
+    axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+    draw_history(axes, rows, ANGLE)
+    assert [line.get_xdata()[0] for line in axes.lines[1:]] == [3]
+    assert len(figure.axes) == 2
+    bare = Page(figsize=(8, 3))
+    draw_history(bare.add_axes((0.1, 0.1, 0.8, 0.8)), rows, TWIST)
+    assert len(bare.axes) == 1
+
+
+def test_tracks_show_the_stride_to_scale(tmp_path: Path) -> None:
+    t = np.linspace(0, 1, 13)
+    feet = np.stack(
+        [np.stack([0.02 * t + k, 0 * t, 0.005 * np.sin(9 * t)], 1) for k in (0, 0.05)], 1
+    )
+    with page(tmp_path / "tracks.png") as figure:
+        draw_tracks(figure, feet, 3, 0.02, ("measured", 0.015))
+        told = words(figure)
+        (axes,) = figure.axes
+        ends = [
+            (text.xy[0], text.xyann[0])
+            for text in axes.texts
+            if text.get_text() == "" and hasattr(text, "xyann")
+        ]
+    assert "simulated: 20 mm" in told
+    assert "measured: 15 mm" in told
+    assert [a - b for a, b in ends] == pytest.approx([20.0, 15.0])
+
+
+def test_bars_have_round_lengths() -> None:
+    assert [bar_length(span) for span in (100, 150, 340, 12, 0.9)] == [10, 20, 50, 1, 0.1]

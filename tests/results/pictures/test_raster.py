@@ -1,0 +1,122 @@
+"""Pixels are where the geometry says, and what is before hides what is behind."""
+
+import numpy as np
+import pytest
+import shapely
+from helpers.runs import bent, regions_of
+
+from toros_fem.mechanics.contact.solids import rigid_sphere
+from toros_fem.meshes import Pattern
+from toros_fem.results.pictures.raster import (
+    Surface,
+    ink_of,
+    render,
+    silhouettes,
+    window_of,
+)
+from toros_fem.results.pictures.style import BODY, FABRIC
+from toros_fem.results.pictures.view import View
+
+BALL = rigid_sphere("ball", 0.01)
+RED, GREEN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+def area(image, scale: float) -> float:
+    """The covered area in m²."""
+    return float(image.colours[..., 3].sum() / 255 / scale**2)
+
+
+@pytest.mark.parametrize("view", [View(), View(25, 35), View(-40, 200)])
+def test_a_ball_is_a_disc(view: View) -> None:
+    window = window_of(view.project(BALL.points), 1.5, 600)
+    image = render([Surface(BALL.triangles, BALL.points, closed=True)], view, window)
+    hull = shapely.MultiPoint(view.project(BALL.points)).convex_hull
+    assert area(image, window.scale) == pytest.approx(hull.area, rel=0.015)
+    assert image.depth.max() == pytest.approx(view.depth(BALL.points).max(), rel=1e-2)
+
+
+def test_the_nearer_one_hides_the_other() -> None:
+    """Also where two surfaces cross: the border is where they do."""
+    for ahead, seen in ((-0.03, RED), (0.03, GREEN)):
+        other = BALL.points + [0, ahead, 0]
+        surfaces = [
+            Surface(BALL.triangles, other, RED, closed=True),
+            Surface(BALL.triangles, BALL.points, GREEN, closed=True),
+        ]
+        window = window_of(View().project(BALL.points), 1.0, 200)
+        middle = render(surfaces, View(), window).colours[90:110, 90:110, :3] / 255
+        assert np.abs(middle - middle.max() * seen).max() < 0.1
+    beside = [
+        Surface(BALL.triangles, BALL.points - [0.005, 0, 0], RED, closed=True),
+        Surface(BALL.triangles, BALL.points + [0.005, 0, 0], GREEN, closed=True),
+    ]
+    window = window_of(View().project(np.concatenate([s.points for s in beside])), 1.5, 300)
+    picture = render(beside, View(), window).colours
+    row = picture[len(picture) // 2]
+    red = (row[:, 0] > row[:, 1]) & (row[:, 3] > 200)
+    assert red[: len(row) // 2 - 3].sum() > 0.9 * (len(row) // 2 - 5)
+    assert not red[len(row) // 2 + 3 : -4].any()  # its silhouette ends the row
+
+
+@pytest.mark.parametrize("angle", [0.0, np.pi / 2])
+def test_the_printed_area_is_that_of_the_print(pattern: Pattern, angle: float) -> None:
+    """Of the triangles that face the viewer, with no part before another."""
+    regions = regions_of(pattern)
+    x = pattern.points if angle == 0 else bent(pattern, angle)
+    view = View(0, 90.0)
+    window = window_of(view.project(x), 0.8, 1200)
+    surface = Surface(pattern.triangles, x, FABRIC, ink_of(pattern, regions), closed=True)
+    colours = render([surface], view, window).colours
+    dark = (colours[..., 3] > 127) & (colours[..., 2].astype(int) > colours[..., 0] * 1.3)
+    from toros_fem.meshes.panels import cut_triangles
+
+    cut = cut_triangles(pattern, regions)
+    share = np.bincount(cut.cell, cut.inside * cut.areas, len(pattern.triangles)) / pattern.areas
+    a, b, c = np.moveaxis(x[pattern.triangles], 1, 0)
+    facing = np.maximum(np.cross(b - a, c - a) @ view.directions[2] / 2, 0)
+    if angle == 0:
+        assert dark.sum() / window.scale**2 == pytest.approx(facing @ share, rel=0.02)
+    else:
+        assert 0 < dark.sum() / window.scale**2 < 1.02 * (facing @ share)
+
+
+def test_data_keep_their_colour(pattern: Pattern) -> None:
+    """With no contrast the light changes nothing; print is darker by its factor."""
+    colours = np.tile(RED, (len(pattern.triangles), 3, 1))
+    ink = ink_of(pattern, regions_of(pattern))
+    surface = Surface(
+        pattern.triangles, pattern.points, colours, ink, contrast=0.0, ink_shade=0.5, closed=True
+    )
+    window = window_of(View(0, 90).project(pattern.points), 0.5, 300)
+    found = render([surface], View(0, 90), window).colours
+    inner = found[10:-10, 10:-10]
+    reds = np.unique(inner[inner[..., 3] == 255][:, 0])
+    assert {128, 255} <= set(reds.tolist())
+
+
+def test_an_open_skin_shows_its_inside_darker() -> None:
+    """Both sides of a sheet are seen, and a closed one is drawn from outside only."""
+    square = np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0, 0.01], [0, 0, 0.01]])
+    cells = np.array([[0, 1, 2], [0, 2, 3]])
+    window = window_of(View().project(square), 1.0, 100)
+    front = render([Surface(cells, square)], View(), window).colours[50, 50, :3]
+    back = render([Surface(cells[:, ::-1], square)], View(), window).colours[50, 50, :3]
+    assert back.max() < front.max()
+    hidden = render([Surface(cells[:, ::-1], square, closed=True)], View(), window)
+    assert hidden.colours[..., 3].max() == 0
+
+
+def test_silhouettes_follow_steps_of_the_depth() -> None:
+    depth = np.zeros((20, 20), dtype=np.float32)
+    depth[5:15, 5:15] = 1.0
+    found = silhouettes(depth, 0.5)
+    assert found[4, 10]
+    assert found[5, 10]
+    assert not found[10, 10]
+    assert not silhouettes(depth, 2.0).any()
+
+
+def test_what_lies_outside_of_the_window_is_left_out() -> None:
+    window = window_of(np.array([[1.0, 1.0], [1.01, 1.01]]), 1.0, 50)
+    image = render([Surface(BALL.triangles, BALL.points, BODY)], View(), window)
+    assert image.colours[..., 3].max() == 0
