@@ -17,6 +17,7 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.making.print.printability import PrintLimits, printability
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes import Pattern, Surface, cylinder, unwrap
+from toros_fem.results.pictures import flat
 from toros_fem.results.pictures.flat import (
     draw_density,
     draw_lines,
@@ -85,8 +86,11 @@ def test_a_sound_print_is_told_as_printable(
     assert set(pattern.panel_names) <= set(words)
 
 
-def test_many_faults_find_room(flawed: tuple[Pattern, list], tmp_path: Path) -> None:
-    """With absurd limits everything is a fault; the list ends with how many are left out."""
+def test_many_faults_find_room(
+    flawed: tuple[Pattern, list], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The list ends with how many are left out."""
+    monkeypatch.setattr(flat, "MOST_ROWS", 3)
     pattern, regions = flawed
     limits = PrintLimits(width=5e-3, gap=5e-3, hole_area=1e-4)
     with page(tmp_path / "pattern.png") as figure:

@@ -34,7 +34,7 @@ from toros_fem.results.pictures.style import (
 )
 
 # Space between panels over the size of the pattern.
-GAP = 0.05
+GAP = 0.08
 # Part of the page for the panels, and for what is told beside them.
 PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
 # Faults of a kind that are closer than this on the page, in mm of the page, have one number.
