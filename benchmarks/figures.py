@@ -10,7 +10,7 @@ up to ten minutes on one core; `--only coarse` takes the coarse scenes alone.
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -26,6 +26,8 @@ from toros_fem.results.result import read_summary
 
 REACHED = {True: "yes", False: "no", None: "not sure"}
 SIZES = ("coarse", "full")
+# Folder of all runs.
+RUNS = ROOT / "output" / "figures"
 # Entries of summaries beside their figures; dots go down into them.
 DESIGN, ISLANDS = "design.", "manufacture.islands"
 INITIAL, WORST = "load.initial.held_mass_kg", "worst_percent"
@@ -80,16 +82,23 @@ DEMOS = (
 )  # fmt: skip
 
 
+def folder_of(demo: Demo, size: str) -> Path:
+    """Return the folder of a run, which is kept: its pictures are those of the docs."""
+    return RUNS / size / demo.name.replace(" ", "_").replace("=", "_")
+
+
 def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     """Run a scene by its command, and read the figures of its summary."""
     file = ROOT / "demos" / "scenes" / f"{demo.scene}.toml"
     what = "simulate" if demo.scene in ("inflate", "tile_sheet") else "design"
-    with tempfile.TemporaryDirectory() as folder:
-        words = [what, str(file), "--output", folder, *(["--coarse"] if size == "coarse" else [])]
-        code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
-        if code:
-            raise RuntimeError(f"toros {what} {file.name} ended with {code}")
-        found = read_summary(Path(folder))
+    folder = folder_of(demo, size)
+    shutil.rmtree(folder, ignore_errors=True)
+    words = [what, str(file), "--output", str(folder)]
+    words += ["--coarse"] if size == "coarse" else []
+    code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
+    if code:
+        raise RuntimeError(f"toros {what} {file.name} ended with {code}")
+    found = read_summary(folder)
     entries: Any = found.entries
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
     for key, figure in found.figures.items():
