@@ -2,7 +2,7 @@
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
 
-.PHONY: demo test quick forms lint docs env
+.PHONY: demo test quick forms lint docs pictures env
 
 demo:
 	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
@@ -32,6 +32,12 @@ lint:
 docs:
 	$(FENICSX) python3 -m sphinx -q --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 	@echo "the site is in build/docs: open build/docs/index.html"
+
+# All pictures of README, demos and docs, from the coarse scenes: about 35 minutes of one core.
+pictures:
+	$(FENICSX) env OMP_NUM_THREADS=1 python3 -m benchmarks figures --only coarse --rows output/figures.csv
+	$(FENICSX) python3 -m benchmarks figures --rows output/figures.csv --page
+	$(FENICSX) python3 docs/copy_pictures.py
 
 env:
 	$(FENICSX)
