@@ -28,3 +28,13 @@ def test_words() -> None:
     assert split_key("objective") is None
     assert Metric("gap", "mm", 0.0, lambda of, x: 0.0, 30.0).figure(1.0).tolerance == 0.03 * 30.0
     assert Metric("gap", "mm", None, lambda of, x: 0.0).figure(1.0).reached is None
+
+
+def test_a_miss_has_a_sign() -> None:
+    figure = Figure("angle", "deg", 95.0, 4.0, 90.0, 2.7)
+    assert figure.miss == 5.0
+    assert figure.misses
+    assert not Figure("angle", "deg", 92.0, None, 90.0, 2.7).misses
+    assert Figure("angle", "deg", None, None, 90.0, 2.7).miss is None
+    assert Figure("angle", "deg", 90.0).miss is None
+    assert not Figure("angle", "deg", 90.0).misses

@@ -79,6 +79,18 @@ class Figure:
         return f"{self.name}_{self.unit}"
 
     @property
+    def miss(self) -> float | None:
+        """Value minus target; None where one of them is missing."""
+        return None if self.value is None or self.target is None else self.value - self.target
+
+    @property
+    def misses(self) -> bool:
+        """Whether the value, as it is, is further from its target than the tolerance."""
+        return (
+            self.miss is not None and self.tolerance is not None and abs(self.miss) > self.tolerance
+        )
+
+    @property
     def reached(self) -> bool | None:
         """Whether the target is reached, whatever the true value in the interval is.
 

@@ -25,7 +25,7 @@ class View(Command):
 
     run: Path = key(MISSING, "folder of the run")
     animation: Annotated[str, OneOf(("pressure", "iteration", "gait", "load"))] | None = key(
-        None, "also write a GIF of the shapes over a series"
+        None, "also write a film of the shapes over a series, as GIF and APNG"
     )
     open: bool = key(False, "open the page in the browser")
 

@@ -87,17 +87,12 @@ def verdict(figures: Sequence[Told], miss: Miss | None) -> Verdict | None:
         return None
     if any(figure.value is None for figure in figures):
         return Verdict("No equilibrium", ACCENT)
-    outside = [
-        figure for figure in figures
-        if figure.value is not None and figure.target is not None and figure.tolerance is not None
-        and abs(figure.value - figure.target) > figure.tolerance
-    ]  # fmt: skip
     shape_missed = miss is not None and not miss.reached
     if shape_missed or any(figure.reached is False for figure in figures):
         return Verdict("Missed", ACCENT)
-    estimated = all(figure.interval is not None for figure in figures)
-    if not estimated:
-        word, colour = ("Missed", ACCENT) if outside else ("Reached", DARK)
+    if any(figure.interval is None for figure in figures):
+        missed = any(figure.misses for figure in figures)
+        word, colour = ("Missed", ACCENT) if missed else ("Reached", DARK)
         return Verdict(word, colour, "error by the mesh not estimated")
     if all(figure.reached for figure in figures):
         return Verdict("Reached", DARK)
@@ -193,12 +188,10 @@ class _Row(NamedTuple):
 
 def _row(told: Told) -> _Row:
     name = told.name.replace("_", " ")
-    if told.target is None or told.value is None:
+    if told.miss is None:
         return _Row(name, told.shown)
-    missed = told.value - told.target
-    is_off = told.tolerance is not None and abs(missed) > told.tolerance
-    target = formatted(told.target, told.unit)
-    return _Row(name, told.shown, target, formatted(missed, told.unit, 2, sign=True), is_off)
+    miss = formatted(told.miss, told.unit, 2, sign=True)
+    return _Row(name, told.shown, formatted(told.target, told.unit), miss, told.misses)
 
 
 def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
