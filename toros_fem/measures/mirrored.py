@@ -41,6 +41,9 @@ class MirroredObjective:
         whole: Its completion by `meshes.mirrored`.
         objective: Makes the objective from the nodes of the whole. Arrays by vertex are in the
             order of `whole.pattern.points`.
+
+    Attributes:
+        objective: T, as it is evaluated on the whole.
     """
 
     def __init__(
@@ -51,15 +54,15 @@ class MirroredObjective:
         node = place[whole.vertex]
         here = np.flatnonzero(node >= 0)
         self._node, self._signs = node[here], whole.signs[here]
-        self._objective = objective(ImageNodes(whole.pattern, skin.comm, here))
+        self.objective = objective(ImageNodes(whole.pattern, skin.comm, here))
 
     def forward(self, positions: Floats) -> float:
         """Return T at positions of the part's owned nodes, (n, 3) (collective)."""
-        return self._objective.forward(self._signs * positions[self._node])
+        return self.objective.forward(self._signs * positions[self._node])
 
     def backward(self, positions: Floats) -> Floats:
         """Return ∂T/∂x at the part's owned nodes, (n, 3), in 1/m (collective)."""
-        by_image = self._signs * self._objective.backward(self._signs * positions[self._node])
+        by_image = self._signs * self.objective.backward(self._signs * positions[self._node])
         count = len(positions)
         sums = [np.bincount(self._node, column, minlength=count) for column in by_image.T]
         return np.stack(sums, axis=1)

@@ -118,7 +118,7 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
-        write_path(folder, "pressure", ShownSkin(skin), points, whole, found.density)
+        write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
         fields = {"density": density} | wrinkle_fields(folds)
         write_fields(folder / "skin.vtu", skin, shapes[-1], fields)
         draw_wrinkles(folder, skin, folds)

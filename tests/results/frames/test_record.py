@@ -10,10 +10,15 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import Skin, bend
+from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
 from toros_fem.results.frames.files import read_frames
-from toros_fem.results.frames.record import repeated
+from toros_fem.results.frames.record import _compared, repeated
 from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.reporter import DesignReporter
 
@@ -41,6 +46,7 @@ def test_steps_are_on_disk_with_their_shape(
     assert np.array_equal(skin.target, target)
     assert skin.passive is not None
     assert np.isnan(skin.passive).sum() == len(tube.pattern.cells_of("wall"))
+    assert skin.compared == (True, True, True)
 
 
 def test_copies_of_a_skin_are_one_pattern(tube: Skin) -> None:
@@ -53,3 +59,30 @@ def test_copies_of_a_skin_are_one_pattern(tube: Skin) -> None:
     assert len(set(three.panel_names)) == len(three.panel_names)
     assert regions == ["a", "b", "c"] * 3
     assert np.allclose(three.areas.sum(), 3 * pattern.areas.sum())
+
+
+def test_what_a_design_compares_is_known(comm: MPI.Comm, tube: Skin) -> None:
+    """Of sums, of aligned and of mirrored objectives too; a small weight counts as none."""
+    target, count = tube.pattern.points, len(tube.pattern.points)
+    every = np.arange(count)
+    whole = ShapeObjective(tube, target)
+    height = ShapeObjective(tube, target, np.tile([0.0, 0.0, 1.0], (count, 1)))
+    labels = label_cross_sections(tube.pattern, every, (0, 0, 1), 3, border=False)
+    across = np.tile([1.0, 1.0, 0.0], (3, 1)) / 3
+    sections = CrossSections(labels, across, np.ones(3))(tube, target)
+    leg = CrossSections(labels, 0.02 * across, np.ones(3))(tube, target)
+    half = sew(comm, cylinder(comm, 0.06, 0.02, 6e-3, planes=(1,)))
+    images = mirrored(half.pattern, (1,))
+    goal = images.pattern.points
+    parts = MirroredObjective(half, images, lambda nodes: ShapeObjective(nodes, goal))
+    for objective, found in (
+        (whole, (True, True, True)),
+        (height, (False, False, True)),
+        (sections, (True, True, False)),
+        (leg, (False, False, False)),
+        (SumObjective(height, leg), (False, False, True)),
+        (AlignedObjective(tube, target, sections), (True, True, False)),
+        (parts, (True, True, True)),
+        (GapObjective(tube, Body("sphere", 0.01, (0, 0, 0.1)), np.ones(count)), (False,) * 3),
+    ):
+        assert _compared(objective) == found

@@ -16,6 +16,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
+from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
@@ -109,7 +110,7 @@ def _beside(
 
 def _compared(objective: Objective) -> tuple[bool, bool, bool]:
     """Return whether an objective compares positions with the target along x, y and z."""
-    if isinstance(objective, AlignedObjective):
+    if isinstance(objective, AlignedObjective | MirroredObjective):
         return _compared(objective.objective)
     if isinstance(objective, SumObjective):
         found = np.any([_compared(part) for part in objective.parts], axis=0)
