@@ -18,16 +18,20 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.files import write_json, write_together
 from toros_fem.design.loop.case import Case
-from toros_fem.meshes import bend
+from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, Results
@@ -35,12 +39,14 @@ from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.summary import PrintedResult
-from toros_fem.results.writer import write_comparison, write_pictures
+from toros_fem.results.writer import if_plotting
 
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
 # So does a filter radius below the distance of centroids, over the edge length, with the filter.
 UNFILTERED = 0.2
+# Variants side by side in the picture of their fields.
+IN_A_ROW = 3
 # Variants that differ by the perimeter alone, in pairs.
 WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 
@@ -122,20 +128,65 @@ def run(
     if comm.rank == 0:
         print("\n" + table(rows))
     content = {"rows": rows, "inputs": config.as_dict()}
-    write_comparison(comm, output, "three_field", content, pattern, "wall", prints)
 
-    def draw_fields(path: Path) -> None:
-        from toros_fem.results.pictures.field_plot import plot_fields
-
-        plot_fields(path, pattern, "wall", fields)
-
-    def draw_pairs(path: Path) -> None:
-        from toros_fem.results.pictures.pattern_plot import plot_variants
-
+    def draw() -> None:
         named = {name: (name, *rest) for name, *rest in prints}
-        plot_variants(path, pattern, "wall", [named[name] for name in WITHOUT_AND_WITH])
+        draw_prints(output / "three_field.png", pattern, prints)
+        draw_prints(output / "fig5.png", pattern, [named[name] for name in WITHOUT_AND_WITH])
+        draw_fields(output / "fig4.png", pattern, fields)
 
-    write_pictures(comm, output, {"fig4.png": draw_fields, "fig5.png": draw_pairs})
+    def write() -> None:
+        write_json(output / "three_field.json", content)
+        if_plotting(draw)
+
+    write_together(comm, output, write)
+
+
+def draw_prints(
+    path: Path, pattern: Pattern, prints: Sequence[tuple[str, BaseGeometry, str]]
+) -> None:
+    """Draw the print of each variant on the wall, with its name above and a caption below."""
+    from toros_fem.results.pictures.style import DARK, EDGE, FABRIC, SOFT, fill, page
+
+    outline, width = pattern.outline(pattern.panel_index("wall")), 0.98 / len(prints)
+    with page(path, size=(8.0, 8.0 * min(1.0, 2.2 * width + 0.2))) as figure:
+        for k, (name, region, words) in enumerate(prints):
+            axes = figure.add_axes((0.01 + k * width, 0.22, 0.94 * width, 0.68))
+            axes.set_axis_off()
+            fill(axes, outline, FABRIC, EDGE)
+            fill(axes, region, DARK)
+            axes.set_aspect("equal")
+            axes.autoscale_view()
+            axes.set_title(name)
+            figure.text(0.01 + (k + 0.5) * width, 0.20, words, fontsize=8, color=SOFT,
+                        ha="center", va="top", linespacing=1.5)  # fmt: skip
+
+
+def draw_fields(
+    path: Path, pattern: Pattern, designs: Sequence[tuple[str, Mapping[str, Floats]]]
+) -> None:
+    """Draw the density fields of each design on the wall, from white (0) to black (1)."""
+    from toros_fem.results.pictures.style import page
+
+    cells = pattern.cells_of("wall")
+    columns = len(designs[0][1]) * IN_A_ROW
+    down = -(-len(designs) // IN_A_ROW)
+    width, height = 0.98 / columns, 0.97 / down
+    with page(path, size=(8.0, 2.4 * down)) as figure:
+        for k, (name, fields) in enumerate(designs):
+            left = 0.01 + (k % IN_A_ROW) * len(fields) * width
+            low = 0.98 - (k // IN_A_ROW + 1) * height
+            figure.text(left + len(fields) * width / 2, low + 0.94 * height, name, ha="center")
+            for i, (field, values) in enumerate(fields.items()):
+                box = (left + i * width, low + 0.01 * height, 0.92 * width, 0.80 * height)
+                axes = figure.add_axes(box)
+                axes.set_axis_off()
+                axes.set_title(field, pad=2)
+                axes.tripcolor(
+                    *(1e3 * pattern.flat_points.T), pattern.flat_triangles[cells],
+                    facecolors=values[cells], cmap="gray_r", vmin=0, vmax=1,
+                )  # fmt: skip
+                axes.set_aspect("equal")
 
 
 def row(name: str, found: PrintedResult) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def test_first_variant_has_no_filter_and_no_projection(alone: MPI.Comm) -> None:
 def test_table_and_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The strip's pictures are looked at in tests/results/pictures."""
     folder = tmp_path / "out"
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **how: Path(path).touch())
+    monkeypatch.setattr(Figure, "savefig", lambda self, to, **how: to.write(b"PNG"))
     three_field.run(alone, folder, SMALL)
     written = json.loads((folder / "three_field.json").read_text(encoding="utf-8"))
     rows = written["rows"]

@@ -1,0 +1,62 @@
+"""Pictures of README, demos and docs are those of the runs in the table of figures."""
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image
+
+from benchmarks.bench import ROWS, read
+from benchmarks.figures import figure_of
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def script() -> ModuleType:
+    """The script that makes the pictures."""
+    spec = importlib.util.spec_from_file_location("copy_pictures", ROOT / "docs/copy_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+MAKER = script()
+
+
+def test_every_picture_comes_from_a_run() -> None:
+    found = {path.name for path in MAKER.PICTURES.iterdir()}
+    assert found == set(MAKER.COPIES)
+
+
+def test_every_picture_is_shown_somewhere() -> None:
+    """In a page of docs or demos, or in the README."""
+    pages = [ROOT / "README.md", ROOT / "demos/README.md", *(ROOT / "docs").rglob("*.md")]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    shown = set(re.findall(r"pictures/([\w.]+)\)", text))
+    assert shown <= set(MAKER.COPIES)
+    assert {name for name in MAKER.COPIES if name.endswith(("_hero.png", "_lines.png"))} <= shown
+
+
+@pytest.mark.parametrize("picture", [name for name in MAKER.COPIES if not name.endswith("gif")])
+def test_a_picture_tells_run_and_figures_of_the_table(picture: str) -> None:
+    """One that is older than the table, or newer, is stale: `make pictures` makes both."""
+    run, _ = MAKER.COPIES[picture]
+    with Image.open(MAKER.PICTURES / picture) as image:
+        told = image.info
+    assert told["Title"] == f"{run}, {MAKER.SIZE}"
+    rows = [
+        row
+        for row in read(ROWS / "figures.csv")
+        if (row.case, row.variant) == (run, MAKER.SIZE) and "." not in row.figure
+    ]
+    figures = [figure_of(row) for row in rows if row.reference is not None]
+    words = [figure.words for figure in figures] or [figure_of(row).words for row in rows]
+    assert words
+    if figures:
+        assert told["Description"] == ", ".join(words)
+    else:
+        assert set(told["Description"].split(", ")) <= set(words)
