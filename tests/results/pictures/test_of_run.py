@@ -68,15 +68,15 @@ def test_sentences() -> None:
     assert sentence([], 5e3) == "At 5 kPa"
 
 
-def test_states_are_at_equal_steps_of_the_figure(run: Path, pattern: Pattern) -> None:
-    from toros_fem.results.pictures.of_run import states_of, told_figures
+def test_states_are_at_equal_steps_of_the_way(run: Path, pattern: Pattern) -> None:
+    from toros_fem.results.pictures.of_run import states_of
     from toros_fem.results.pictures.shown import DrawnSkin
 
     found = read_run(run)
     frames = found.series["pressure"]
     state = frames[6]
     drawn = DrawnSkin(found.skins[state.skin])
-    states = states_of(frames, state, told_figures(found), drawn)
+    states = states_of(frames, state, drawn)
     assert [name for name, _ in states] == ["at rest", "2 kPa", "3 kPa", "5 kPa", "7 kPa"]
     assert np.array_equal(states[0][1], drawn.pattern.points)
     assert np.array_equal(states[-1][1], state.positions)

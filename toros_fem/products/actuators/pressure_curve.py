@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.files import write_table, write_together
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -23,7 +25,7 @@ from toros_fem.results.frames.record import shown_skin, write_path
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
-# Between points by which a metric changes by more than its range over this number there are more.
+# Between points by which the skin moves by more than its whole way over this number there are more.
 PARTS = 16
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
@@ -57,7 +59,7 @@ def trace_pressure_curve(
     """Follow a print from its pressure down until the skin is not filled, and up (collective).
 
     The pressures are multiples of the step. Below one step they are halved, `HALVINGS` times at
-    most. Where a metric changes fast there are pressures between them. Several chambers keep the
+    most. Where the skin moves fast there are pressures between them. Several chambers keep the
     ratios of their pressures. A skin is filled where it encloses at least the volume of its
     assembled shape. While its equilibria are stable, the volume of a chamber rises with its
     pressure, so that this begins at one pressure.
@@ -99,24 +101,28 @@ def trace_pressure_curve(
         unfilled_at = below.pop().result.pressure
     middle = measured_point(solver, begin, problem.metrics)
     points = [*reversed(below), middle, *above]
-    followed = [m.key for m in problem.metrics if m.target is not None]
-    for k, between in reversed(list(enumerate(_between(points, followed)))):
+    rest = problem.skin.pattern.points
+    for k, between in reversed(list(enumerate(_between(points, rest)))):
         # Downwards, as the curve: a skin that snaps does so at a lower pressure when it empties.
         more, _ = follow(between[::-1], points[k + 1].result)
         points[k + 1 : k + 1] = reversed(more)
     return PressureCurve(tuple(points), unfilled_at, failure_below, failure_above)
 
 
-def _between(points: Sequence[TracePoint], keys: Sequence[str]) -> list[list[float]]:
-    """Return pressures in Pa to add after each point but the last, rising, by metrics of keys."""
-    values = np.array([[point.metrics[key] for key in keys] for point in points])
-    steps = np.abs(np.diff(values, axis=0))
-    ranges = np.maximum(np.ptp(values, axis=0), np.finfo(float).tiny)
-    parts = np.ceil((PARTS * steps / ranges).max(axis=1, initial=1)).astype(int)
+def _between(points: Sequence[TracePoint], rest: Floats) -> list[list[float]]:
+    """Return pressures in Pa to add after each point but the last, rising.
+
+    Args:
+        points: Equilibria by rising pressure.
+        rest: Positions of all vertices at rest, (n, 3), in m.
+    """
+    shapes = [rest, *(point.positions for point in points)]
+    moves = np.array([np.linalg.norm(b - a) for a, b in pairwise(shapes)])
+    parts = np.ceil(PARTS * moves[1:] / moves.sum()).astype(int)
     pressures = [point.result.pressure for point in points]
     return [
         [float(p) for p in np.linspace(low, high, count + 1)[1:-1]]
-        for low, high, count in zip(pressures, pressures[1:], parts, strict=False)
+        for (low, high), count in zip(pairwise(pressures), parts, strict=True)
     ]
 
 

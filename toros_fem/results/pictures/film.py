@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ from toros_fem.results.report.run_folder import SERIES, Run, read_run
 SIZE, DPI = (7.2, 4.05), 100
 # Pictures from rest to the last state; time in ms of each, and of the last state.
 MOST, SHOWN, HELD = 24, 83, 1000
-# Between two frames whose figure differs by more than this part of its range shapes are not made.
+# Between two frames that are apart by more than this part of the whole way shapes are not made.
 JOINED = 0.12
 # A walker goes from left to right.
 WALKING = View(15.0, 15.0)
@@ -100,7 +101,7 @@ def _of(frame: Frame) -> _Scene:
 
 
 def _inflated(run: Run, frames: Sequence[Frame]) -> list[_Scene]:
-    """Return states from rest to the design's pressure, at equal steps of the first figure.
+    """Return states from the lowest pressure to the design's, at equal steps of the motion.
 
     Between frames that are close, positions are interpolated; where they are far apart the frames
     themselves are shown.
@@ -108,16 +109,14 @@ def _inflated(run: Run, frames: Sequence[Frame]) -> list[_Scene]:
     pressure = run.summary.value("pressure_pa") or frames[-1].values["pressure_pa"]
     rows = [frame for frame in frames if frame.values["pressure_pa"] <= 1.001 * pressure]
     rows = rows if len(rows) > 1 else list(frames)
-    key = next((f.key for f in told_figures(run) if f.key in rows[-1].values), "pressure_pa")
-    reached = np.array([frame.values[key] for frame in rows])
-    way = np.concatenate([[0.0], np.abs(np.diff(reached)).cumsum()])
+    moves = [float(np.linalg.norm(b.positions - a.positions)) for a, b in pairwise(rows)]
+    way = np.concatenate([[0.0], np.cumsum(moves)])
     if way[-1] == 0:
         return _as_recorded(rows)
     scenes = []
     for goal in np.linspace(0, way[-1], MOST):
         k = int(np.clip(np.searchsorted(way, goal) - 1, 0, len(rows) - 2))
-        one, other = rows[k], rows[k + 1]
-        step = way[k + 1] - way[k]
+        one, other, step = rows[k], rows[k + 1], moves[k]
         part = float((goal - way[k]) / step) if step > 0 else 1.0
         if step > JOINED * way[-1] or one.skin != other.skin:
             part = round(part)

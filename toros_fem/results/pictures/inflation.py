@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from toros_fem.base.array_types import Floats
 from toros_fem.results.pictures.flat import draw_panels
+from toros_fem.results.pictures.raster import render, window_of
 from toros_fem.results.pictures.shapes import framed_with
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
@@ -23,9 +24,11 @@ NAME = 28.0
 ABOVE, TURN = 12.0, -20.0
 # Part of the vertices that move less than the tip.
 TIP = 0.95
-# States are drawn in one place if the tip moves by so many widths of the skin, else side by side
-# with this distance over the width.
-SWEEP, BESIDE = 1.5, 2.4
+# States stand side by side where the last one covers more than this part of the skin at rest, with
+# this distance over its width.
+COVERED, BESIDE = 0.6, 2.4
+# Width in pixels of the picture that this is found by.
+ROUGH = 200
 
 
 def draw_hero(
@@ -66,9 +69,8 @@ def draw_inflation(
     view = inflation_view(drawn, placed[-1])
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
     tip = moves >= np.quantile(moves, TIP)
-    tips = [view.project(x[tip]).mean(axis=0) for x in placed]
-    width = max(float(np.ptp(view.project(x)[:, 0])) for x in placed[:1])
-    sweeps = float(np.linalg.norm(tips[-1] - tips[0])) > SWEEP * width
+    sweeps = _covered(drawn, placed[0], placed[-1], view) <= COVERED
+    width = float(np.ptp(view.project(placed[0])[:, 0]))
     step = np.zeros(3) if sweeps else BESIDE * width * view.directions[0]
     placed = [x + k * step for k, x in enumerate(placed)]
     last, target = placed[-1], drawn.skin.target
@@ -100,6 +102,16 @@ def draw_inflation(
             va="center", color=INK if x is last else SOFT, zorder=5,
             fontweight="bold" if x is last else "normal",
         )  # fmt: skip
+
+
+def _covered(drawn: DrawnSkin, rest: Floats, last: Floats, view: View) -> float:
+    """Return which part of a skin at rest is covered by another state that is before it."""
+    window = window_of(view.project(np.concatenate([rest, last])), 1.0, ROUGH)
+    one, other = (
+        render(drawn.surfaces(x)[:1], view, window, cut=False).colours[..., 3] > 0
+        for x in (rest, last)
+    )
+    return float((one & other).sum() / max(one.sum(), 1))
 
 
 def inflation_view(drawn: DrawnSkin, positions: Floats) -> View:

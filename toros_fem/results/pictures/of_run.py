@@ -29,8 +29,9 @@ from toros_fem.results.report.run_folder import Run, read_run
 
 # Figures that every run has, told where it has no others.
 OF_THE_STATE = ("pressure", "volume", "stretch")
-# Parts of the way from rest to the design's state that are shown between them.
-BETWEEN = (0.25, 0.5, 0.75)
+# Parts of the way from rest to the design's state that are shown between them, and how near a
+# frame must be.
+BETWEEN, NEAR = (0.25, 0.5, 0.75), 0.12
 # Iterations that are shown, besides the last one.
 ITERATIONS = (1, 5, 20)
 
@@ -93,9 +94,9 @@ class _Pictures:
 
     def _inflation(self, state: Frame) -> None:
         frames = self.run.series.get("pressure", ())
-        states = states_of(frames, state, self.figures, self.drawn)
-        if len(states) < 3:
+        if not frames:
             return
+        states = states_of(frames, state, self.drawn)
         with self._page("inflation.png", self.title) as figure:
             draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), self.drawn, states)
         if self.drawn.skin.regions is not None:
@@ -188,34 +189,31 @@ def sentence(figures: Sequence[Figure], pressure: float | None) -> str:
     return f"{found} at {pressure / 1e3:.3g} kPa" if found else f"At {pressure / 1e3:.3g} kPa"
 
 
-def states_of(
-    frames: Sequence[Frame], state: Frame, figures: Sequence[Figure], drawn: DrawnSkin
-) -> list[tuple[str, Floats]]:
-    """Return rest, frames at about equal steps of the first figure, and the last state.
+def states_of(frames: Sequence[Frame], state: Frame, drawn: DrawnSkin) -> list[tuple[str, Floats]]:
+    """Return rest, frames at about equal steps of the way to the last state, and that one.
 
     Args:
         frames: Frames over the pressure.
         state: The state of the design.
-        figures: Figures, the first of which is followed; without one the pressure is.
         drawn: The skin.
     """
-    pressure = state.values.get("pressure_pa", 0.0)
-    below = [f for f in frames if f.values["pressure_pa"] < 0.99 * pressure]
-    key = next((f.key for f in figures if f.key in state.values), "pressure_pa")
-    rest = 1.0 if key.endswith("_ratio") else 0.0
-    way = state.values[key] - rest if key in state.values else 0.0
-    chosen: list[Frame] = []
-    for part in BETWEEN:
-        if not below or way == 0:
-            break
-        goal = rest + part * way
-        nearest = min(below, key=lambda f: abs(f.values[key] - goal))
-        if nearest not in chosen:
-            chosen.append(nearest)
-    chosen.sort(key=lambda frame: frame.values["pressure_pa"])
-    shown = [(f"{f.values['pressure_pa'] / 1e3:.2g} kPa", f.positions) for f in chosen]
-    last = (f"{pressure / 1e3:.3g} kPa", state.positions)
-    return [("at rest", drawn.pattern.points), *shown, last]
+    pressure, rest = state.values.get("pressure_pa", 0.0), drawn.pattern.points
+    below = [f for f in frames if 0 < f.values["pressure_pa"] < 0.99 * pressure]
+    way = float(np.linalg.norm(state.positions - rest))
+    moved = np.array([np.linalg.norm(frame.positions - rest) for frame in below])
+    chosen: set[int] = set()
+    for part in BETWEEN if below else ():
+        nearest = int(np.abs(moved - part * way).argmin())
+        if abs(moved[nearest] - part * way) < NEAR * way:
+            chosen.add(nearest)
+    shown = [
+        (_kilopascal(below[k].values["pressure_pa"]), below[k].positions) for k in sorted(chosen)
+    ]
+    return [("at rest", rest), *shown, (_kilopascal(pressure), state.positions)]
+
+
+def _kilopascal(pressure: float) -> str:
+    return f"{pressure / 1e3:.3g} kPa"
 
 
 def _some(frames: Sequence[Frame]) -> list[Frame]:

@@ -171,15 +171,17 @@ def window_of(points: Floats, aspect: float, width: int, margin: float = 0.04) -
     return Window(middle - half, middle + half, (width, round(width / aspect)))
 
 
-def render(surfaces: Sequence[Surface], view: View, window: Window) -> Image:
+def render(surfaces: Sequence[Surface], view: View, window: Window, *, cut: bool = True) -> Image:
     """Return a picture of surfaces, those behind hidden by those before.
 
     Args:
         surfaces: The surfaces.
         view: Where the viewer is.
-        window: What may be shown; the picture is cut to what the surfaces cover.
+        window: What is shown.
+        cut: Whether the picture is cut to what the surfaces cover.
     """
-    window = _covered(window, view.project(np.concatenate([s.points for s in surfaces])))
+    if cut:
+        window = _covered(window, view.project(np.concatenate([s.points for s in surfaces])))
     width, height = SAMPLES * window.pixels[0], SAMPLES * window.pixels[1]
     depth = np.full(width * height, -np.inf, dtype=np.float32)
     colours = np.zeros((width * height, 3), dtype=np.float32)

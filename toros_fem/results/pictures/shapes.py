@@ -40,7 +40,7 @@ OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
 NUMBERS_BOX = (0.62, 0.03, 0.375, 0.39)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
 # Columns of the numbers.
-COLUMNS = (0.0, 0.27, 0.645, 0.815)
+COLUMNS = (0.0, 0.225, 0.645, 0.815)
 # Figures that are told at most.
 MOST_FIGURES = 3
 # What colours of a miss mean: for all points, and beside the mean of cross-sections.
