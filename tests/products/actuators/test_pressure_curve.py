@@ -33,6 +33,7 @@ from toros_fem.products.actuators.pressure_curve import (
     write_curve,
 )
 from toros_fem.products.tables.loads import Results
+from toros_fem.results.frames.files import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[Equilibrium]
@@ -152,7 +153,8 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
     assert entry.lowest_pa == rows[0]["pressure_pa"] > entry.unfilled_at_pa
     found = [(m["measured"], m["simulated"]) for m in entry.measured]
     assert found == [(40.0, at[3.5e3]), (50.0, None)]
-    assert (tmp_path / "curve.png").read_bytes().startswith(b"\x89PNG")
+    frames = read_frames(tmp_path / "frames", "pressure")
+    assert [frame.values["pressure_pa"] for frame in frames] == [row["pressure_pa"] for row in rows]
 
 
 def test_left_out_or_without_a_print(tmp_path: Path, problem: ShapeProblem, made: Print) -> None:
@@ -177,4 +179,4 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     assert entry is not None
     assert str(entry.failure_above).startswith("the path ends between 1000 Pa and 3000 Pa, after")
     assert (entry.failure_below, entry.highest_pa) == (None, 1e3)
-    assert (tmp_path / "curve.png").exists()
+    assert (tmp_path / "curve.csv").exists()
