@@ -22,7 +22,7 @@ from mpi4py import MPI
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
 from toros_fem.measures.figures import NONE, Figure, formatted, split_key
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import read_summary
 
 REACHED = {True: "yes", False: "no", None: "not sure"}
 SIZES = ("coarse", "full")

@@ -26,6 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.files import draw_into, guarded, write_json
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.designer import design_actuator
@@ -35,7 +36,6 @@ from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.summary import PrintedResult
-from toros_fem.results.writer import write_comparison, write_pictures
 
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
@@ -122,20 +122,22 @@ def run(
     if comm.rank == 0:
         print("\n" + table(rows))
     content = {"rows": rows, "inputs": config.as_dict()}
-    write_comparison(comm, output, "three_field", content, pattern, "wall", prints)
 
-    def draw_fields(path: Path) -> None:
+    def draw(place: Path) -> None:
         from toros_fem.results.pictures.field_plot import plot_fields
-
-        plot_fields(path, pattern, "wall", fields)
-
-    def draw_pairs(path: Path) -> None:
         from toros_fem.results.pictures.pattern_plot import plot_variants
 
         named = {name: (name, *rest) for name, *rest in prints}
-        plot_variants(path, pattern, "wall", [named[name] for name in WITHOUT_AND_WITH])
+        pairs = [named[name] for name in WITHOUT_AND_WITH]
+        plot_variants(place / "three_field.png", pattern, "wall", prints)
+        plot_fields(place / "fig4.png", pattern, "wall", fields)
+        plot_variants(place / "fig5.png", pattern, "wall", pairs)
 
-    write_pictures(comm, output, {"fig4.png": draw_fields, "fig5.png": draw_pairs})
+    def write() -> None:
+        write_json(output / "three_field.json", content)
+        draw_into(output, draw)
+
+    guarded(comm, output, write)
 
 
 def row(name: str, found: PrintedResult) -> dict[str, Any]:

@@ -13,7 +13,8 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.products.tables.steps import Filtering
-from toros_fem.results.result import read_summary, write_summary
+from toros_fem.results.result import write_summary
+from toros_fem.results.runs.summary_file import read_summary
 from toros_fem.results.summary import (
     PrintedResult,
     level_figures,

@@ -6,13 +6,16 @@ import csv
 import io
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.errors import MissingPackageError, OutputError, TorosError
 from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
@@ -85,27 +88,75 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     replace_file(path, text.getvalue().encode())
 
 
-def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], T]) -> T:
-    """Make a folder, write files into it on the first rank, and return what it finds (collective).
+@contextmanager
+def naming(
+    path: Path, error: type[Exception] = OutputError, fault: str = "could not be written"
+) -> Iterator[None]:
+    """Raise errors of the system in the block as one that names a path and what to do."""
+    try:
+        yield
+    except TorosError:
+        raise
+    except OSError as caught:
+        raise error(
+            f"{path} {fault}: {caught}. Choose another folder, or free some space. Files that are "
+            "already written stay."
+        ) from None
+
+
+def guarded(
+    comm: MPI.Comm,
+    folder: str | Path,
+    action: Callable[[], T],
+    error: type[Exception] = OutputError,
+    fault: str = "could not be written",
+    *,
+    make: bool = True,
+) -> T:
+    """Do something with a folder on the first rank, and return what it finds (collective).
 
     Args:
         comm: Communicator.
-        folder: The folder, made if missing.
-        action: Writes the files.
+        folder: The folder.
+        action: Reads or writes its files.
+        error, fault: Error that is raised, and what it says, where the system refuses.
+        make: Whether the folder is made if it is missing.
 
     Raises:
-        OutputError: The folder or a file cannot be written; on all ranks.
+        Exception: `error`, or what the action raises; on all ranks.
     """
     folder = Path(folder)
 
-    def guarded() -> T:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
+    def named() -> T:
+        with naming(folder, error, fault):
+            if make:
+                folder.mkdir(parents=True, exist_ok=True)
             return action()
-        except OSError as caught:
-            raise OutputError(
-                f"{folder} could not be written: {caught}. Choose another folder, or free some "
-                "space. Files that are already written stay."
-            ) from None
 
-    return on_first_rank(comm, guarded)
+    return on_first_rank(comm, named)
+
+
+def if_possible(what: str, write: Callable[[], Any]) -> None:
+    """Write what a run can do without, or print in one line why there is none (one rank)."""
+    try:
+        write()
+    except (ImportError, TorosError) as missing:
+        print(f"no {what}: {missing}", file=sys.stderr)
+
+
+def draw_into(folder: Path, draw: Callable[[Path], None]) -> None:
+    """Draw pictures into a folder, or print which package is missing for them (one rank).
+
+    Each is whole or absent: they are drawn into a folder inside this one, and moved.
+    """
+    with tempfile.TemporaryDirectory(prefix=".", suffix=UNFINISHED, dir=folder) as place:
+        if_possible("pictures", lambda: _need_plot(draw, Path(place)))
+        for path in sorted(Path(place).iterdir()):
+            replace_file(folder / path.name, path.read_bytes())
+
+
+def _need_plot(draw: Callable[[Path], None], place: Path) -> None:
+    try:
+        draw(place)
+    except ImportError as missing:
+        raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None

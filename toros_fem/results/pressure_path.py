@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import draw_into, guarded, write_table
 from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import Figure
@@ -23,7 +23,7 @@ from toros_fem.results.files import write_fields
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import RunResult, state_figures
-from toros_fem.results.writer import if_plotting, wrinkle_fields, wrinkles_of
+from toros_fem.results.writer import wrinkle_fields, wrinkles_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,23 +117,23 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
     ]
     folds = wrinkles_of(skin, found.composite, density, shapes[-1])
 
-    def draw() -> None:
+    def draw(into: Path) -> None:
         from toros_fem.results.pictures.curve_plot import plot_pressure_path
         from toros_fem.results.pictures.line_plot import plot_wrinkles
         from toros_fem.results.pictures.shape_plot import plot_shapes
 
         chosen = np.linspace(0, len(points) - 1, 4).round().astype(int)
         titled = [(f"{1e-3 * points[k].result.pressure:.3g} kPa", shapes[k]) for k in chosen]
-        plot_pressure_path(folder / "curve.png", rows, found.metrics)
-        plot_shapes(folder / "shapes.png", skin.triangles, titled, density)
+        plot_pressure_path(into / "curve.png", rows, found.metrics)
+        plot_shapes(into / "shapes.png", skin.triangles, titled, density)
         if folds is not None:
-            plot_wrinkles(folder / "wrinkles.png", skin, folds)
+            plot_wrinkles(into / "wrinkles.png", skin, folds)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", ShownSkin(skin), points, whole, found.density)
         fields = {"density": density} | wrinkle_fields(folds)
         write_fields(folder / "skin.vtu", skin, shapes[-1], fields)
-        if_plotting(draw)
+        draw_into(folder, draw)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)

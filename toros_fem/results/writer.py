@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import draw_into, guarded, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
 from toros_fem.design.lines.field import LineField
@@ -27,7 +24,8 @@ from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkle
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.results.files import write_fields
-from toros_fem.results.frames.record import shown_skin, write_print
+from toros_fem.results.frames.files import Frame
+from toros_fem.results.frames.record import shown_skin, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
 from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
@@ -43,10 +41,8 @@ def write_results(
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    The files are history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu, pattern.png,
-    manufacture.png, shape.png and convergence.png; of a design that began with densities also
-    design.png, of a tension field wrinkles.png. When all are there, summary.json follows. Where the
-    print has no equilibrium, pictures and fields show the design's own shape.
+    `toros_fem.results.runs.files.FILES` says what each file holds. When all are there, summary.json
+    follows. Where the print has no equilibrium, pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -101,17 +97,16 @@ def write_design(
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
-        density = shown.fields["rho_projected"] if printed.evaluation is None else None
-        write_print(folder, shown.skin, shown.positions, shown.values, shown.note, density)
+        write_series(folder, shown.skin, [shown.frame])
         write_fields(folder / "skin.vtu", printed.pattern, shown.positions, shown.fields)
         if pictures:
-            if_plotting(lambda: _draw(folder, found, shown, field, start))
+            draw_into(folder, lambda into: write_pictures(into, found, shown, field, start))
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class Shown:
     """The shape of the print, of the design where it has no equilibrium, on the whole skin.
 
     Attributes:
@@ -119,7 +114,7 @@ class _Shown:
         positions, target: Positions of all vertices in m, and their target if there is one.
         fields: Fields of skin.vtu.
         folds: Wrinkles of a tension field.
-        values, note: Metrics and pressure, and what is not as usual.
+        frame: What is recorded of it.
     """
 
     skin: ShownSkin
@@ -127,11 +122,10 @@ class _Shown:
     target: Floats | None
     fields: dict[str, Floats]
     folds: WrinkleField | None
-    values: dict[str, float]
-    note: str
+    frame: Frame
 
 
-def _shown(found: PrintedResult) -> _Shown:
+def _shown(found: PrintedResult) -> Shown:
     """Return what is shown of a design (collective)."""
     problem, result, printed = found.problem, found.design, found.printed
     skin, final, whole = problem.skin, result.final, problem.whole
@@ -151,19 +145,21 @@ def _shown(found: PrintedResult) -> _Shown:
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
     fields |= wrinkle_fields(folds)
     fields["printed"] = printed.cells.astype(np.float64)
-    regions = None if printed.evaluation is None else printed.regions
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
-    return _Shown(shown_skin(problem, regions), positions, target, fields, folds, values, note)
+    density = fields["rho_projected"] if printed.evaluation is None else None
+    frame = Frame("print", 0, "", positions, density, values, note)
+    seen = shown_skin(problem, printed.regions)
+    return Shown(seen, positions, target, fields, folds, frame)
 
 
-def _draw(
+def write_pictures(
     folder: Path,
     found: PrintedResult,
-    shown: _Shown,
+    shown: Shown,
     field: LineField | None,
     start: LineField | None,
 ) -> None:
@@ -216,70 +212,3 @@ def _title(found: PrintedResult) -> str:
     )
     shown = "as printed" if as_printed else "as designed, not as printed,"
     return f"{told} {shown} at {found.design.final.equilibrium.pressure / 1e3:.3g} kPa"
-
-
-def write_comparison(
-    comm: MPI.Comm,
-    folder: str | Path,
-    name: str,
-    content: Mapping[str, Any],
-    pattern: Pattern,
-    panel: str,
-    variants: Sequence[tuple[str, BaseGeometry, str]],
-) -> None:
-    """Write the table and the picture strip of several designs (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        name: Name of both files, without ending.
-        content: Content of the JSON file.
-        pattern: The pattern.
-        panel: Name of the panel to show.
-        variants: For each variant its title, its print on that panel, in m, and a caption.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
-    """
-    folder = Path(folder)
-
-    def draw() -> None:
-        from toros_fem.results.pictures.pattern_plot import plot_variants
-
-        plot_variants(folder / f"{name}.png", pattern, panel, variants)
-
-    def write() -> None:
-        write_json(folder / f"{name}.json", content)
-        if_plotting(draw)
-
-    write_together(comm, folder, write)
-
-
-def write_pictures(
-    comm: MPI.Comm, folder: str | Path, pictures: Mapping[str, Callable[[Path], None]]
-) -> None:
-    """Write pictures, each by a function of its path (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        pictures: For the name of each file what draws it, called on the first rank only.
-
-    Raises:
-        OutputError: A file cannot be written; on all ranks.
-    """
-    folder = Path(folder)
-
-    def draw() -> None:
-        for name, picture in pictures.items():
-            picture(folder / name)
-
-    write_together(comm, folder, lambda: if_plotting(draw))
-
-
-def if_plotting(draw: Callable[[], None]) -> None:
-    """Draw pictures, or print which package is missing for them (one rank)."""
-    try:
-        draw()
-    except ImportError as missing:
-        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)

@@ -26,7 +26,7 @@ from toros_fem.products.own_mesh.own_mesh import (
     Printed,
     read_skin,
 )
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import read_summary
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)

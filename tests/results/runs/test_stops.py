@@ -12,7 +12,7 @@ import pytest
 from helpers.run_files import content
 from helpers.scenes import ROOT
 
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import read_summary
 
 # Under mpirun a child process would act as one of its ranks.
 pytestmark = [

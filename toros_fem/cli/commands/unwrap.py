@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_together
+from toros_fem.base.files import draw_into, guarded, write_json
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.tables.unwrapping import Unwrapping
@@ -46,7 +46,6 @@ class Unwrap(Command, Unwrapping):
         from toros_fem.making.panels.svg import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
         from toros_fem.results.files import write_fields
-        from toros_fem.results.writer import if_plotting
 
         output = self.output or Path(self.mesh.stem)
         surface = self.surface(comm, self.mesh)
@@ -66,10 +65,10 @@ class Unwrap(Command, Unwrapping):
             "inputs": self.over(Unwrapping()).as_dict(),
         }
 
-        def draw() -> None:
+        def draw(place: Path) -> None:
             from toros_fem.results.pictures.surface_plot import plot_unwrapped
 
-            plot_unwrapped(output / "unwrap.png", unwrapped)
+            plot_unwrapped(place / "unwrap.png", unwrapped)
 
         def write() -> None:
             if self.verbose:
@@ -77,7 +76,7 @@ class Unwrap(Command, Unwrapping):
             write_pattern(output / NAME, pattern)
             empty = [shapely.Polygon()] * len(unwrapped.methods)
             write_svg(output / "pattern.svg", pattern, empty)
-            if_plotting(draw)
+            draw_into(output, draw)
             stretches = {
                 "area_ratio": distortion.area_ratio,
                 "stretch": distortion.strain,
@@ -86,7 +85,7 @@ class Unwrap(Command, Unwrapping):
             write_fields(output / "surface.vtu", pattern, pattern.points, stretches)
             write_json(output / "summary.json", summary)
 
-        write_together(comm, output, write)
+        guarded(comm, output, write)
         text = (
             f"{summary['triangles']} triangles, {1e3 * summary['size_m']:.4g} mm across (repairs: "
             f"{surface.repairs}), in {len(pattern.panel_names)} panels: stretch "

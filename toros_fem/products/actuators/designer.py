@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded, if_possible
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.levels import optimize_levels
@@ -27,7 +27,7 @@ from toros_fem.making.as_printed.as_printed import (
     remove_islands,
 )
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
-from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
@@ -342,11 +342,12 @@ class Designer(Job):
         found = self._write(replace(found, curve=curve), pictures=True)
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
-        write_together(
+        guarded(
             self.comm,
             folder,
             lambda: if_possible(
-                lambda: write_manufacture(place, pattern, regions, summary=summary)
+                "machine files",
+                lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
         return found

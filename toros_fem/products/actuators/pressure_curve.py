@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import draw_into, guarded, write_table
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -20,7 +20,6 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
-from toros_fem.results.writer import if_plotting
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
@@ -181,16 +180,16 @@ def write_curve(
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", skin, curve.points, whole)
-        if_plotting(draw)
+        draw_into(folder, draw)
 
-    def draw() -> None:
+    def draw(into: Path) -> None:
         from toros_fem.results.pictures.curve_plot import plot_metrics_over_pressure
 
         broken = (curve.failure_below is not None, curve.failure_above is not None)
-        place = folder / "curve.png"
+        place = into / "curve.png"
         plot_metrics_over_pressure(place, rows, problem.metrics, at, compared, broken)
 
-    write_together(problem.comm, folder, write)
+    guarded(problem.comm, folder, write)
     return CurveFigures(
         None,
         rows[0]["pressure_pa"],

@@ -8,10 +8,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeasurementError
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import draw_into, guarded, write_json, write_table
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
-from toros_fem.results.writer import if_plotting
 
 COLOURS = ("#1f3a63", "#c8571b", "#4b8b57", "#8a4f9e")
 
@@ -55,9 +54,9 @@ def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
         write_json(folder / "fit.json", result.summary())
         (folder / "fit.txt").write_text(fit_table(result) + "\n", encoding="utf-8")
         write_table(folder / "fit.csv", _rows(result))
-        if_plotting(lambda: plot_fit(folder / "fit.png", result))
+        draw_into(folder, lambda place: plot_fit(place / "fit.png", result))
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 def _rows(result: Fit) -> list[dict[str, object]]:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_together
+from toros_fem.base.files import draw_into, guarded
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
@@ -20,7 +20,6 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import repeated, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.writer import if_plotting
 
 # Directions of a finger's frame: from the mount to the tip, and towards the object.
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -99,7 +98,7 @@ def write_lift(
     def object_of(shape: LiftShape) -> Floats:
         return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
 
-    def draw() -> None:
+    def draw(into: Path) -> None:
         from toros_fem.results.pictures.shape_plot import plot_shapes
 
         solids = [ball + first, post.triangles + first + len(body.points)]
@@ -110,11 +109,11 @@ def write_lift(
                 x = np.concatenate([fingers_of(shape), object_of(shape), post.points])
                 shapes.append((shape.title, x))
                 densities.append(np.append(np.tile(density, fingers), none)[: len(cells)])
-        plot_shapes(folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1]))
+        plot_shapes(into / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1]))
         closed = rows[-1][1][0]
         side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
         plot_shapes(
-            folder / "finger.png",
+            into / "finger.png",
             np.concatenate([pattern.triangles, ball + len(pattern.points)]),
             [("one finger, from the side", side)],
             np.append(np.zeros(len(pattern.triangles)), none[: len(ball)]),
@@ -125,9 +124,9 @@ def write_lift(
         last = rows[-1][1][-1]
         skin = ShownSkin(every, regions=prints, body=(object_of(last), ball))
         write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
-        if_plotting(draw)
+        draw_into(folder, draw)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 def in_room(points: Floats, axis: float, angle: float) -> Floats:

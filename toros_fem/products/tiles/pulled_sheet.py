@@ -20,12 +20,12 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import draw_into, guarded, if_possible, write_table
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import tile
 from toros_fem.products.tiles.printed_tile import (
@@ -39,7 +39,6 @@ from toros_fem.products.tiles.printed_tile import (
 from toros_fem.products.tiles.pull_test import PulledSheet, pull_sheet
 from toros_fem.results.console import print_step
 from toros_fem.results.result import RunResult, write_summary
-from toros_fem.results.writer import if_plotting
 
 # Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
 SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
@@ -115,25 +114,28 @@ class TileSheetScene(Scene):
         found = SheetResult(pulled, design.size, shares, areas, inputs, seconds)
         summary = found.summary()
 
-        def draw() -> None:
+        def draw(place: Path) -> None:
             from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
 
-            plot_pulls(folder / "curve.png", pulled)
+            plot_pulls(place / "curve.png", pulled)
             for one in pulled:
                 direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
                 title = f"pulled by {100 * pull.strain:g} % along {direction}"
-                path = folder / f"sheet_{direction}.png"
+                path = place / f"sheet_{direction}.png"
                 plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
 
         def write() -> None:
             write_svg(folder / "pattern.svg", cloth, regions)
             write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
-            if_plotting(draw)
+            draw_into(folder, draw)
             high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
             place = folder / FOLDER
-            if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
+            if_possible(
+                "machine files",
+                lambda: write_manufacture(place, cloth, regions, high, summary=summary),
+            )
 
-        write_together(comm, folder, write)
+        guarded(comm, folder, write)
         write_summary(comm, folder, found)  # last: a run with it has all its files
         return found
 

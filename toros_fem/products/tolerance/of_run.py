@@ -21,8 +21,8 @@ from toros_fem.products.tolerance.result import Tolerances
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
-from toros_fem.results.result import Summary, read_summary
-from toros_fem.results.runs.folder import SUMMARY
+from toros_fem.results.runs.files import SUMMARY
+from toros_fem.results.runs.summary_file import Summary, read_summary
 
 
 def tolerances_of_run(

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import draw_into, guarded, write_table
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
@@ -29,7 +29,6 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.writer import if_plotting
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
@@ -266,7 +265,7 @@ def write_gait(
     """
     gait, pattern, points = walk.gait, walk.whole.pattern, walk.points
 
-    def draw() -> None:
+    def draw(into: Path) -> None:
         from toros_fem.results.pictures.curve_plot import plot_tracks
         from toros_fem.results.pictures.shape_plot import plot_shapes
 
@@ -277,7 +276,7 @@ def write_gait(
             x = walk.whole.at_vertices(points[k].positions)
             shown.append((f"{number}: {full or 'none'}", x))
         plot_shapes(
-            folder / "gait.png",
+            into / "gait.png",
             pattern.triangles,
             shown,
             np.zeros(len(pattern.triangles)),
@@ -286,7 +285,7 @@ def write_gait(
             printed=cut_triangles(pattern, regions),
         )
         stride = walk.stride if walk.complete else None
-        plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
+        plot_tracks(into / "tracks.png", walk.feet, gait.steps, stride, measured)
 
     def write() -> None:
         rows = []
@@ -298,6 +297,6 @@ def write_gait(
         write_table(folder / "gait.csv", rows)
         drawn = ShownSkin(pattern, regions=regions)
         write_path(folder, "gait", drawn, points, whole=walk.whole, chambers=gait.names)
-        if_plotting(draw)
+        draw_into(folder, draw)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -135,28 +135,6 @@ def write_path(
             )
         )
     write_series(folder, skin, frames)
-
-
-def write_print(
-    folder: Path,
-    skin: ShownSkin,
-    positions: Floats,
-    values: Mapping[str, float],
-    note: str,
-    density: Floats | None,
-) -> None:
-    """Write the frame of a finished design (one rank).
-
-    Args:
-        folder: Folder of the run.
-        skin: The whole skin, with its print if that has an equilibrium.
-        positions: Positions of its vertices, (n, 3), in m.
-        values: Pressure and metrics.
-        note: What is not as usual in this equilibrium, as sentences.
-        density: Density of all triangles, (t,), of a design whose print has no equilibrium; else
-            None.
-    """
-    write_series(folder, skin, [Frame("print", 0, "", positions, density, values, note)])
 
 
 def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:

@@ -12,7 +12,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_json
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
-from toros_fem.results.result import Summary, read_summary
+from toros_fem.results.runs.summary_file import Summary, read_summary
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")
