@@ -323,7 +323,7 @@ class Designer(Job):
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Search
     ) -> ActuatorResult:
-        """Write a design, then its error and its curve, then pictures and machine files.
+        """Write a design, then error, curve, pictures, machine files and trial; last its summary.
 
         What took longest to find is on disk first.
         """
@@ -350,6 +350,8 @@ class Designer(Job):
                 lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
+        found = replace(found, trial=scene.trial(self.comm, folder, found))
+        write_summary(self.comm, folder, found)
         return found
 
     def _check(self) -> None:
@@ -370,7 +372,6 @@ class Designer(Job):
             start=None if relaxed is None else relaxed.start,
             pictures=pictures,
         )
-        write_summary(self.comm, self.output, found)
         return found
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:

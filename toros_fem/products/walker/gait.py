@@ -295,7 +295,9 @@ def write_gait(
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
-        drawn = ShownSkin(pattern, regions=regions)
+        lowest = min(float(point.positions[:, 2].min()) for point in points)
+        grounds = np.array([[[0.0, 0.0, lowest], [0.0, 0.0, 1.0]]])
+        drawn = ShownSkin(pattern, regions=regions, grounds=grounds)
         write_path(folder, "gait", drawn, points, whole=walk.whole, chambers=gait.names)
         draw_into(folder, draw)
 

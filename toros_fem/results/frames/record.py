@@ -15,6 +15,7 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -63,17 +64,30 @@ def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = N
         regions: Print on each panel of the whole, polygons in m; None before there is one.
     """
     pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
-    passive = (
-        None
-        if problem.fields.passive is None
-        else problem.skin.gather_cells(problem.fields.passive)
-    )
+    passive = problem.fields.passive
+    if passive is not None:
+        passive = problem.skin.gather_cells(passive)
     if whole is not None:
         pattern = whole.pattern
         target = None if target is None else whole.at_vertices(target)
         passive = None if passive is None else whole.at_cells(passive)
     aligned = isinstance(problem.objective, AlignedObjective)
-    return ShownSkin(pattern, target, aligned, passive, regions)
+    contact = problem.solver.contact
+    touched = {} if contact is None else _touched(contact)
+    return ShownSkin(pattern, target, aligned, passive, regions, **touched)
+
+
+def _touched(contact: Contact) -> dict[str, Any]:
+    """Return body and grounds of what a skin touches; bodies that move freely are left out."""
+    bodies = [body for body in contact.bodies if body.mass is None]
+    first = np.cumsum([0, *(len(body.points) for body in bodies)])
+    found: dict[str, Any] = {}
+    if bodies:
+        cells = [body.triangles + k for body, k in zip(bodies, first, strict=False)]
+        found["body"] = np.concatenate([b.points for b in bodies]), np.concatenate(cells)
+    if contact.grounds:
+        found["grounds"] = np.array([(ground.point, ground.normal) for ground in contact.grounds])
+    return found
 
 
 def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:
@@ -87,11 +101,10 @@ def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:
         skin: The skin.
         frame: The frame.
     """
-    folder = _made(folder)
-    forget_from(folder, frame.series, frame.number)
+    folder = folder / FOLDER
     for series in FOLLOWING:
         forget_from(folder, series, 0)
-    write_frame(folder, _of(frame, write_skin(folder, skin)))
+    _write(folder, skin, [frame])
     thin(folder, frame.series)
 
 
@@ -145,11 +158,16 @@ def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None
         skin: Their skin.
         frames: The frames, one at least; they do not name their skin's file yet.
     """
-    folder = _made(folder)
-    forget_from(folder, frames[0].series, 0)
+    _write(folder / FOLDER, skin, frames)
+
+
+def _write(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
+    """Write frames and their skin; frames of the series from the first of them on are deleted."""
+    folder.mkdir(exist_ok=True)
+    forget_from(folder, frames[0].series, frames[0].number)
     name = write_skin(folder, skin)
     for frame in frames:
-        write_frame(folder, _of(frame, name))
+        write_frame(folder, replace(frame, skin=name))
 
 
 def repeated(
@@ -178,12 +196,3 @@ def repeated(
         seam_tolerance=pattern.seam_tolerance,
         moulded=pattern.moulded,
     ), [*regions] * count
-
-
-def _made(folder: Path) -> Path:
-    (folder / FOLDER).mkdir(exist_ok=True)
-    return folder / FOLDER
-
-
-def _of(frame: Frame, skin: str) -> Frame:
-    return replace(frame, skin=skin)

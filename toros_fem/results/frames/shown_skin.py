@@ -33,7 +33,8 @@ class ShownSkin:
         passive: Prescribed density of all triangles, (t,), NaN where it is designed; None designs
             every triangle.
         regions: Print on each panel, polygons in m; None where densities are shown instead.
-        body: Points, (k, 3), in m, and triangles, (l, 3), of an object beside the skin.
+        body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
+        grounds: A point of the surface, in m, and the normal of each ground, (g, 2, 3).
     """
 
     pattern: Pattern
@@ -42,6 +43,7 @@ class ShownSkin:
     passive: Floats | None = None
     regions: Sequence[BaseGeometry] | None = None
     body: tuple[Floats, Ints] | None = None
+    grounds: Floats | None = None
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:
@@ -51,7 +53,7 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
         folder: Folder of the frames, which exists.
         skin: The skin. A file that is there already stays.
     """
-    given = {"target": skin.target, "passive": skin.passive}
+    given = {"target": skin.target, "passive": skin.passive, "grounds": skin.grounds}
     arrays: dict[str, npt.NDArray] = {
         name: np.asarray(a) for name, a in given.items() if a is not None
     }
@@ -82,6 +84,7 @@ def read_skin(path: Path) -> ShownSkin:
             passive=arrays.get("passive"),
             regions=regions_of(archive) if REGIONS[0] in arrays else None,
             body=(arrays[BODY[0]], arrays[BODY[1]]) if BODY[0] in arrays else None,
+            grounds=arrays.get("grounds"),
         )
 
     return read_archive(path, KIND, make, OutputError, REMEDY)

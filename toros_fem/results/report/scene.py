@@ -205,7 +205,8 @@ def best_direction(skin: ShownSkin, density: Floats | None, positions: Floats) -
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     up = np.cross(DIRECTIONS, right)
     size = np.ptp(positions @ right.T, axis=0) * np.ptp(positions @ up.T, axis=0)
-    score = seen * np.sqrt(size) * np.where(DIRECTIONS[:, 2] > 0, FROM_ABOVE, 1)
+    below = 1.0 if skin.grounds is None else 0.0  # the ground hides what stands on it
+    score = seen * np.sqrt(size) * np.where(DIRECTIONS[:, 2] > 0, FROM_ABOVE, below)
     return [float(x) for x in DIRECTIONS[np.argmax(score)]]
 
 
@@ -249,6 +250,12 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
             "points": packed.add(packed.places(points)),
             "triangles": packed.add_numbers(triangles, len(points)),
         }
+    if skin.grounds is not None:
+        places = (skin.grounds[:, 0] - packed.low) * 1e3  # in mm from the box's corner
+        found["grounds"] = [
+            {"point": point, "normal": normal}
+            for point, normal in zip(places.tolist(), skin.grounds[:, 1].tolist(), strict=True)
+        ]
     return found
 
 
@@ -272,11 +279,11 @@ def _packed_series(
         stretches = [principal_stretches(skins[name].pattern, shapes[k])[:, 1] for k in here]
         for k, large in zip(here, stretches, strict=True):
             found[k]["stretch_range"] = [float(large.min()), float(large.max())]
-        dense = [k for k in here if frames[k].density is not None]
+        density = {k: d for k in here if (d := frames[k].density) is not None}
         for kind, numbers, arrays in (
             ("positions", here, [packed.places(shapes[k]) for k in here]),
             ("stretch", here, [_as_bytes(large / STRETCH_STEP) for large in stretches]),
-            ("density", dense, [_as_bytes(255 * np.asarray(frames[k].density)) for k in dense]),
+            ("density", [*density], [_as_bytes(255 * d) for d in density.values()]),
         ):
             for k, entry in zip(numbers, packed.add_changes(arrays), strict=True):
                 found[k][kind] = entry

@@ -106,6 +106,7 @@
       this.triangles = read(packed.triangles);
       this.seams = read(packed.seams);
       this.target = packed.target ? placed(read(packed.target)) : null;
+      this.grounds = packed.grounds ?? [];
       this.body = packed.body
         ? { points: placed(read(packed.body.points)), triangles: read(packed.body.triangles) } : null;
       // Triangles around each vertex.
@@ -202,6 +203,7 @@
     const mesh = solid({ vertexColors: true, polygonOffset: true, polygonOffsetFactor: 1,
       polygonOffsetUnits: 1 });
     const surface = mesh.material, body = solid({ color: BODY, side: THREE.DoubleSide });
+    const ground = solid({ color: BODY, transparent: true, opacity: 0.35 }); // seen from above
     const seams = strokes("#7a4a1c", 1), edges = strokes("#303a48", 0.35);
     // The target's outline: what the target covers where it is moved a little, but not where it
     // is. It often lies inside of the skin, and so it is drawn over it.
@@ -295,11 +297,26 @@
       setPoints(part, out);
     }
 
+    /* Two triangles of a ground, below the middle of all shapes. */
+    function square({ point, normal }) {
+      const up = new THREE.Vector3(...normal), size = 0.75 * 65535e3 * scene.step;
+      const middle = new THREE.Vector3().addScalar(size / 1.5);
+      middle.addScaledVector(up, new THREE.Vector3(...point).sub(middle).dot(up));
+      const side = new THREE.Vector3(0, 1, 0).cross(up);
+      if (side.length() < 0.1) side.set(1, 0, 0);
+      side.normalize();
+      const other = new THREE.Vector3().crossVectors(up, side);
+      return [[-1, -1], [1, -1], [1, 1], [-1, -1], [1, 1], [-1, 1]].flatMap(([a, b]) => middle.clone()
+        .addScaledVector(side, a * size).addScaledVector(other, b * size).toArray());
+    }
+
     function take(skin) {
       mesh.geometry = skin.geometry;
       const side = skin.closed ? THREE.FrontSide : THREE.DoubleSide;
       if (surface.side !== side) { surface.side = side; surface.needsUpdate = true; }
       if (skin.body) setPoints(body, skin.body.points, skin.body.triangles);
+      const squares = skin.grounds.flatMap(square);
+      setPoints(ground, Float32Array.from(squares), squares.map((_, k) => k));
       if (skin.target) setPoints(target, skin.target, skin.triangles);
       for (const part of outline) part.geometry = target.geometry;
       shown = skin;
@@ -345,6 +362,7 @@
       for (const part of [target, ...outline])
         part.visible = at("target").checked && skin.target !== null;
       body.visible = at("body").checked && skin.body !== null;
+      ground.visible = at("body").checked && skin.grounds.length > 0;
       seams.visible = at("seams").checked;
       edges.visible = at("mesh").checked;
       keepInside(positions);
@@ -401,7 +419,7 @@
     function update() {
       const frame = frameOf(series), skin = skins[frame.skin];
       at("with-target").hidden = !skin.target;
-      at("with-body").hidden = !skin.body;
+      at("with-body").hidden = !skin.body && !skin.grounds.length;
       const distance = document.querySelector("input[value=distance]");
       distance.parentElement.hidden = !skin.target;
       if (!skin.target && distance.checked) document.querySelector("input[value=print]").checked = true;
