@@ -41,10 +41,9 @@ from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.tolerance.simulated import tolerances
-from toros_fem.results.report.notebook import StoredRun
+from toros_fem.results.report.notebook import read_summary
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import open_run
-from toros_fem.results.runs.summary_file import read_summary
 from toros_fem.results.writer import write_results
 
 __all__ = [  # noqa: RUF022
@@ -112,7 +111,6 @@ __all__ = [  # noqa: RUF022
     "open_run",
     "write_results",
     "read_summary",
-    "StoredRun",
     # Constants from tests
     "read_tensile_tests",
     "fit_material",

@@ -13,7 +13,7 @@ from toros_fem.base.files import guarded, write_json
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.report.notebook import StoredRun, View
+from toros_fem.results.report.notebook import View, view_of
 from toros_fem.results.runs.files import SUMMARY
 from toros_fem.results.runs.summary_file import figures_html
 
@@ -64,7 +64,7 @@ class RunResult(ABC):
         """
         if self.folder is None:
             raise OutputError("this result has no files yet: write them by write_summary.")
-        return StoredRun(self.folder).show(height)
+        return view_of(self.folder, height)
 
     def _repr_html_(self) -> str:
         return figures_html(self.figures)

@@ -25,7 +25,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.files import Frame
-from toros_fem.results.frames.record import shown_skin, write_series
+from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
 from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
@@ -41,7 +41,7 @@ def write_results(
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    `toros_fem.results.runs.files.FILES` says what each file holds. When all are there, summary.json
+    The table results/files.csv says what each file holds. When all are there, summary.json
     follows. Where the print has no equilibrium, pictures and fields show the design's own shape.
 
     Args:
@@ -127,21 +127,16 @@ class Shown:
 
 def _shown(found: PrintedResult) -> Shown:
     """Return what is shown of a design (collective)."""
-    problem, result, printed = found.problem, found.design, found.printed
-    skin, final, whole = problem.skin, result.final, problem.whole
-    shown = printed.evaluation or final
-    positions, target = skin.gather_vertices(shown.equilibrium.positions), problem.target
-    composite, stiffened = problem.solver.model.composite, skin.gather_cells(shown.projected)
+    problem, printed, final = found.problem, found.printed, found.design.final
+    shown, on = printed.evaluation or final, OnWhole(found.problem)
+    positions = on.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
+    target = None if problem.target is None else on.vertices(problem.target)
+    composite, stiffened = problem.solver.model.composite, on.cells(shown.projected)
     fields = {
-        "rho": skin.gather_cells(result.density),
-        "rho_filtered": skin.gather_cells(final.filtered),
-        "rho_projected": skin.gather_cells(final.projected),
+        "rho": on.cells(found.design.density),
+        "rho_filtered": on.cells(final.filtered),
+        "rho_projected": on.cells(final.projected),
     }
-    if whole is not None:
-        positions = whole.at_vertices(positions)
-        target = None if target is None else whole.at_vertices(target)
-        fields = {name: whole.at_cells(values) for name, values in fields.items()}
-        stiffened = whole.at_cells(stiffened)
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
     fields |= wrinkle_fields(folds)
     fields["printed"] = printed.cells.astype(np.float64)

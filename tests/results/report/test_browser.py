@@ -11,7 +11,7 @@ from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
 from toros_fem.results.frames.files import Frame, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
-from toros_fem.results.report.notebook import StoredRun
+from toros_fem.results.report.notebook import read_summary
 from toros_fem.results.report.page_file import write_report
 
 pytestmark = [
@@ -166,7 +166,7 @@ def test_a_ground_and_objects_are_seen(run: Path, pattern: Pattern) -> None:
 
 def test_a_notebook_shows_the_view_in_a_frame(run: Path) -> None:
     """The page in the frame runs its own scripts, and no more."""
-    view = StoredRun(run).show(height=500)
+    view = read_summary(run).show(height=500)
     notebook = run / "notebook.html"
     ready = "<script>document.documentElement.dataset.state = 'ready'</script>"
     notebook.write_text(f"<html><body>{view._repr_html_()}{ready}</body></html>", encoding="utf-8")

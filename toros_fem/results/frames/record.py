@@ -26,6 +26,27 @@ from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 FOLLOWING = ("print", "pressure", "gait", "load")
 
 
+class OnWhole:
+    """Fields of a design problem on its whole skin, on every rank.
+
+    Args:
+        problem: The design problem.
+    """
+
+    def __init__(self, problem: ShapeProblem) -> None:
+        self._skin, self._whole = problem.skin, problem.whole
+        self.pattern = problem.skin.pattern if self._whole is None else self._whole.pattern
+
+    def cells(self, owned: Floats) -> Floats:
+        """Return values at all triangles from those of each rank (collective)."""
+        values = self._skin.gather_cells(owned)
+        return values if self._whole is None else self._whole.at_cells(values)
+
+    def vertices(self, positions: Floats) -> Floats:
+        """Return positions of all vertices from those of the simulated part."""
+        return positions if self._whole is None else self._whole.at_vertices(positions)
+
+
 def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSkin, Frame] | None:
     """Return the frame of a design's step and its skin, on every rank (collective).
 
@@ -35,25 +56,15 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
         row: The step's row of the history.
         evaluation: Its design.
     """
-    problem = evaluation.problem
+    problem, state = evaluation.problem, evaluation.equilibrium
     if not isinstance(problem, ShapeProblem):
         return None
-    positions = problem.physics.shape_of(evaluation.equilibrium)
-    density = problem.skin.gather_cells(problem.fields.shown(evaluation.projected))
-    skin = shown_skin(problem)
-    if problem.whole is not None:
-        positions = problem.whole.at_vertices(positions)
-        density = problem.whole.at_cells(density)
-    frame = Frame(
-        "iteration",
-        row.iteration,
-        "",
-        positions,
-        density,
-        row.columns(),
-        evaluation.equilibrium.condition.sentences,
-    )
-    return skin, frame
+    on = OnWhole(problem)
+    positions = on.vertices(problem.physics.shape_of(state))
+    density = on.cells(problem.fields.shown(evaluation.projected))
+    note = state.condition.sentences
+    frame = Frame("iteration", row.iteration, "", positions, density, row.columns(), note)
+    return shown_skin(problem), frame
 
 
 def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = None) -> ShownSkin:
@@ -63,18 +74,13 @@ def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = N
         problem: The design problem.
         regions: Print on each panel of the whole, polygons in m; None before there is one.
     """
-    pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
-    passive = problem.fields.passive
-    if passive is not None:
-        passive = problem.skin.gather_cells(passive)
-    if whole is not None:
-        pattern = whole.pattern
-        target = None if target is None else whole.at_vertices(target)
-        passive = None if passive is None else whole.at_cells(passive)
+    on, passive, target = OnWhole(problem), problem.fields.passive, problem.target
+    passive = None if passive is None else on.cells(passive)
+    target = None if target is None else on.vertices(target)
     aligned = isinstance(problem.objective, AlignedObjective)
     contact = problem.solver.contact
     touched = {} if contact is None else _touched(contact)
-    return ShownSkin(pattern, target, aligned, passive, regions, **touched)
+    return ShownSkin(on.pattern, target, aligned, passive, regions, **touched)
 
 
 def _touched(contact: Contact) -> dict[str, Any]:
@@ -115,7 +121,6 @@ def write_path(
     points: Sequence[TracePoint],
     whole: Mirrored | None = None,
     density: Floats | None = None,
-    shapes: Sequence[Floats] | None = None,
     chambers: Sequence[str] = (),
 ) -> None:
     """Write the frames of a path of equilibria (one rank).
@@ -127,26 +132,17 @@ def write_path(
         points: The equilibria.
         whole: The whole that the equilibria's skin is a part of; None if they are whole.
         density: Density of all triangles, (t,), where the skin has no print.
-        shapes: Positions to show in the place of those of the points; None for none.
         chambers: Names of the chambers whose pressures are recorded.
     """
     frames = []
     for number, point in enumerate(points):
-        positions = point.positions if shapes is None else shapes[number]
-        values = {"pressure_pa": point.result.pressure, **point.metrics}
-        pressures = zip(chambers, point.result.pressures, strict=False)
+        state = point.result
+        positions = point.positions if whole is None else whole.at_vertices(point.positions)
+        pressures = zip(chambers, state.pressures, strict=False)
+        values = {"pressure_pa": state.pressure, **point.metrics}
         values |= {f"{name}_pa": pressure for name, pressure in pressures}
-        frames.append(
-            Frame(
-                series,
-                number,
-                "",
-                positions if whole is None else whole.at_vertices(positions),
-                density,
-                values,
-                point.result.condition.sentences,
-            )
-        )
+        note = state.condition.sentences
+        frames.append(Frame(series, number, "", positions, density, values, note))
     write_series(folder, skin, frames)
 
 

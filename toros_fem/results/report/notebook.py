@@ -8,7 +8,7 @@ from pathlib import Path
 
 from toros_fem.results.report.page_file import page_of
 from toros_fem.results.report.run_folder import read_run
-from toros_fem.results.runs.summary_file import Summary, read_summary
+from toros_fem.results.runs.summary_file import Summary, summary_of
 
 
 @dataclass(frozen=True)
@@ -32,25 +32,16 @@ class View:
 
 
 @dataclass(frozen=True)
-class StoredRun:
-    """A run in its folder, finished or not.
+class StoredRun(Summary):
+    """What summary.json of a run holds, with its skin in space.
 
-    Its tables, such as history.csv and curve.csv, are read by `pandas.read_csv` as they are.
+    The tables of a run, such as history.csv, are read by `pandas.read_csv` as they are.
 
     Attributes:
-        folder: The folder.
+        folder: The folder of the run.
     """
 
-    folder: Path | str
-
-    @property
-    def summary(self) -> Summary:
-        """Its figures and further entries; empty for a run that was stopped.
-
-        Raises:
-            OutputError: summary.json cannot be read.
-        """
-        return read_summary(Path(self.folder))
+    folder: Path
 
     def show(self, height: int = 640) -> View:
         """Return the skin in space, which a notebook shows and a mouse turns (one rank).
@@ -62,7 +53,19 @@ class StoredRun:
             OutputError: The folder holds no run, or a file cannot be read.
             MissingPackageError: A package of the extra `plot` is not installed.
         """
-        return View(page_of(read_run(self.folder), alone=True), height)
+        return view_of(self.folder, height)
 
-    def _repr_html_(self) -> str:
-        return self.summary._repr_html_()
+
+def read_summary(folder: Path | str) -> StoredRun:
+    """Return the summary of a run, empty if there is none yet (one rank).
+
+    Raises:
+        OutputError: It cannot be read, is none, or is that of an earlier version.
+    """
+    found = summary_of(Path(folder))
+    return StoredRun(found.figures, found.entries, Path(folder))
+
+
+def view_of(folder: Path, height: int) -> View:
+    """Return the page of a run, with nothing but its skin in space."""
+    return View(page_of(read_run(folder), alone=True), height)

@@ -135,7 +135,7 @@ class FlatPatterns:
         self._known: list[tuple[list[bytes], Floats]] = []
 
     def of(self, skin: ShownSkin) -> tuple[int, Floats]:
-        """Return the number of a skin's flat pattern, and where it has all corners, (t, 3, 2).
+        """Return the number of a skin's flat pattern, and where it has all flat points, (m, 2).
 
         These are parts of its width and of its height, upwards. Copies of a skin share a pattern.
         """
@@ -148,8 +148,9 @@ class FlatPatterns:
         ]
         number = numbers[0] if numbers else self._draw(skin, regions)
         drawn, origins = self.shown[number], self._known[number][1]
-        corners = origins[skin.pattern.panel % len(origins), None] + 1e3 * skin.pattern.corners
-        return number, corners / [drawn["width"], drawn["height"]]
+        panel = skin.pattern.panel_of_point % len(origins)
+        places = origins[panel] + 1e3 * skin.pattern.flat_points
+        return number, places / [drawn["width"], drawn["height"]]
 
     def _draw(self, skin: ShownSkin, regions: list[bytes]) -> int:
         assert skin.regions is not None
@@ -236,8 +237,10 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
     found: dict[str, Any] = {
         "vertices": count,
         "closed": len(pattern.free_edges) == 0,
-        "triangles": packed.add_numbers(pattern.triangles, count),
+        "triangles": packed.add_numbers(pattern.flat_triangles, len(pattern.sewn)),
+        "sewn": packed.add_numbers(pattern.sewn, count),
         "seams": packed.add_numbers(edges, count),
+        "grounds": [],
     }
     if skin.target is not None:
         found["target"] = packed.add(packed.places(skin.target))
@@ -250,12 +253,9 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
             "points": packed.add(packed.places(points)),
             "triangles": packed.add_numbers(triangles, len(points)),
         }
-    if skin.grounds is not None:
-        places = (skin.grounds[:, 0] - packed.low) * 1e3  # in mm from the box's corner
-        found["grounds"] = [
-            {"point": point, "normal": normal}
-            for point, normal in zip(places.tolist(), skin.grounds[:, 1].tolist(), strict=True)
-        ]
+    for point, normal in () if skin.grounds is None else skin.grounds:
+        place = 1e3 * (point - packed.low)  # in mm from the box's corner
+        found["grounds"] += [{"point": place.tolist(), "normal": normal.tolist()}]
     return found
 
 
@@ -290,5 +290,5 @@ def _packed_series(
     return found
 
 
-def _as_bytes(values: Floats) -> npt.NDArray[np.uint8]:
+def _as_bytes(values: npt.NDArray) -> npt.NDArray[np.uint8]:
     return np.round(values).clip(0, 255).astype(np.uint8)

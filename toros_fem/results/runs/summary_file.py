@@ -65,7 +65,7 @@ def read_content(folder: Path) -> dict[str, Any]:
     return content
 
 
-def read_summary(folder: Path) -> Summary:
+def summary_of(folder: Path) -> Summary:
     """Return the summary of a run, empty if there is none yet (one rank).
 
     Raises:

@@ -103,10 +103,11 @@
   class Skin {
     constructor(read, packed) {
       Object.assign(this, { vertices: packed.vertices, closed: packed.closed, pattern: packed.pattern });
-      this.triangles = read(packed.triangles);
+      const flat = read(packed.triangles), sewn = read(packed.sewn);
+      this.triangles = flat.map((point) => sewn[point]);
       this.seams = read(packed.seams);
       this.target = packed.target ? placed(read(packed.target)) : null;
-      this.grounds = packed.grounds ?? [];
+      this.grounds = packed.grounds;
       this.body = packed.body
         ? { points: placed(read(packed.body.points)), triangles: read(packed.body.triangles) } : null;
       // Triangles around each vertex.
@@ -121,9 +122,13 @@
       for (const name of ["position", "normal", "color"])
         this.geometry.setAttribute(name,
           new THREE.BufferAttribute(new Float32Array(3 * this.triangles.length), 3));
-      if (packed.places)
-        this.geometry.setAttribute("uv",
-          new THREE.BufferAttribute(Float32Array.from(read(packed.places), (x) => x / 65535), 2));
+      if (packed.places) {
+        const places = read(packed.places), uv = new Float32Array(2 * flat.length);
+        flat.forEach((point, k) => {
+          for (let c = 0; c < 2; c++) uv[2 * k + c] = places[2 * point + c] / 65535;
+        });
+        this.geometry.setAttribute("uv", new THREE.BufferAttribute(uv, 2));
+      }
     }
 
     /* The ends of all edges of the triangles, each edge once. */
