@@ -21,26 +21,32 @@ from toros_fem.base.mpi import on_first_rank
 T = TypeVar("T")
 # Characters of a reason.
 LONGEST = 150
+# What is said of a folder or file that the system refuses.
+UNWRITTEN = (
+    "{} could not be written: {}. Choose another folder, or free some space. Files that are "
+    "already written stay."
+)
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that is never seen half written, whatever happens (one rank).
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Hand out a path beside a file; what the block writes there takes its place at the end.
 
-    It is written beside its place, forced to the disk, and renamed.
+    It is forced to the disk and renamed, so that the file is never seen half written, whatever
+    happens (one rank).
 
     Raises:
         OSError: It cannot be written; what was there before stays.
     """
     beside = path.with_name(path.name + UNFINISHED)
     try:
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
+        yield beside
+        with beside.open("rb") as file:
             os.fsync(file.fileno())
         beside.replace(path)
-    except OSError:
+    except BaseException:
         beside.unlink(missing_ok=True)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
@@ -48,6 +54,12 @@ def replace_file(path: Path, content: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file as `replacing` does (one rank)."""
+    with replacing(path) as beside:
+        beside.write_bytes(content)
 
 
 def reason(caught: Exception) -> str:
@@ -90,18 +102,21 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 @contextmanager
 def naming(
-    path: Path, error: type[Exception] = OutputError, fault: str = "could not be written"
+    path: Path, error: type[Exception] = OutputError, says: str = UNWRITTEN
 ) -> Iterator[None]:
-    """Raise errors of the system in the block as one that names a path and what to do."""
+    """Raise errors of the system in the block as one that names a path and what to do.
+
+    Args:
+        path: The path.
+        error: Type of the error.
+        says: What it says, with places for the path and for the reason.
+    """
     try:
         yield
     except TorosError:
         raise
     except OSError as caught:
-        raise error(
-            f"{path} {fault}: {caught}. Choose another folder, or free some space. Files that are "
-            "already written stay."
-        ) from None
+        raise error(says.format(path, caught)) from None
 
 
 def guarded(
@@ -109,7 +124,7 @@ def guarded(
     folder: str | Path,
     action: Callable[[], T],
     error: type[Exception] = OutputError,
-    fault: str = "could not be written",
+    says: str = UNWRITTEN,
     *,
     make: bool = True,
 ) -> T:
@@ -119,7 +134,7 @@ def guarded(
         comm: Communicator.
         folder: The folder.
         action: Reads or writes its files.
-        error, fault: Error that is raised, and what it says, where the system refuses.
+        error, says: As of `naming`.
         make: Whether the folder is made if it is missing.
 
     Raises:
@@ -128,7 +143,7 @@ def guarded(
     folder = Path(folder)
 
     def named() -> T:
-        with naming(folder, error, fault):
+        with naming(folder, error, says):
             if make:
                 folder.mkdir(parents=True, exist_ok=True)
             return action()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import UNFINISHED, naming, replace_file
+from toros_fem.base.files import naming, replacing
 from toros_fem.base.validation import checked_floats, shown
 from toros_fem.meshes.pattern import Pattern
 
@@ -53,7 +52,5 @@ def write_fields(
             **{name: [np.asarray(values)] for name, values in cell_fields.items()},
         },
     )
-    with naming(path), tempfile.TemporaryDirectory(suffix=UNFINISHED, dir=path.parent) as place:
-        beside = Path(place) / path.name
-        fields.write(beside)
-        replace_file(path, beside.read_bytes())
+    with naming(path), replacing(path) as beside:
+        fields.write(beside, file_format="vtu")

@@ -323,14 +323,15 @@ class Designer(Job):
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Search
     ) -> ActuatorResult:
-        """Write a design, then error, curve, pictures, machine files and trial; last its summary.
+        """Write a design and its summary, then error, curve, pictures, machine files and trial.
 
-        What took longest to find is on disk first.
+        What took longest to find is on disk first. At the end the summary has all of them.
         """
         scene, folder = self.scene, Path(self.output)
         metrics = printed_metrics(result, printed)
         made = PrintedResult(result, printed, metrics, config=scene)
         found = self._write(ActuatorResult(made, search), pictures=False)
+        write_summary(self.comm, folder, found)
         if scene.results.estimate_error:
             self._check()
             errors = self._errors(found)

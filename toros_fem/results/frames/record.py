@@ -56,10 +56,10 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
         row: The step's row of the history.
         evaluation: Its design.
     """
-    problem, state = evaluation.problem, evaluation.equilibrium
+    problem = evaluation.problem
     if not isinstance(problem, ShapeProblem):
         return None
-    on = OnWhole(problem)
+    on, state = OnWhole(problem), evaluation.equilibrium
     positions = on.vertices(problem.physics.shape_of(state))
     density = on.cells(problem.fields.shown(evaluation.projected))
     note = state.condition.sentences

@@ -33,6 +33,8 @@ GAP, MARGIN = 10.0, 5.0
 TURNS = (np.arange(16) + 0.5) / 16 * 2 * np.pi
 DIRECTIONS = np.array([[np.cos(t), np.sin(t), up] for up in (0.35, -0.3) for t in TURNS])
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+# Half the side of a ground over the size of all that is shown.
+GROUND = 0.75
 # A view from above counts so many times more than the same from below.
 FROM_ABOVE = 1.15
 
@@ -240,7 +242,7 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
         "triangles": packed.add_numbers(pattern.flat_triangles, len(pattern.sewn)),
         "sewn": packed.add_numbers(pattern.sewn, count),
         "seams": packed.add_numbers(edges, count),
-        "grounds": [],
+        "grounds": [] if skin.grounds is None else _squares(packed, skin.grounds),
     }
     if skin.target is not None:
         found["target"] = packed.add(packed.places(skin.target))
@@ -253,9 +255,21 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
             "points": packed.add(packed.places(points)),
             "triangles": packed.add_numbers(triangles, len(points)),
         }
-    for point, normal in () if skin.grounds is None else skin.grounds:
-        place = 1e3 * (point - packed.low)  # in mm from the box's corner
-        found["grounds"] += [{"point": place.tolist(), "normal": normal.tolist()}]
+    return found
+
+
+def _squares(packed: Packed, grounds: Floats) -> list[float]:
+    """Return the corners of two triangles of each ground, in mm from the corner of the box."""
+    size = 1e3 * STEPS * packed.step
+    found = []
+    for point, normal in grounds:
+        side = np.cross([0, 1, 0] if abs(normal[1]) < 0.9 else [0, 0, 1], normal)
+        side /= np.linalg.norm(side)
+        middle = np.full(3, size / 2)
+        middle -= ((middle - 1e3 * (point - packed.low)) @ normal) * normal
+        across = GROUND * size * np.array([side, np.cross(normal, side)])
+        corners = middle + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ across
+        found += corners[[0, 1, 2, 0, 2, 3]].ravel().tolist()
     return found
 
 

@@ -35,6 +35,9 @@ T = TypeVar("T")
 # Number of iterations between two writes of the state.
 EVERY = 2
 ANEW = "Start the run anew in another folder."
+UNUSABLE = (
+    "{} cannot be used as the folder of a run: {}. Choose another folder, or free some space."
+)
 
 _open: dict[Path, OpenRun] = {}
 
@@ -247,8 +250,7 @@ def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | No
 
 
 def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
-    fault = "cannot be used as the folder of a run"
-    return guarded(comm, folder, action, RunError, fault, make=False)
+    return guarded(comm, folder, action, RunError, UNUSABLE, make=False)
 
 
 def _identity(inputs: Mapping[str, Any]) -> str:

@@ -131,19 +131,6 @@
       }
     }
 
-    /* The ends of all edges of the triangles, each edge once. */
-    edges() {
-      if (!this.found) {
-        const pairs = new Set(), t = this.triangles, n = this.vertices;
-        for (let k = 0; k < t.length; k++) {
-          const a = t[k], b = t[k % 3 === 2 ? k - 2 : k + 1];
-          pairs.add(Math.min(a, b) * n + Math.max(a, b));
-        }
-        this.found = Uint32Array.from([...pairs].flatMap((p) => [Math.floor(p / n), p % n]));
-      }
-      return this.found;
-    }
-
     /* Normals of the triangles times twice their areas, (t, 3). */
     faces(x) {
       const t = this.triangles, out = new Float32Array(t.length);
@@ -203,13 +190,13 @@
       return part;
     };
     const solid = (look) => make(THREE.Mesh, THREE.MeshLambertMaterial, look);
-    const strokes = (color, opacity) => make(THREE.LineSegments, THREE.LineBasicMaterial,
-      { color, transparent: opacity < 1, opacity });
     const mesh = solid({ vertexColors: true, polygonOffset: true, polygonOffsetFactor: 1,
       polygonOffsetUnits: 1 });
     const surface = mesh.material, body = solid({ color: BODY, side: THREE.DoubleSide });
     const ground = solid({ color: BODY, transparent: true, opacity: 0.35 }); // seen from above
-    const seams = strokes("#7a4a1c", 1), edges = strokes("#303a48", 0.35);
+    const seams = make(THREE.LineSegments, THREE.LineBasicMaterial, { color: "#7a4a1c" });
+    const edges = solid({ color: 0, emissive: "#303a48", wireframe: true, transparent: true,
+      opacity: 0.35 });
     // The target's outline: what the target covers where it is moved a little, but not where it
     // is. It often lies inside of the skin, and so it is drawn over it.
     const over = { depthTest: false, depthWrite: false, side: THREE.DoubleSide, stencilWrite: true,
@@ -290,38 +277,16 @@
 
     function setPoints(part, points, index) {
       part.geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-      if (index) {
-        part.geometry.setIndex(new THREE.BufferAttribute(Uint32Array.from(index), 1));
-        part.geometry.computeVertexNormals();
-      }
-    }
-
-    function segments(part, positions, ends) {
-      const out = new Float32Array(3 * ends.length);
-      ends.forEach((v, k) => { for (let c = 0; c < 3; c++) out[3 * k + c] = positions[3 * v + c]; });
-      setPoints(part, out);
-    }
-
-    /* Two triangles of a ground, below the middle of all shapes. */
-    function square({ point, normal }) {
-      const up = new THREE.Vector3(...normal), size = 0.75 * 65535e3 * scene.step;
-      const middle = new THREE.Vector3().addScalar(size / 1.5);
-      middle.addScaledVector(up, new THREE.Vector3(...point).sub(middle).dot(up));
-      const side = new THREE.Vector3(0, 1, 0).cross(up);
-      if (side.length() < 0.1) side.set(1, 0, 0);
-      side.normalize();
-      const other = new THREE.Vector3().crossVectors(up, side);
-      return [[-1, -1], [1, -1], [1, 1], [-1, -1], [1, 1], [-1, 1]].flatMap(([a, b]) => middle.clone()
-        .addScaledVector(side, a * size).addScaledVector(other, b * size).toArray());
+      part.geometry.setIndex(new THREE.BufferAttribute(Uint32Array.from(index), 1));
+      if (part.isMesh) part.geometry.computeVertexNormals();
     }
 
     function take(skin) {
-      mesh.geometry = skin.geometry;
+      mesh.geometry = edges.geometry = skin.geometry;
       const side = skin.closed ? THREE.FrontSide : THREE.DoubleSide;
       if (surface.side !== side) { surface.side = side; surface.needsUpdate = true; }
       if (skin.body) setPoints(body, skin.body.points, skin.body.triangles);
-      const squares = skin.grounds.flatMap(square);
-      setPoints(ground, Float32Array.from(squares), squares.map((_, k) => k));
+      setPoints(ground, Float32Array.from(skin.grounds), skin.grounds.map((_, k) => k));
       if (skin.target) setPoints(target, skin.target, skin.triangles);
       for (const part of outline) part.geometry = target.geometry;
       shown = skin;
@@ -372,8 +337,7 @@
       edges.visible = at("mesh").checked;
       keepInside(positions);
       if (target.visible) keepInside(skin.target);
-      if (seams.visible) segments(seams, positions, skin.seams);
-      if (edges.visible) segments(edges, positions, skin.edges());
+      if (seams.visible) setPoints(seams, positions, skin.seams);
       soon();
       return range;
     }
