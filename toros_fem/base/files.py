@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import MissingPackageError, OutputError, TorosError
+from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
@@ -155,7 +155,7 @@ def if_possible(what: str, write: Callable[[], Any]) -> None:
     """Write what a run can do without, or print in one line why there is none (one rank)."""
     try:
         write()
-    except (ImportError, TorosError) as missing:
+    except TorosError as missing:
         print(f"no {what}: {missing}", file=sys.stderr)
 
 
@@ -165,13 +165,9 @@ def draw_into(folder: Path, draw: Callable[[Path], None]) -> None:
     Each is whole or absent: they are drawn into a folder inside this one, and moved.
     """
     with tempfile.TemporaryDirectory(prefix=".", suffix=UNFINISHED, dir=folder) as place:
-        if_possible("pictures", lambda: _need_plot(draw, Path(place)))
+        try:
+            draw(Path(place))
+        except ImportError as missing:
+            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
         for path in sorted(Path(place).iterdir()):
             replace_file(folder / path.name, path.read_bytes())
-
-
-def _need_plot(draw: Callable[[Path], None], place: Path) -> None:
-    try:
-        draw(place)
-    except ImportError as missing:
-        raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None

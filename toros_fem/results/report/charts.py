@@ -124,7 +124,8 @@ class Chart:
         if self.chosen is not None:
             name, x, y = self.chosen
             axes.plot(x, y, "o", color=ACCENT, markersize=7, clip_on=False)
-            _write(axes, name, x, y, ACCENT, up=-10.0)
+            rises = self.lines[0].y[-1] > self.lines[0].y[0]  # the text stands beside the line
+            _write(axes, name, x, y, ACCENT, up=-13.0 if rises else 11.0)
 
 
 def _write(axes: Any, text: str, x: float, y: float, colour: str, **place: Any) -> None:

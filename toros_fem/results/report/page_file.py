@@ -150,7 +150,7 @@ def _curve(run: Run) -> list[Chart]:
         ]
         value, chosen = metric.value, None
         if at and value is not None and x[0] <= at / 1e3 <= x[-1]:
-            chosen = (f"{formatted(value, metric.unit)} at the design's pressure", at / 1e3, value)
+            chosen = (f"{formatted(value, metric.unit)} at {at / 1e3:.4g} kPa", at / 1e3, value)
         charts.append(
             Chart(
                 "pressure",
