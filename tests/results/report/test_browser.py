@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.browser import Page, opened
+from helpers.browser import Page, opened, seconds_to_show
 from helpers.runs import change_summary, regions_of, tube, write_run
 
 from toros_fem.mechanics.contact.solids import rigid_sphere
@@ -46,7 +46,6 @@ def test_sliders_switches_and_colours_change_the_picture(run: Path) -> None:
     with opened(write_report(run)) as page:
         assert page.run("return document.documentElement.dataset.state") == "ready"
         first = page.picture()
-        assert page.seconds < 3, "without a GPU too"
         assert near(first, FABRIC) > 0.01, "the fabric is seen"
         assert painted(first, ACCENT) > 1e-3, "the target's outline is seen at the start"
         assert near(first, DARK) > 0.01, "the print is seen"
@@ -199,6 +198,4 @@ def test_12_000_triangles_are_shown_soon_and_under_10_mb(tmp_path: Path) -> None
     # Noise of 20 µm: shapes of smooth functions would be compressed better than real ones.
     path = write_report(write_run(tmp_path / "fine", pattern, 61, 26, rough=2e-5))
     assert path.stat().st_size < 10e6
-    with opened(path) as page:
-        assert page.seconds < 3, "without a GPU too"
-        assert near(page.picture(), DARK) > 0.01
+    assert seconds_to_show(path) < 3, "without a GPU too"

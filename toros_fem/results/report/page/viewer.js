@@ -22,7 +22,8 @@
   }
 
   async function unpack(text) {
-    const raw = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const letters = atob(text), raw = new Uint8Array(letters.length);
+    for (let k = 0; k < raw.length; k++) raw[k] = letters.charCodeAt(k);
     const stream = new Blob([raw]).stream().pipeThrough(new DecompressionStream("deflate"));
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
@@ -353,7 +354,6 @@
   function start(bytes) {
     const read = reader(bytes), skins = {};
     for (const [name, packed] of Object.entries(scene.skins)) skins[name] = new Skin(read, packed);
-    for (const entries of Object.values(scene.series)) unpackSeries(read, entries);
     let view;
     try {
       view = viewer(skins);
@@ -363,10 +363,17 @@
     }
     const names = Object.keys(scene.series), current = {}, sliders = {};
     let series = scene.start.series, playing = null;
-    const frameOf = (name) => scene.series[name][current[name]];
+    const frameOf = (name) => scene.series[name][current[name]], unpacked = new Set();
+
+    /* Unpack the shapes of a series when they are asked for: others need not wait for them. */
+    function prepare() {
+      if (!unpacked.has(series)) unpackSeries(read, scene.series[series]);
+      unpacked.add(series);
+    }
 
     /* Place the camera for a frame, and the body beside it. */
     function around(frame) {
+      prepare();
       const { body } = skins[frame.skin];
       const points = [...placed(frame.positions), ...(body ? body.points : [])];
       view.frame(Float32Array.from(points), scene.from[series]);
@@ -386,6 +393,7 @@
     }
 
     function update() {
+      prepare();
       const frame = frameOf(series), skin = skins[frame.skin];
       at("with-target").hidden = !skin.target;
       at("with-body").hidden = !skin.body && !skin.grounds.length;
