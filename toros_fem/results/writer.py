@@ -41,8 +41,9 @@ def write_results(
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    The table results/files.csv says what each file holds. When all are there, summary.json
-    follows. Where the print has no equilibrium, pictures and fields show the design's own shape.
+    The table toros_fem/results/files.csv says what each file holds. When all are there,
+    summary.json follows. Where the print has no equilibrium, pictures and fields show the
+    design's own shape.
 
     Args:
         folder: Output folder, made if missing.

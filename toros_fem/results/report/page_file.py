@@ -80,7 +80,7 @@ def page_of(run: Run, *, alone: bool = False) -> str:
         curve=_curve(run),
         convergence=_convergence(run),
         patterns=patterns,
-        files={name: text for name, text in FILES.items() if (run.folder / name).exists()},
+        files={n: text for n, text in FILES.items() if n != NAME and (run.folder / n).is_file()},
         scene=scene,
         data=data,
         scripts=scripts,
