@@ -22,7 +22,7 @@ from mpi4py import MPI
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
 from toros_fem.measures.figures import NONE, Figure, formatted, split_key
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import summary_of
 
 REACHED = {True: "yes", False: "no", None: "not sure"}
 SIZES = ("coarse", "full")
@@ -98,7 +98,7 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
     if code:
         raise RuntimeError(f"toros {what} {file.name} ended with {code}")
-    found = read_summary(folder)
+    found = summary_of(folder)
     entries: Any = found.entries
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
     for key, figure in found.figures.items():

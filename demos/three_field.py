@@ -29,7 +29,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_json, write_together
+from toros_fem.base.files import guarded, if_plotting, write_json
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.designer import design_actuator
@@ -39,7 +39,6 @@ from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
 from toros_fem.results.summary import PrintedResult
-from toros_fem.results.writer import if_plotting
 
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
@@ -139,7 +138,7 @@ def run(
         write_json(output / "three_field.json", content)
         if_plotting(draw)
 
-    write_together(comm, output, write)
+    guarded(comm, output, write)
 
 
 def draw_prints(

@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import guarded, if_possible, write_json, write_table
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.sheets.write import if_possible, write_manufacture
+from toros_fem.making.sheets.write import write_manufacture
 from toros_fem.meshes import tile
 from toros_fem.products.tiles import pull_test
 from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
@@ -84,7 +84,8 @@ def write() -> None:
     write_json(folder / "pull.json", {one.sheet.direction: one.summary() for one in pulled})
     write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
     write_svg(folder / "pattern.svg", cloth, regions)
-    if_possible(lambda: write_manufacture(folder / "manufacture", cloth, regions))
+    place = folder / "manufacture"
+    if_possible("machine files", lambda: write_manufacture(place, cloth, regions))
     plot_pulls(folder / "curve.png", pulled)
     for one in pulled:
         title = f"pulled by {100 * STRAIN:g} % along {one.sheet.direction}"
@@ -92,7 +93,7 @@ def write() -> None:
         plot_sheet(path, one.sheet.pattern, one.test.positions, cells, title)
 
 
-write_together(comm, given.output, write)
+guarded(comm, given.output, write)
 if comm.rank == 0:
     for one in pulled:
         stiff = one.test.stiffness[-1], one.predicted.stiffness[-1]

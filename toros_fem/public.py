@@ -41,8 +41,8 @@ from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.fit import fit_material
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.tolerance.simulated import tolerances
+from toros_fem.results.report.notebook import read_summary
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.result import read_summary
 from toros_fem.results.runs.folder import open_run
 from toros_fem.results.writer import write_results
 

@@ -17,8 +17,8 @@ from mpi4py import MPI
 from toros_fem.base import files
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import OutputError, RunError
-from toros_fem.base.files import UNFINISHED, write_json, write_table, write_together
-from toros_fem.results.runs.folder import open_run, read_run
+from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
+from toros_fem.results.runs.folder import open_run, read_record
 
 # The child writes files alone, and uses none of the threads that it does not have.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
@@ -39,10 +39,10 @@ def run(folder: Path, *, resume: bool = False) -> None:
         done = 0 if saved is None else int(saved.numbers["step"])
         for number in range(done + 1, STEPS + 1):
             rows = [{"step": k} for k in range(number + 1)]
-            write_together(ALONE, folder, partial(write_table, folder / "history.csv", rows))
+            guarded(ALONE, folder, partial(write_table, folder / "history.csv", rows))
             entry.offer(partial(state, number), last=number == STEPS)
         summary = partial(write_json, folder / "summary.json", {"steps": STEPS})
-        write_together(ALONE, folder, summary)
+        guarded(ALONE, folder, summary)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -117,7 +117,7 @@ def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes
             assert content in written.get(name, set()) | {earlier.get(name)}, name
     before = contents(folder)
     try:
-        record, _ = read_run(ALONE, folder)
+        record, _ = read_record(ALONE, folder)
         if record.finished:
             return
         run(folder, resume=True)
@@ -126,10 +126,10 @@ def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes
         run(folder)
     last = contents(folder)
     assert {name for name in written if "summary" in name or "history" in name} <= set(last)
-    assert read_run(ALONE, folder)[0].finished
+    assert read_record(ALONE, folder)[0].finished
     assert b'"steps": 3' in last["summary.json"]
     run(folder)  # and a fresh one begins in its place
-    assert read_run(ALONE, folder)[0].finished
+    assert read_record(ALONE, folder)[0].finished
 
 
 @pytest.mark.parametrize("before", [False, True], ids=["new folder", "after an earlier run"])

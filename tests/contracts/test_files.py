@@ -54,7 +54,7 @@ from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
 from toros_fem.results.frames.files import Frame, read_frames, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin, write_skin
-from toros_fem.results.runs.folder import open_run, read_run
+from toros_fem.results.runs.folder import open_run, read_record
 
 ALONE, LIBRARY = MPI.COMM_SELF, read_library()
 FEW = settings(
@@ -300,7 +300,7 @@ def write_run(folder: Path, x: dict[str, Any]) -> Path:
 
 
 def read_inputs(path: Path) -> Any:
-    return read_run(ALONE, path.parents[1])[0].inputs
+    return read_record(ALONE, path.parents[1])[0].inputs
 
 
 def content_of(path: Path, kind: str) -> Archive:

@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib.figure
 import meshio
@@ -49,8 +50,16 @@ class Run:
 @pytest.fixture(scope="module")
 def few_pictures() -> Generator[None]:
     """Pictures are empty files; tests/results/pictures looks at them."""
+    draw = matplotlib.figure.Figure.savefig
+
+    def save(self: matplotlib.figure.Figure, place: Any, **how: Any) -> None:
+        if isinstance(place, (str, Path)):
+            Path(place).touch()
+        else:  # the charts of a report
+            draw(self, place, **how)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(matplotlib.figure.Figure, "savefig", lambda self, to, **how: to.write(b"PNG"))
+        patch.setattr(matplotlib.figure.Figure, "savefig", save)
         yield
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 import time
 from collections.abc import Generator
@@ -23,7 +24,9 @@ PATIENCE = 120.0
 
 
 @contextmanager
-def opened(page: Path, width: int = 1280, height: int = 800) -> Generator[Page]:
+def opened(
+    page: Path, width: int = 1280, height: int = 800, *, dark: bool = False
+) -> Generator[Page]:
     """Open a page that tells when it is ready; skip the test where there is no browser."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
     places = [
@@ -40,19 +43,49 @@ def opened(page: Path, width: int = 1280, height: int = 800) -> Generator[Page]:
     service = webdriver.ChromeService(executable_path=places[1])
     driver = webdriver.Chrome(options=options, service=service)
     try:
-        driver.get(page.as_uri())
+        if dark:
+            wanted = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+            driver.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
         found = Page(driver)
+        begin = time.monotonic()
+        driver.get(page.as_uri())
         found.wait_for("return document.documentElement.dataset.state")
+        found.seconds = time.monotonic() - begin
         yield found
     finally:
         driver.quit()
 
 
+def seconds_to_show(page: Path) -> float:
+    """Return the time in s until a page is drawn, the least of some: the machine may be busy."""
+    least = np.inf
+    for _ in range(5):
+        with opened(page) as found:
+            least = min(least, found.seconds)
+        if least < 2:
+            break
+    return float(least)
+
+
 class Page:
-    """An open report."""
+    """An open report.
+
+    Attributes:
+        driver: The browser.
+        seconds: Time in s from its address to its first picture.
+    """
 
     def __init__(self, driver: Any) -> None:
-        self.driver = driver
+        self.driver, self.seconds = driver, 0.0
+
+    def colour(self, selector: str, name: str) -> np.ndarray:
+        """Return red, green and blue of a property of an element."""
+        text = self.run(
+            "return getComputedStyle(document.querySelector(arguments[0]))[arguments[1]]",
+            selector,
+            name,
+        )
+        return np.array([int(part) for part in re.findall(r"\d+", text)[:3]])
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Return what a script returns."""

@@ -1,5 +1,6 @@
 """Folders of runs with shapes that are known, as fast to make as to write."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -72,15 +73,30 @@ def bent(pattern: Pattern, angle: float, rough: float = 0.0) -> np.ndarray:
 
 
 def write_run(
-    folder: Path, pattern: Pattern, iterations: int = 12, pressures: int = 10, rough: float = 0.0
+    folder: Path,
+    pattern: Pattern,
+    iterations: int = 12,
+    pressures: int = 10,
+    rough: float = 0.0,
+    panel: str = "wall",
 ) -> Path:
-    """Write a finished run over angles up to 120° at 10 kPa; return its folder."""
+    """Write a finished run over angles up to 120° at 10 kPa; return its folder.
+
+    Args:
+        folder: Its folder.
+        pattern: The tube.
+        iterations, pressures: Number of shapes.
+        rough: Size of noise in m.
+        panel: Another name of the wall.
+    """
     frames = folder / FOLDER
     frames.mkdir(parents=True)
     target = bent(pattern, np.pi / 2)
     compared = (True, True, True)
     plain = write_skin(frames, ShownSkin(pattern, target, compared=compared))
     regions = regions_of(pattern)
+    names = tuple(panel if name == "wall" else name for name in pattern.panel_names)
+    pattern = dataclasses.replace(pattern, panel_names=names)
     printed = write_skin(frames, ShownSkin(pattern, target, regions=regions, compared=compared))
     drawn = np.random.default_rng(1).random(len(pattern.triangles))
     history, curve = [], []

@@ -1,17 +1,17 @@
-"""Tables, fields and summaries are read back as they were written."""
+"""Fields are read back as they were written, and files are whole or absent."""
 
-import csv
 from pathlib import Path
-from typing import Any
 
 import meshio
 import numpy as np
 import pytest
 from helpers.scenes import square
 
+from toros_fem.base.errors import OutputError
+from toros_fem.base.files import if_plotting
 from toros_fem.base.versions import versions
-from toros_fem.design.loop.options import Iteration
-from toros_fem.results.files import HistoryFile, write_fields
+from toros_fem.results.files import write_fields
+from toros_fem.results.pictures.style import page
 
 
 def test_fields(tmp_path: Path) -> None:
@@ -27,20 +27,53 @@ def test_fields(tmp_path: Path) -> None:
     assert np.array_equal(mesh.cell_data["panel"][0], pattern.panel)
 
 
-def test_history_columns(tmp_path: Path) -> None:
-    """All numbers in full precision, metrics as columns of their own."""
-    values: dict[str, Any] = {name: 1 / 3 for name in Iteration.__dataclass_fields__}
-    row = Iteration(**{**values, "metrics": {"angle_deg": 1 / 7}})
-    file = HistoryFile(tmp_path / "history.csv")
-    file.write(row)
-    file.write(row)
-    with (tmp_path / "history.csv").open(encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    assert len(rows) == 2
-    names = [name for name in Iteration.__dataclass_fields__ if name != "metrics"]
-    assert list(rows[0]) == [*names, "angle_deg"]
-    assert {float(rows[1][name]) for name in names} == {1 / 3}
-    assert float(rows[1]["angle_deg"]) == 1 / 7
+def test_a_field_file_is_whole_or_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pattern, path = square(n=2), tmp_path / "skin.vtu"
+    write_fields(path, pattern, pattern.points, {})
+    before = path.read_bytes()
+
+    def cut_off(_: object, place: Path, **__: str) -> None:
+        place.write_bytes(before[:100])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(meshio.Mesh, "write", cut_off)
+    with pytest.raises(OutputError, match=r"skin\.vtu could not be written: .*No space left"):
+        write_fields(path, pattern, pattern.points, {})
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == ["skin.vtu"]
+
+
+def test_pictures_are_whole_or_absent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that cannot be drawn or written leaves what was there."""
+    path = tmp_path / "a.png"
+    with page(path, "A title"):
+        pass
+    before = path.read_bytes()
+
+    def stopped() -> None:
+        with page(path, "Another"):
+            raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left"):
+        stopped()
+    monkeypatch.setattr(
+        Path, "replace", lambda self, to: (_ for _ in ()).throw(OSError(28, "full"))
+    )
+    with pytest.raises(OSError, match="full"), page(path, "Another"):
+        pass
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_no_pictures_without_matplotlib(capsys: pytest.CaptureFixture[str]) -> None:
+    def lacking() -> None:
+        raise ImportError("No module named 'matplotlib'")
+
+    if_plotting(lacking)
+    said = "no pictures: No module named 'matplotlib'; pip install toros_fem[plot]"
+    assert said in capsys.readouterr().err
 
 
 def test_versions() -> None:

@@ -39,12 +39,14 @@ def test_rows_are_on_disk_at_once(
     reporter = DesignReporter(comm, str(folder))
     assert folder.is_dir()
     for k in range(3):
-        reporter(dataclasses.replace(ROW, iteration=k), EVALUATION)
+        reporter(dataclasses.replace(ROW, iteration=k, objective=1 / 3), EVALUATION)
         rows = read(folder / "history.csv")
         comm.barrier()
         assert [row["iteration"] for row in rows] == [str(j) for j in range(k + 1)]
         assert list(rows[0]) == list(ROW.columns())
-        assert rows[k]["a_mm"] == "2.0"
+        names = [name for name in Iteration.__dataclass_fields__ if name != "metrics"]
+        assert list(rows[0]) == [*names, "a_mm"]
+        assert (rows[k]["a_mm"], float(rows[k]["objective"])) == ("2.0", 1 / 3), "all digits"
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == (4 if comm.rank == 0 else 0), "a header and three rows"
 

@@ -13,7 +13,8 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.products.tables.steps import Filtering
-from toros_fem.results.result import read_summary, write_summary
+from toros_fem.results.result import write_summary
+from toros_fem.results.runs.summary_file import summary_of
 from toros_fem.results.summary import (
     PrintedResult,
     level_figures,
@@ -54,7 +55,7 @@ def test_summary_is_equal_on_all_ranks_and_changes_nothing(
     assert summary["seconds"]["total"] == 0.0
     assert (summary["inputs"], summary["ranks"]) == (config.as_dict(), comm.size)
     comm.barrier()
-    assert read_summary(folder).value("angle_deg") == summary["figures"][0]["value"]
+    assert summary_of(folder).value("angle_deg") == summary["figures"][0]["value"]
 
 
 def test_parts_that_are_left_out_are_none(result: DesignResult, printed: PrintedDesign) -> None:

@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import json
 from pathlib import Path
 
 import meshio
@@ -12,7 +11,7 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, ParameterError
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -22,15 +21,10 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
-from toros_fem.meshes import Skin, cylinder, mirrored, sew
+from toros_fem.meshes import cylinder, mirrored, sew
 from toros_fem.results.frames.files import read_frames
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
-from toros_fem.results.writer import (
-    if_plotting,
-    write_comparison,
-    write_pictures,
-    write_results,
-)
+from toros_fem.results.writer import write_results
 
 
 def test_a_tension_field_has_its_wrinkles_written(
@@ -129,13 +123,15 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
         mesh.cell_data["wrinkling"][0], images.at_cells(folds.state.astype(float))
     )
     assert (folder / "wrinkles.png").stat().st_size > 5000
+    for frame in read_frames(folder / "frames", "pressure"):
+        assert frame.density == pytest.approx(images.at_cells(density), abs=1e-6)
     with (folder / "curve.csv").open(encoding="utf-8") as file:
         volumes = [float(row["volume_m3"]) for row in csv.DictReader(file)]
     a, b, c = np.moveaxis(mesh.points[images.pattern.triangles], 1, 0)
     assert volumes[1] == pytest.approx(np.einsum("ij,ij->", a, np.cross(b, c)) / 6, rel=1e-6)
     assert volumes == pytest.approx([2 * p.result.volume for p in points])
     with pytest.MonkeyPatch.context() as patch:  # of a skin that is no part, without pictures
-        patch.setattr("toros_fem.results.pressure_path.if_plotting", lambda draw: None)
+        patch.setattr("toros_fem.results.writer.if_plotting", lambda draw: None)
         plain = PathResult(half, points, density, [wide])
         write_pressure_path(alone, folder / "new", plain)
     assert (plain.entries()["triangles"], plain.parts) == (len(half.panel), 1)
@@ -143,40 +139,9 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     assert meshio.read(folder / "new" / "skin.vtu").points == pytest.approx(points[1].positions)
 
 
-def test_pictures_are_drawn_on_the_first_rank(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder, drawn = shared(comm, tmp_path), []
-
-    def draw(path: Path) -> None:
-        drawn.append(path.name)
-        path.write_text(path.name, encoding="utf-8")
-
-    write_pictures(comm, folder / "new", {"a.png": draw, "b.png": draw})
-    comm.barrier()
-    assert drawn == (["a.png", "b.png"] if comm.rank == 0 else [])
-    assert (folder / "new" / "b.png").read_text(encoding="utf-8") == "b.png"
-
-
-def test_no_pictures_without_matplotlib(capsys: pytest.CaptureFixture[str]) -> None:
-    def draw() -> None:
-        raise ImportError("No module named 'matplotlib'")
-
-    if_plotting(draw)
-    assert "no pictures: No module named 'matplotlib'" in capsys.readouterr().err
-
-
 def test_all_ranks_raise_what_one_meets(comm: MPI.Comm, tmp_path: Path) -> None:
     def full() -> None:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(OutputError, match="No space left on device"):
-        write_together(comm, shared(comm, tmp_path), full)
-
-
-def test_comparison(comm: MPI.Comm, tmp_path: Path, tube: Skin) -> None:
-    folder = shared(comm, tmp_path)
-    wall = tube.pattern.outline(tube.pattern.panel_index("wall"))
-    variants = [("one", wall, "a caption"), ("other", wall.buffer(-5e-3), "another")]
-    write_comparison(comm, folder, "table", {"rows": [1, 2]}, tube.pattern, "wall", variants)
-    comm.barrier()
-    assert json.loads((folder / "table.json").read_text(encoding="utf-8")) == {"rows": [1, 2]}
-    assert (folder / "table.png").stat().st_size > 5000
+        guarded(comm, shared(comm, tmp_path), full)

@@ -6,38 +6,46 @@ import csv
 import io
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
+from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
 # Characters of a reason.
 LONGEST = 150
+# What is said of a folder or file that the system refuses.
+UNWRITTEN = (
+    "{} could not be written: {}. Choose another folder, or free some space. Files that are "
+    "already written stay."
+)
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
 
 
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that is never seen half written, whatever happens (one rank).
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Hand out a path beside a file; what the block writes there takes its place at the end.
 
-    It is written beside its place, forced to the disk, and renamed.
+    It is forced to the disk and renamed, so that the file is never seen half written, whatever
+    happens (one rank).
 
     Raises:
         OSError: It cannot be written; what was there before stays.
     """
     beside = path.with_name(path.name + UNFINISHED)
     try:
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
+        yield beside
+        with beside.open("rb") as file:
             os.fsync(file.fileno())
         beside.replace(path)
-    except OSError:
+    except BaseException:
         beside.unlink(missing_ok=True)
         raise
     folder = os.open(path.parent, os.O_RDONLY)
@@ -45,6 +53,12 @@ def replace_file(path: Path, content: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file as `replacing` does (one rank)."""
+    with replacing(path) as beside:
+        beside.write_bytes(content)
 
 
 def reason(caught: Exception) -> str:
@@ -85,27 +99,68 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     replace_file(path, text.getvalue().encode())
 
 
-def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], T]) -> T:
-    """Make a folder, write files into it on the first rank, and return what it finds (collective).
+@contextmanager
+def naming(
+    path: Path, error: type[Exception] = OutputError, says: str = UNWRITTEN
+) -> Iterator[None]:
+    """Raise errors of the system in the block as one that names a path and what to do.
+
+    Args:
+        path: The path.
+        error: Type of the error.
+        says: What it says, with places for the path and for the reason.
+    """
+    try:
+        yield
+    except TorosError:
+        raise
+    except OSError as caught:
+        raise error(says.format(path, caught)) from None
+
+
+def guarded(
+    comm: MPI.Comm,
+    folder: str | Path,
+    action: Callable[[], T],
+    error: type[Exception] = OutputError,
+    says: str = UNWRITTEN,
+    *,
+    make: bool = True,
+) -> T:
+    """Do something with a folder on the first rank, and return what it finds (collective).
 
     Args:
         comm: Communicator.
-        folder: The folder, made if missing.
-        action: Writes the files.
+        folder: The folder.
+        action: Reads or writes its files.
+        error, says: As of `naming`.
+        make: Whether the folder is made if it is missing.
 
     Raises:
-        OutputError: The folder or a file cannot be written; on all ranks.
+        Exception: `error`, or what the action raises; on all ranks.
     """
     folder = Path(folder)
 
-    def guarded() -> T:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
+    def named() -> T:
+        with naming(folder, error, says):
+            if make:
+                folder.mkdir(parents=True, exist_ok=True)
             return action()
-        except OSError as caught:
-            raise OutputError(
-                f"{folder} could not be written: {caught}. Choose another folder, or free some "
-                "space. Files that are already written stay."
-            ) from None
 
-    return on_first_rank(comm, guarded)
+    return on_first_rank(comm, named)
+
+
+def if_possible(what: str, write: Callable[[], Any]) -> None:
+    """Write what a run can do without, or print in one line why there is none (one rank)."""
+    try:
+        write()
+    except TorosError as missing:
+        print(f"no {what}: {missing}", file=sys.stderr)
+
+
+def if_plotting(draw: Callable[[], None]) -> None:
+    """Draw pictures, or print in one line which package is missing for them (one rank)."""
+    try:
+        draw()
+    except ImportError as missing:
+        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)

@@ -1,8 +1,7 @@
-"""Fields for ParaView, tables as CSV, summaries as JSON."""
+"""Fields for ParaView."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,9 +9,9 @@ import meshio
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import OutputError, ParameterError
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.files import naming, replacing
 from toros_fem.base.validation import checked_floats, shown
-from toros_fem.design.loop.options import Iteration
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -53,27 +52,5 @@ def write_fields(
             **{name: [np.asarray(values)] for name, values in cell_fields.items()},
         },
     )
-    try:
-        fields.write(path)
-    except OSError as caught:
-        raise OutputError(
-            f"{path} could not be written: {caught}. Make its folder first, or choose another."
-        ) from None
-
-
-class HistoryFile:
-    """The design loop's history as CSV; each row is on disk before the next iteration starts."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._mode = "w"  # the file of an earlier run stays until this run has a row of its own
-
-    def write(self, row: Iteration) -> None:
-        """Append one row (one rank); all rows must have the same columns."""
-        columns = row.columns()
-        with self._path.open(self._mode, newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(columns))
-            if self._mode == "w":
-                writer.writeheader()
-            writer.writerow(columns)
-        self._mode = "a"
+    with naming(path), replacing(path) as beside:
+        fields.write(beside, file_format="vtu")

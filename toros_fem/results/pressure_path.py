@@ -10,7 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, write_table
 from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.figures import Figure
@@ -123,4 +123,4 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
         write_fields(folder / "skin.vtu", skin, shapes[-1], fields)
         draw_wrinkles(folder, skin, folds)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)

@@ -10,12 +10,11 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded, write_table
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.results.console import ProgressBar, header, line, print_line
-from toros_fem.results.files import HistoryFile
 from toros_fem.results.frames.record import gathered_frame, write_step
 
 
@@ -38,9 +37,9 @@ class DesignReporter:
         self._begin = time.perf_counter()
         self._comm, self._folder = comm, Path(folder)
         self._setup: float | None = None
-        self._history = HistoryFile(self._folder / "history.csv")
+        self._rows: list[Iteration] = []
         self._bar = ProgressBar()
-        write_together(comm, self._folder, lambda: None)
+        guarded(comm, self._folder, lambda: None)
 
     def expect(self, iterations: int) -> None:
         """Set the planned number of steps, all of the run so far included, for the bar."""
@@ -57,33 +56,38 @@ class DesignReporter:
         self.report(row)
         shown = gathered_frame(row, evaluation)
         if shown is not None:
-            write_together(self._comm, self._folder, lambda: write_step(self._folder, *shown))
+            guarded(self._comm, self._folder, lambda: write_step(self._folder, *shown))
 
     def restored(self, rows: Sequence[Iteration]) -> None:
         """Take the rows of an interrupted run, without printing them (collective)."""
+        self._rows += rows
 
         def show() -> None:
-            for row in rows:
-                self._history.write(row)
             if rows:
+                self._write_history()
                 print_line(f"resumed after iteration {rows[-1].iteration}")
 
-        write_together(self._comm, self._folder, show)
+        guarded(self._comm, self._folder, show)
 
     def report(self, row: Iteration) -> None:
         """Report a row of the history, also one of an earlier part of the design (collective)."""
         first = self._setup is None
         if first:
             self._setup = time.perf_counter() - self._begin - row.seconds
+        self._rows.append(row)
 
         def show() -> None:
-            self._history.write(row)
+            self._write_history()
             if first:
                 print_line(header(row))
             print_line(line(row))
             self._bar.advance(row.iteration)
 
-        write_together(self._comm, self._folder, show)
+        guarded(self._comm, self._folder, show)
+
+    def _write_history(self) -> None:
+        """Write all rows (one rank): the file of an earlier run stays until there is one."""
+        write_table(self._folder / "history.csv", [row.columns() for row in self._rows])
 
     def close(self) -> None:
         """Remove the progress bar."""

@@ -1,25 +1,31 @@
-"""Result of a run: its figures, its summary.json, and how both are read again."""
+"""Result of a run: its figures, its summary.json, and how a notebook shows it."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import read_json, write_json, write_together
+from toros_fem.base.files import guarded, write_json
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.runs.folder import SUMMARY
+from toros_fem.results.report.notebook import View, view_of
+from toros_fem.results.runs.files import SUMMARY
+from toros_fem.results.runs.summary_file import figures_html
 
 
 class RunResult(ABC):
-    """What a run has found."""
+    """What a run has found.
+
+    Attributes:
+        folder: Where its files are; None before its summary is written.
+    """
+
+    folder: Path | None = None
 
     @property
     @abstractmethod
@@ -46,6 +52,23 @@ class RunResult(ABC):
         """Return the content of summary.json: the list "figures", and further entries."""
         return {"figures": [figure.as_dict() for figure in self.figures], **self.entries()}
 
+    def show(self, height: int = 640) -> View:
+        """Return the skin in space, which a notebook shows and a mouse turns (one rank).
+
+        Args:
+            height: Height in pixels.
+
+        Raises:
+            OutputError: Nothing of it is written yet, or a file cannot be read.
+            MissingPackageError: A package of the extra `plot` is not installed.
+        """
+        if self.folder is None:
+            raise OutputError("this result has no files yet: write them by write_summary.")
+        return view_of(self.folder, height)
+
+    def _repr_html_(self) -> str:
+        return figures_html(self.figures)
+
 
 def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tuple[Figure, ...]:
     """Return the figures of an equilibrium that every skin has.
@@ -62,66 +85,15 @@ def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tup
     )
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What summary.json of a run holds; empty for a run that was stopped.
-
-    Attributes:
-        figures: The figures by their keys, such as "angle_deg".
-        entries: Further entries.
-    """
-
-    figures: Mapping[str, Figure]
-    entries: Mapping[str, Any]
-
-    def __bool__(self) -> bool:
-        """Whether there is one."""
-        return bool(self.figures or self.entries)
-
-    def value(self, key: str) -> float | None:
-        """Return the value of a figure; None if there is no such figure, or no equilibrium."""
-        return self.figures[key].value if key in self.figures else None
-
-
 def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict[str, Any]:
     """Write summary.json and return its content, the first rank's on all ranks (collective).
 
     Raises:
         OutputError: It cannot be written; on all ranks.
     """
+    folder = Path(folder)
     content = {**result.summary(), "ranks": comm.size, "versions": versions()}
     content = dict(comm.bcast(content, root=0))  # each rank has its own clock
-    write_together(comm, folder, lambda: write_json(Path(folder) / SUMMARY, content))
+    guarded(comm, folder, lambda: write_json(folder / SUMMARY, content))
+    object.__setattr__(result, "folder", folder)  # of frozen dataclasses, which it is no field of
     return content
-
-
-def read_content(folder: Path) -> dict[str, Any]:
-    """Return what summary.json of a run holds, empty if there is none yet (one rank).
-
-    Raises:
-        OutputError: It cannot be read, is none, or is that of an earlier version.
-    """
-    path = folder / SUMMARY
-    content = read_json(path)
-    if content and "figures" not in content:
-        raise OutputError(
-            f'{path} has no list "figures": it was written by an earlier version of toros_fem, '
-            "whose runs are not read any more. Run the scene again."
-        )
-    return content
-
-
-def read_summary(folder: Path) -> Summary:
-    """Return the summary of a run, empty if there is none yet (one rank).
-
-    Raises:
-        OutputError: It cannot be read, is none, or is that of an earlier version.
-    """
-    content = read_content(folder)
-    try:
-        rows = content.pop("figures", [])
-        found = [Figure(*(row[one.name] for one in fields(Figure))) for row in rows]
-    except (KeyError, TypeError):
-        path = folder / SUMMARY
-        raise OutputError(f'{path}: an entry of "figures" is no figure. Run again.') from None
-    return Summary({figure.key: figure for figure in found}, content)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
@@ -25,7 +24,8 @@ from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkle
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.results.files import write_fields
-from toros_fem.results.frames.record import shown_skin, write_print
+from toros_fem.results.frames.files import Frame
+from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
 from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
@@ -41,9 +41,9 @@ def write_results(
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
-    The files are history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu and frames. When all
-    are there, summary.json follows, then the pictures of `draw_run`, and wrinkles.png of a tension
-    field. Where the print has no equilibrium, pictures and fields show the design's own shape.
+    The table toros_fem/results/files.csv says what each file holds. When all are there,
+    summary.json follows, and then the pictures. Where the print has no equilibrium, pictures and
+    fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -90,12 +90,11 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
-        density = shown.fields["rho_projected"] if printed.evaluation is None else None
-        write_print(folder, shown.skin, shown.positions, shown.values, shown.note, density)
-        write_fields(folder / "skin.vtu", printed.pattern, shown.positions, shown.fields)
+        write_series(folder, shown.skin, [shown.frame])
+        write_fields(folder / "skin.vtu", printed.pattern, shown.frame.positions, shown.fields)
         draw_wrinkles(folder, printed.pattern, shown.folds)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 def draw_pictures(
@@ -118,58 +117,49 @@ def draw_pictures(
         draw_run(folder)
         more()
 
-    write_together(comm, folder, lambda: if_plotting(draw))
+    guarded(comm, folder, lambda: if_plotting(draw))
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class Shown:
     """The shape of the print, of the design where it has no equilibrium, on the whole skin.
 
     Attributes:
         skin: What is shown of it.
-        positions, target: Positions of all vertices in m, and their target if there is one.
         fields: Fields of skin.vtu.
         folds: Wrinkles of a tension field.
-        values, note: Metrics and pressure, and what is not as usual.
+        frame: What is recorded of it.
     """
 
     skin: ShownSkin
-    positions: Floats
-    target: Floats | None
     fields: dict[str, Floats]
     folds: WrinkleField | None
-    values: dict[str, float]
-    note: str
+    frame: Frame
 
 
-def _shown(found: PrintedResult) -> _Shown:
+def _shown(found: PrintedResult) -> Shown:
     """Return what is shown of a design (collective)."""
-    problem, result, printed = found.problem, found.design, found.printed
-    skin, final, whole = problem.skin, result.final, problem.whole
-    shown = printed.evaluation or final
-    positions, target = skin.gather_vertices(shown.equilibrium.positions), problem.target
-    composite, stiffened = problem.solver.model.composite, skin.gather_cells(shown.projected)
+    problem, printed, final = found.problem, found.printed, found.design.final
+    shown, on = printed.evaluation or final, OnWhole(found.problem)
+    positions = on.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
+    composite, stiffened = problem.solver.model.composite, on.cells(shown.projected)
     fields = {
-        "rho": skin.gather_cells(result.density),
-        "rho_filtered": skin.gather_cells(final.filtered),
-        "rho_projected": skin.gather_cells(final.projected),
+        "rho": on.cells(found.design.density),
+        "rho_filtered": on.cells(final.filtered),
+        "rho_projected": on.cells(final.projected),
     }
-    if whole is not None:
-        positions = whole.at_vertices(positions)
-        target = None if target is None else whole.at_vertices(target)
-        fields = {name: whole.at_cells(values) for name, values in fields.items()}
-        stiffened = whole.at_cells(stiffened)
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
     fields |= wrinkle_fields(folds)
     fields["printed"] = printed.cells.astype(np.float64)
-    regions = None if printed.evaluation is None else printed.regions
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
-    skin_shown = shown_skin(problem, regions, shown.equilibrium.poses)
-    return _Shown(skin_shown, positions, target, fields, folds, values, note)
+    density = fields["rho_projected"] if printed.evaluation is None else None
+    frame = Frame("print", 0, "", positions, density, values, note)
+    seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
+    return Shown(seen, fields, folds, frame)
 
 
 def wrinkles_of(
@@ -200,11 +190,3 @@ def wrinkle_fields(folds: WrinkleField | None) -> dict[str, Floats]:
     if folds is None:
         return {}
     return {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
-
-
-def if_plotting(draw: Callable[[], None]) -> None:
-    """Draw pictures, or print which package is missing for them (one rank)."""
-    try:
-        draw()
-    except ImportError as missing:
-        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)

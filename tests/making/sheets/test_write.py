@@ -14,10 +14,10 @@ from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
-from toros_fem.base.files import replace_file
+from toros_fem.base.files import if_possible, replace_file
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.reading import read_regions
-from toros_fem.making.sheets.write import if_possible, made_as, write_manufacture
+from toros_fem.making.sheets.write import made_as, write_manufacture
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.makers.sheets import rectangle
 
@@ -209,10 +209,10 @@ def test_what_cannot_be_made_is_said_in_a_line(
     narrow = SMALL.updated(bed_width=0.05)
     with pytest.raises(SheetError, match="'wall'"):
         write(narrow)
-    if_possible(lambda: write(narrow))
+    if_possible("machine files", lambda: write(narrow))
     assert "no machine files: panel 'wall'" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "u_nesting", None)
-    if_possible(lambda: write(SMALL))
+    if_possible("machine files", lambda: write(SMALL))
     assert "pip install toros_fem[manufacture]" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 

@@ -11,6 +11,7 @@ from helpers.designs import DESIGN_ALONE, problem_of
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from toros_fem.base.errors import OutputError
 from toros_fem.design.loop import fields
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.fields import densities_of
@@ -133,6 +134,11 @@ def test_a_refined_mesh_without_equilibrium_loses_nothing(
     assert made.figures[0].interval is made.figures[0].reached is None
     assert made.value("angle_deg") is not None
     assert "±" not in made.sentence()
+    assert "<td>angle</td>" in made._repr_html_()
+    assert made.folder == tmp_path
+    assert 'id="canvas"' in made.show().page
+    with pytest.raises(OutputError, match="has no files yet"):
+        replace(made).show()
     assert "nothing to compare with on a refined mesh" in made.sentence()
     assert (tmp_path / "pattern.svg").exists()
 

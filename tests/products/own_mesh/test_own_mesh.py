@@ -26,7 +26,7 @@ from toros_fem.products.own_mesh.own_mesh import (
     Printed,
     read_skin,
 )
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import summary_of
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)
@@ -177,7 +177,7 @@ def test_symmetric_design_and_its_metrics(alone: MPI.Comm, tmp_path: Path) -> No
     for text in ("tip of z > 80 mm", "bend of z > 80 mm against z < 4 mm"):
         words += ["--metric", text]
     assert run(alone, words) == 0
-    found = read_summary(folder)
+    found = summary_of(folder)
     assert found.entries["parts_by_symmetry"] == 2
     judged, target = found.figures["tip_deg"], found.figures["tip_deg"].target
     assert (judged.value, target) == (found.value("bend_deg"), 60.0)

@@ -1,20 +1,28 @@
 """What is packed into a page is what the run holds, to the stated resolution."""
 
 import base64
+import re
 import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import shapely
-from helpers.runs import STRIPE, bent, tube
+from helpers.runs import STRIPE, bent, regions_of, tube
 
+from toros_fem.making.print.printability import printed_cells
 from toros_fem.meshes import Pattern
 from toros_fem.results.frames.files import Frame, write_frame
+from toros_fem.results.frames.record import repeated
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 from toros_fem.results.report import scene as scene_module
 from toros_fem.results.report.run_folder import read_run
-from toros_fem.results.report.scene import packed_scene, principal_stretches
+from toros_fem.results.report.scene import (
+    FlatPatterns,
+    best_direction,
+    packed_scene,
+    principal_stretches,
+)
 
 
 class Reader:
@@ -31,7 +39,7 @@ class Reader:
 
 
 def test_positions_come_back_to_the_resolution(run: Path, pattern: Pattern) -> None:
-    scene, text = packed_scene(read_run(run))
+    scene, text, _ = packed_scene(read_run(run))
     read = Reader(text)
     assert scene["step"] < 5e-6
     sums: dict[str, np.ndarray] = {}
@@ -46,34 +54,65 @@ def test_positions_come_back_to_the_resolution(run: Path, pattern: Pattern) -> N
     assert np.array_equal(sums["density"] == 255, drawn > 0.6)
     assert np.array_equal(sums["density"] == 0, drawn <= 0.6)
     skin = scene["skins"][scene["series"]["iteration"][0]["skin"]]
-    assert np.array_equal(read(skin["triangles"]).reshape(-1, 3), pattern.triangles)
+    assert np.array_equal(read(skin["sewn"])[read(skin["triangles"])], pattern.triangles.ravel())
 
 
-def test_the_print_is_cut_and_bordered_exactly(run: Path, pattern: Pattern) -> None:
-    scene, text = packed_scene(read_run(run))
-    read = Reader(text)
+def in_mm(text: str) -> shapely.Geometry:
+    """The region of path data, filled by the even-odd rule."""
+    rings = [re.findall(r"(-?[\d.]+),(-?[\d.]+)", ring) for ring in text.split("Z") if ring.strip()]
+    lines = shapely.union_all([shapely.linearrings(np.array(r, dtype=float)) for r in rings])
+    return shapely.build_area(shapely.node(lines))
+
+
+def test_the_print_is_that_of_the_panels_at_its_places(run: Path, pattern: Pattern) -> None:
+    """A point of a panel, seen in its drawing, is printed where the region has it."""
+    scene, text, (drawn,) = packed_scene(read_run(run))
     skin = scene["skins"][scene["series"]["pressure"][0]["skin"]]
-    packed = {name: read(entry) for name, entry in skin["print"].items()}
-    second, third = packed["weights"].reshape(2, -1) / 65535
-    weights = np.column_stack([1 - second - third, second, third])
-    ends = np.cumsum(packed["counts"])
-    area = 0.0
-    for ring, polygon in enumerate(packed["polygons"]):
-        if not packed["inside"][polygon]:
-            continue
-        begin = ends[ring] - packed["counts"][ring]
-        points = weights[begin : ends[ring]] @ pattern.corners[packed["cells"][polygon]]
-        hole = ring > 0 and packed["polygons"][ring - 1] == polygon
-        area += (-1 if hole else 1) * shapely.Polygon(points).area
-    caps = pattern.areas[pattern.panel != pattern.panel_index("wall")].sum()
-    assert np.isclose(area, STRIPE.area + caps, rtol=1e-4)
-    second, third = read(skin["border"]["weights"]).reshape(2, -1) / 65535
-    weights = np.column_stack([1 - second - third, second, third])
-    cells = np.repeat(read(skin["border"]["cells"]), 2)
-    ends = np.einsum("kc,kcd->kd", weights, pattern.corners[cells]).reshape(-1, 2, 2)
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert np.isclose(lengths.sum(), STRIPE.length, rtol=1e-3), "the caps' border is a seam"
-    assert shapely.distance(STRIPE.boundary, shapely.points(ends)).max() < 1e-6
+    assert skin["pattern"] == 0
+    assert [panel["name"] for panel in drawn["panels"]] == list(pattern.panel_names)
+    size = [drawn["width"], drawn["height"]]
+    places = (Reader(text)(skin["places"]).reshape(-1, 2) / 65535 * size)[pattern.flat_triangles]
+    for k, panel in enumerate(drawn["panels"]):
+        printed, cut = in_mm(panel["print"]), in_mm(panel["cut"])
+        region = regions_of(pattern)[k]
+        assert np.isclose(printed.area, 1e6 * region.area, rtol=1e-5)
+        here = pattern.panel == k
+        assert np.isclose(cut.area, 1e6 * pattern.areas[here].sum(), rtol=1e-5)
+        # Upwards from the lower border of the drawing.
+        origin = [panel["x"], drawn["height"] - panel["y"]]
+        corners = 1e3 * pattern.corners[here]
+        assert np.abs(places[here] - origin - corners).max() < 0.51 * max(size) / 65535
+        assert places[here].min(axis=(0, 1)).min() > 0
+    boxes = [
+        shapely.MultiPoint(places[pattern.panel == k].reshape(-1, 2)).envelope for k in range(3)
+    ]
+    assert min(boxes[0].distance(boxes[1]), boxes[1].distance(boxes[2])) > 9
+
+
+def test_copies_of_a_skin_share_its_drawing(run: Path, pattern: Pattern) -> None:
+    """Another print has a drawing of its own."""
+    patterns = FlatPatterns()
+    regions = regions_of(pattern)
+    one, places = patterns.of(ShownSkin(pattern, regions=regions))
+    every, prints = repeated(pattern, regions, 3)
+    three, copies = patterns.of(ShownSkin(every, regions=prints))
+    assert one == three == 0
+    assert np.array_equal(copies, np.tile(places, (3, 1)))
+    other, _ = patterns.of(ShownSkin(pattern, regions=regions[::-1]))
+    assert other == 1
+    assert len(patterns.shown) == 2
+
+
+def test_the_best_view_shows_the_print(pattern: Pattern) -> None:
+    """The stripe lies at one side of the tube."""
+    x, y, z = best_direction(ShownSkin(pattern, regions=regions_of(pattern)), None, pattern.points)
+    stripe = printed_cells(pattern, [STRIPE, shapely.Polygon(), shapely.Polygon()])
+    middle = pattern.points[pattern.triangles[stripe]].mean(axis=(0, 1)) - pattern.points.mean(
+        axis=0
+    )
+    assert np.isclose(np.hypot(np.hypot(x, y), z), 1)
+    assert (middle[0] * x + middle[1] * y) / np.hypot(*middle[:2]) > 0.8
+    assert z > 0
 
 
 def test_stretches_of_an_affine_map(tmp_path: Path) -> None:
@@ -87,7 +126,7 @@ def test_stretches_of_an_affine_map(tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     name, shrunk = write_skin(tmp_path / "frames", ShownSkin(pattern)), 0.6 * positions
     write_frame(tmp_path / "frames", Frame("iteration", 0, name, shrunk, None, {}))
-    scene, text = packed_scene(read_run(tmp_path))
+    scene, text, _ = packed_scene(read_run(tmp_path))
     packed = Reader(text)(scene["series"]["iteration"][0]["stretch"])
     assert np.abs(packed / 100 - principal_stretches(pattern, shrunk)[:, 1]).max() < 5.1e-3
 
@@ -99,14 +138,14 @@ def test_aligned_shapes_lie_on_their_target(tmp_path: Path, pattern: Pattern) ->
     c, s = np.cos(0.7), np.sin(0.7)
     moved = target @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) + [0.3, 0.1, -0.2]
     write_frame(tmp_path / "frames", Frame("iteration", 0, name, moved, None, {}))
-    scene, text = packed_scene(read_run(tmp_path))
+    scene, text, _ = packed_scene(read_run(tmp_path))
     grid = Reader(text)(scene["series"]["iteration"][0]["positions"]).reshape(-1, 3)
     assert np.abs(grid * scene["step"] + scene["low"] - target).max() < 0.6 * scene["step"]
 
 
 def test_too_many_shapes_are_thinned(run: Path, pattern: Pattern, monkeypatch: Any) -> None:
     monkeypatch.setattr(scene_module, "MOST_BYTES", 2 * 5 * 6 * len(pattern.points))
-    scene, _ = packed_scene(read_run(run))
+    scene, _, _ = packed_scene(read_run(run))
     numbers = [entry["number"] for entry in scene["series"]["iteration"]]
     assert numbers == [0, 4, 8, 11]
     assert scene["left_out"] == {"pressure": 6, "iteration": 8}

@@ -1,12 +1,19 @@
-"""A file is on the disk before it has its name; contracts/test_files.py has the rest."""
+"""A file is on the disk before it has its name, and the table of files has all of them."""
 
+import csv
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
+from helpers.scenes import ROOT
 
 from toros_fem.base.files import replace_file
+from toros_fem.results.runs.files import FILES
+
+# Commands that write no run.
+OTHERS = {"export", "fit", "unwrap"}
 
 
 def test_a_file_is_forced_to_the_disk_before_its_name(
@@ -27,3 +34,22 @@ def test_a_file_is_forced_to_the_disk_before_its_name(
     monkeypatch.setattr(Path, "replace", noted_rename)
     replace_file(tmp_path / "a", json.dumps({}).encode())
     assert done == ["sync", "rename", "sync"], "the folder too"
+
+
+def test_every_file_of_a_run_is_in_the_table() -> None:
+    """And each entry is a file that some run writes, or that `toros view` adds."""
+    with (ROOT / "tests" / "golden" / "file_heads.csv").open(encoding="utf-8") as file:
+        rows = [(name, set(runs.split(", "))) for name, runs in csv.reader(file) if ":" not in name]
+    written = {name.partition("/")[0] for name, runs in rows if runs - OTHERS}
+    known = {name.partition("/")[0] for name in FILES}
+    assert written <= known
+    assert all(name.endswith(".gif") for name in known - written - {"wrinkles.png"})
+
+
+def test_the_readme_names_files_of_the_table() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = text.partition("<!-- files of a run")[2].partition("<!-- end of the files")[0]
+    names = re.findall(r"`([\w.]+/?)`", "".join(re.findall(r"^\| (.*?) \|", table, re.MULTILINE)))
+    assert len(names) > 10
+    known = {*FILES, *(name.partition("/")[0] + "/" for name in FILES if "/" in name)}
+    assert set(names) <= known

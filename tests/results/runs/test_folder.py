@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
-from toros_fem.results.runs.folder import open_run, read_run, run_of
+from toros_fem.results.runs.folder import open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
 
 INPUTS = {"length": 0.1, "name": "tube"}
@@ -52,13 +52,13 @@ def test_a_run_is_recorded_and_found_by_its_folder(comm: MPI.Comm, folder: Path)
     with open_run(comm, folder, INPUTS, scene="# mine\n") as run:
         assert run_of(folder) is run
         assert run_of(folder / "part") is run
-        record, scene = read_run(comm, folder)
+        record, scene = read_record(comm, folder)
         assert record.inputs == INPUTS
         assert not record.finished
         assert scene == "# mine\n"
         comm.barrier()
     assert run_of(folder) is None
-    assert read_run(comm, folder)[0].finished
+    assert read_record(comm, folder)[0].finished
 
 
 def test_what_is_kept_is_found_again(
@@ -68,7 +68,6 @@ def test_what_is_kept_is_found_again(
     leave(comm, folder, finished=False)
     with open_run(comm, folder, INPUTS, resume=True) as run:
         assert run.resumed
-        assert run.scene == "# mine\n"
         journal = run.journal(folder)
         found = journal.entry(comm, "loop").saved()
         assert np.array_equal(found.arrays["x"], STATE.arrays["x"])
@@ -156,7 +155,7 @@ def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_p
     with pytest.raises(RunError, match="holds no run"):
         open_run(comm, taken.parent, INPUTS, resume=True)
     with pytest.raises(RunError, match="holds no run"):
-        read_run(comm, taken)
+        read_record(comm, taken)
 
 
 @pytest.mark.parametrize(

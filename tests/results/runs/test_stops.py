@@ -12,7 +12,7 @@ import pytest
 from helpers.run_files import content
 from helpers.scenes import ROOT
 
-from toros_fem.results.result import read_summary
+from toros_fem.results.runs.summary_file import summary_of
 
 # Under mpirun a child process would act as one of its ranks.
 pytestmark = [
@@ -119,5 +119,5 @@ def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
     assert code == 128 + signal.SIGINT, err
     assert err.splitlines()[-1].startswith("stopped by SIGINT; the state is on disk")
     assert "Traceback" not in err
-    assert (read_summary(tmp_path).value("angle_deg") or 0.0) > 0
+    assert (summary_of(tmp_path).value("angle_deg") or 0.0) > 0
     assert (tmp_path / "skin.vtu").exists(), "the summary is the last"

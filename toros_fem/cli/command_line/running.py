@@ -18,8 +18,10 @@ from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
-from toros_fem.results.result import RunResult, read_content
-from toros_fem.results.runs.folder import SCENE, open_run, read_run
+from toros_fem.results.result import RunResult
+from toros_fem.results.runs.files import SCENE
+from toros_fem.results.runs.folder import open_run, read_record
+from toros_fem.results.runs.summary_file import read_content
 
 log = logging.getLogger(__name__)
 
@@ -93,7 +95,7 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
         CheckpointError: The run cannot go on: it is no run of a scene, or its scene was changed.
         SceneError: A file that it began with has gone.
     """
-    record, text = read_run(comm, folder)
+    record, text = read_record(comm, folder)
     name = record.inputs.get("command")
     if text is None or name not in _ACTIONS:
         raise CheckpointError(

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded, if_plotting
 from toros_fem.base.keys import key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
@@ -50,8 +50,7 @@ class Export(Command, ManufactureOptions):
         from toros_fem.making.sheets.reading import read_regions
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-        from toros_fem.results.result import read_content
-        from toros_fem.results.writer import if_plotting
+        from toros_fem.results.runs.summary_file import read_content
 
         stored = read_print_polygons(comm, self.run)
         run = self.run.parent if self.run.suffix == ".npz" else self.run
@@ -84,7 +83,7 @@ class Export(Command, ManufactureOptions):
             if_plotting(draw)
             return manifest
 
-        manifest = write_together(comm, output, write)
+        manifest = guarded(comm, output, write)
         files, sheets = [file["name"] for file in manifest["files"]], len(manifest["sheets"])
         figures = {
             "folder": output,

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded
 from toros_fem.base.keys import OneOf, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
@@ -80,7 +80,7 @@ class New(Command):
             raise UsageError(
                 f"toros new: {there[0]} is there already; give another name, or --force."
             )
-        write_together(comm, path.parent, lambda: _write(texts))
+        guarded(comm, path.parent, lambda: _write(texts))
         figures = {"file": path, "kind": kind.KIND}
         return Answer(f"{path}: {ABOUT[kind.KIND]}. Next: toros check {path}", figures)
 

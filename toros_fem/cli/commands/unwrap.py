@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_together
+from toros_fem.base.files import guarded, if_plotting, write_json
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.tables.unwrapping import Unwrapping
@@ -46,7 +46,6 @@ class Unwrap(Command, Unwrapping):
         from toros_fem.making.panels.svg import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
         from toros_fem.results.files import write_fields
-        from toros_fem.results.writer import if_plotting
 
         output = self.output or Path(self.mesh.stem)
         surface = self.surface(comm, self.mesh)
@@ -88,7 +87,7 @@ class Unwrap(Command, Unwrapping):
             write_fields(output / "surface.vtu", pattern, pattern.points, stretches)
             write_json(output / "summary.json", summary)
 
-        write_together(comm, output, write)
+        guarded(comm, output, write)
         text = (
             f"{summary['triangles']} triangles, {1e3 * summary['size_m']:.4g} mm across (repairs: "
             f"{surface.repairs}), in {len(pattern.panel_names)} panels: stretch "

@@ -12,7 +12,7 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tolerance.of_run import finished_summary
-from toros_fem.results.runs.folder import SCENE
+from toros_fem.results.runs.files import SCENE
 
 
 def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[str, Path]]:

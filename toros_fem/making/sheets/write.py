@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import ManufactureFileError, TorosError
+from toros_fem.base.errors import ManufactureFileError
 from toros_fem.base.files import replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_drawings, tab_seam
@@ -121,14 +120,6 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     if inputs.get("knit_ratio") is not None:
         known["grain"] = 90.0 + inputs["grain_angle"]
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
-
-
-def if_possible(write: Callable[[], Any]) -> None:
-    """Write machine files, or print in one line why there are none (one rank)."""
-    try:
-        write()
-    except TorosError as missing:
-        print(f"no machine files: {missing}", file=sys.stderr)
 
 
 def _make_room(folder: Path, names: Sequence[str]) -> None:

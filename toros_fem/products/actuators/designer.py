@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded, if_possible
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.levels import optimize_levels
@@ -27,7 +27,7 @@ from toros_fem.making.as_printed.as_printed import (
     remove_islands,
 )
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
-from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
@@ -323,14 +323,15 @@ class Designer(Job):
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Search
     ) -> ActuatorResult:
-        """Write a design, then its error and its curve, then pictures and machine files.
+        """Write a design and its summary, then error, curve, machine files, trial and pictures.
 
-        What took longest to find is on disk first.
+        What took longest to find is on disk first. The last summary has all of them.
         """
         scene, folder = self.scene, Path(self.output)
         metrics = printed_metrics(result, printed)
         made = PrintedResult(result, printed, metrics, config=scene)
         found = self._write(ActuatorResult(made, search))
+        write_summary(self.comm, folder, found)
         if scene.results.estimate_error:
             self._check()
             errors = self._errors(found)
@@ -340,16 +341,19 @@ class Designer(Job):
         self._check()
         curve = write_curve(folder, made.problem, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
-        draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
-        write_together(
+        guarded(
             self.comm,
             folder,
             lambda: if_possible(
-                lambda: write_manufacture(place, pattern, regions, summary=summary)
+                "machine files",
+                lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
+        found = replace(found, trial=scene.trial(self.comm, folder, found))
+        write_summary(self.comm, folder, found)
+        draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
         return found
 
     def _check(self) -> None:
@@ -362,7 +366,6 @@ class Designer(Job):
         """Write a design and return it with the time that it took until now."""
         found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
         write_design(self.output, found.made)
-        write_summary(self.comm, self.output, found)
         return found
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, write_table
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -210,7 +210,7 @@ def write_curve(
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", skin, curve.points, whole)
 
-    write_together(problem.comm, folder, write)
+    guarded(problem.comm, folder, write)
     return CurveFigures(
         None,
         rows[0]["pressure_pa"],

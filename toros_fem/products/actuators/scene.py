@@ -32,7 +32,7 @@ from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
-from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.result import RunResult
 
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
@@ -185,14 +185,7 @@ class ActuatorScene(Scene):
         Raises:
             TorosError: As of `design_actuator`.
         """
-        scene = self.with_files(comm, files or {})
-        made = design_actuator(comm, output, scene, verbose=verbose)
-        trial = scene.trial(comm, Path(output), made)
-        if trial is None:
-            return made
-        found = replace(made, trial=trial)
-        write_summary(comm, output, found)
-        return found
+        return design_actuator(comm, output, self.with_files(comm, files or {}), verbose=verbose)
 
     def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
         """Simulate what the print is for, beyond its curve, and write the files of this."""

@@ -8,10 +8,9 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeasurementError
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
-from toros_fem.results.writer import if_plotting
 
 COLOURS = ("#1F3A5F", "#D55E00", "#0072B2", "#6B7280")
 
@@ -57,7 +56,7 @@ def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
         write_table(folder / "fit.csv", _rows(result))
         if_plotting(lambda: plot_fit(folder / "fit.png", result))
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 def _rows(result: Fit) -> list[dict[str, object]]:

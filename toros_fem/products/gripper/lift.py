@@ -11,7 +11,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.files import write_together
+from toros_fem.base.files import guarded, if_plotting
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
@@ -19,7 +19,6 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import repeated, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.writer import if_plotting
 
 # Directions of a finger's frame: from the mount to the tip, and towards the object.
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -135,7 +134,7 @@ def write_lift(
         write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
         if_plotting(draw)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)
 
 
 def in_room(points: Floats, axis: float, angle: float) -> Floats:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
 from toros_fem.products.tile_design.problem import TileCase
@@ -21,7 +21,6 @@ from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_til
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.files import write_fields
 from toros_fem.results.result import RunResult, write_summary
-from toros_fem.results.writer import if_plotting
 
 # What files and summaries hold of a profile.
 PROFILE = ("stiffness", "tangent", "contraction")
@@ -152,7 +151,10 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
         cloth, region = swatch(tile, printed.regions[0])
         high = ManufactureOptions(layer_height=config.material.composite.reinforcement.thickness)
         place = folder / FOLDER
-        if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
+        if_possible(
+            "machine files",
+            lambda: write_manufacture(place, cloth, [region], high, summary=summary),
+        )
 
     def draw() -> None:
         from toros_fem.products.tiles import plots
@@ -182,7 +184,7 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
                 folder / "deformed.png", tile, printed.cells, positions, state.gradient
             )
 
-    write_together(case.comm, folder, write)
+    guarded(case.comm, folder, write)
     write_summary(case.comm, folder, found)  # last: a run with it has all its files
 
 

@@ -20,12 +20,12 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
-from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import tile
 from toros_fem.products.tiles.printed_tile import (
@@ -39,7 +39,6 @@ from toros_fem.products.tiles.printed_tile import (
 from toros_fem.products.tiles.pull_test import PulledSheet, pull_sheet
 from toros_fem.results.console import print_step
 from toros_fem.results.result import RunResult, write_summary
-from toros_fem.results.writer import if_plotting
 
 # Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
 SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
@@ -131,9 +130,12 @@ class TileSheetScene(Scene):
             if_plotting(draw)
             high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
             place = folder / FOLDER
-            if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
+            if_possible(
+                "machine files",
+                lambda: write_manufacture(place, cloth, regions, high, summary=summary),
+            )
 
-        write_together(comm, folder, write)
+        guarded(comm, folder, write)
         write_summary(comm, folder, found)  # last: a run with it has all its files
         return found
 

@@ -21,8 +21,8 @@ from toros_fem.products.tolerance.result import Tolerances
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
-from toros_fem.results.result import Summary, read_summary
-from toros_fem.results.runs.folder import SUMMARY
+from toros_fem.results.runs.files import SUMMARY
+from toros_fem.results.runs.summary_file import Summary, summary_of
 
 
 def tolerances_of_run(
@@ -85,7 +85,7 @@ def finished_summary(folder: Path) -> Summary:
     Raises:
         OutputError: The folder holds none.
     """
-    found = read_summary(folder)
+    found = summary_of(folder)
     if "printed_failure" not in found.entries:
         what = "has no print" if found else "is missing"
         raise OutputError(f"{folder / SUMMARY} {what}: give the folder of a finished design.")

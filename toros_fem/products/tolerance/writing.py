@@ -7,9 +7,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, write_json, write_table
 from toros_fem.products.tolerance.result import Tolerances, Variant
-from toros_fem.results.writer import if_plotting
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")
 LESS = "#7FA6C9"
@@ -21,14 +20,14 @@ def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> N
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
-    figures, table, picture = (Path(folder) / name for name in FILES)
+    folder = Path(folder)
 
     def write() -> None:
-        write_json(figures, found.summary())
-        write_table(table, found.rows())
-        if_plotting(lambda: plot_tolerances(picture, found))
+        write_json(folder / FILES[0], found.summary())
+        write_table(folder / FILES[1], found.rows())
+        if_plotting(lambda: plot_tolerances(folder / FILES[2], found))
 
-    write_together(comm, Path(folder), write)
+    guarded(comm, folder, write)
 
 
 def plot_tolerances(path: Path, found: Tolerances) -> None:

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.files import write_table, write_together
+from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
@@ -28,7 +28,6 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.writer import if_plotting
 
 # The ground lies so far below the lowest point of the start, over the distance of contact.
 CLEARANCE = 0.5
@@ -268,7 +267,8 @@ def write_gait(
     gait, points = walk.gait, walk.points
     shapes = [walk.whole.at_vertices(point.positions) for point in points]
     ground = min(float(x[:, 2].min()) for x in shapes)
-    skin = ShownSkin(walk.whole.pattern, regions=regions, ground=ground)
+    grounds = np.array([[[0.0, 0.0, ground], [0.0, 0.0, 1.0]]])
+    skin = ShownSkin(walk.whole.pattern, regions=regions, grounds=grounds)
 
     def draw() -> None:
         from toros_fem.results.pictures.curves import draw_tracks
@@ -300,4 +300,4 @@ def write_gait(
         write_path(folder, "gait", skin, points, whole=walk.whole, chambers=gait.names)
         if_plotting(draw)
 
-    write_together(comm, folder, write)
+    guarded(comm, folder, write)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +25,29 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 
-# Vertical part of a unit normal from which on a ground is level.
-LEVEL = 0.999
 # Series that a finished design is followed by.
 FOLLOWING = ("print", "pressure", "gait", "load")
+
+
+class OnWhole:
+    """Fields of a design problem on its whole skin, on every rank.
+
+    Args:
+        problem: The design problem.
+    """
+
+    def __init__(self, problem: ShapeProblem) -> None:
+        self._skin, self._whole = problem.skin, problem.whole
+        self.pattern = problem.skin.pattern if self._whole is None else self._whole.pattern
+
+    def cells(self, owned: Floats) -> Floats:
+        """Return values at all triangles from those of each rank (collective)."""
+        values = self._skin.gather_cells(owned)
+        return values if self._whole is None else self._whole.at_cells(values)
+
+    def vertices(self, positions: Floats) -> Floats:
+        """Return positions of all vertices from those of the simulated part."""
+        return positions if self._whole is None else self._whole.at_vertices(positions)
 
 
 def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSkin, Frame] | None:
@@ -43,22 +62,12 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
     problem = evaluation.problem
     if not isinstance(problem, ShapeProblem):
         return None
-    positions = problem.physics.shape_of(evaluation.equilibrium)
-    density = problem.skin.gather_cells(problem.fields.shown(evaluation.projected))
-    skin = shown_skin(problem, poses=evaluation.equilibrium.poses)
-    if problem.whole is not None:
-        positions = problem.whole.at_vertices(positions)
-        density = problem.whole.at_cells(density)
-    frame = Frame(
-        "iteration",
-        row.iteration,
-        "",
-        positions,
-        density,
-        row.columns(),
-        evaluation.equilibrium.condition.sentences,
-    )
-    return skin, frame
+    on, state = OnWhole(problem), evaluation.equilibrium
+    positions = on.vertices(problem.physics.shape_of(state))
+    density = on.cells(problem.fields.shown(evaluation.projected))
+    note = state.condition.sentences
+    frame = Frame("iteration", row.iteration, "", positions, density, row.columns(), note)
+    return shown_skin(problem, poses=state.poses), frame
 
 
 def shown_skin(
@@ -74,38 +83,34 @@ def shown_skin(
         poses: Poses of the bodies that it touches, as of an `Equilibrium`; None leaves them where
             they are made.
     """
-    pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
-    passive = (
-        None
-        if problem.fields.passive is None
-        else problem.skin.gather_cells(problem.fields.passive)
-    )
-    if whole is not None:
-        pattern = whole.pattern
-        target = None if target is None else whole.at_vertices(target)
-        passive = None if passive is None else whole.at_cells(passive)
+    on, passive, target = OnWhole(problem), problem.fields.passive, problem.target
+    passive = None if passive is None else on.cells(passive)
+    target = None if target is None else on.vertices(target)
     aligned = isinstance(problem.objective, AlignedObjective)
-    body, ground = _beside(problem.solver.contact, poses)
+    touched = _touched(problem.solver.contact, poses)
     compared = _compared(problem.objective)
-    return ShownSkin(pattern, target, aligned, passive, regions, body, ground, compared)
+    return ShownSkin(on.pattern, target, aligned, passive, regions, *touched, compared)
 
 
-def _beside(
+def _touched(
     contact: Contact | None, poses: Sequence[Sequence[float]] | None
-) -> tuple[tuple[Floats, Ints] | None, float | None]:
-    """Return the bodies that a skin touches, as one surface, and the height of a level ground."""
+) -> tuple[tuple[Floats, Ints] | None, Floats | None]:
+    """Return bodies and grounds of what a skin touches, as of a `ShownSkin`.
+
+    Bodies that move freely are left out where their poses are not known.
+    """
     if contact is None:
         return None, None
-    bodies = list(contact.bodies)
+    bodies = [body for body in contact.bodies if body.mass is None or poses is not None]
     if poses is not None:
         bodies = [body.moved(np.asarray(pose)) for body, pose in zip(bodies, poses, strict=True)]
-    heights = [g.point[2] for g in contact.grounds if g.normal[2] > LEVEL]
-    ground = heights[0] if heights else None
-    if not bodies:
-        return None, ground
-    firsts = np.cumsum([0, *(len(body.points) for body in bodies)])
-    triangles = [body.triangles + k for body, k in zip(bodies, firsts, strict=False)]
-    return (np.concatenate([body.points for body in bodies]), np.concatenate(triangles)), ground
+    first = np.cumsum([0, *(len(body.points) for body in bodies)])
+    cells = [body.triangles + k for body, k in zip(bodies, first, strict=False)]
+    grounds = np.array([(ground.point, ground.normal) for ground in contact.grounds])
+    return (
+        (np.concatenate([b.points for b in bodies]), np.concatenate(cells)) if bodies else None,
+        grounds if len(grounds) else None,
+    )
 
 
 def _compared(objective: Objective) -> tuple[bool, bool, bool]:
@@ -133,11 +138,10 @@ def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:
         skin: The skin.
         frame: The frame.
     """
-    folder = _made(folder)
-    forget_from(folder, frame.series, frame.number)
+    folder = folder / FOLDER
     for series in FOLLOWING:
         forget_from(folder, series, 0)
-    write_frame(folder, _of(frame, write_skin(folder, skin)))
+    _write(folder, skin, [frame])
     thin(folder, frame.series)
 
 
@@ -148,7 +152,6 @@ def write_path(
     points: Sequence[TracePoint],
     whole: Mirrored | None = None,
     density: Floats | None = None,
-    shapes: Sequence[Floats] | None = None,
     chambers: Sequence[str] = (),
 ) -> None:
     """Write the frames of a path of equilibria (one rank).
@@ -160,49 +163,18 @@ def write_path(
         points: The equilibria.
         whole: The whole that the equilibria's skin is a part of; None if they are whole.
         density: Density of all triangles, (t,), where the skin has no print.
-        shapes: Positions to show in the place of those of the points; None for none.
         chambers: Names of the chambers whose pressures are recorded.
     """
     frames = []
     for number, point in enumerate(points):
-        positions = point.positions if shapes is None else shapes[number]
-        values = {"pressure_pa": point.result.pressure, **point.metrics}
-        pressures = zip(chambers, point.result.pressures, strict=False)
+        state = point.result
+        positions = point.positions if whole is None else whole.at_vertices(point.positions)
+        pressures = zip(chambers, state.pressures, strict=False)
+        values = {"pressure_pa": state.pressure, **point.metrics}
         values |= {f"{name}_pa": pressure for name, pressure in pressures}
-        frames.append(
-            Frame(
-                series,
-                number,
-                "",
-                positions if whole is None else whole.at_vertices(positions),
-                density,
-                values,
-                point.result.condition.sentences,
-            )
-        )
+        note = state.condition.sentences
+        frames.append(Frame(series, number, "", positions, density, values, note))
     write_series(folder, skin, frames)
-
-
-def write_print(
-    folder: Path,
-    skin: ShownSkin,
-    positions: Floats,
-    values: Mapping[str, float],
-    note: str,
-    density: Floats | None,
-) -> None:
-    """Write the frame of a finished design (one rank).
-
-    Args:
-        folder: Folder of the run.
-        skin: The whole skin, with its print if that has an equilibrium.
-        positions: Positions of its vertices, (n, 3), in m.
-        values: Pressure and metrics.
-        note: What is not as usual in this equilibrium, as sentences.
-        density: Density of all triangles, (t,), of a design whose print has no equilibrium; else
-            None.
-    """
-    write_series(folder, skin, [Frame("print", 0, "", positions, density, values, note)])
 
 
 def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
@@ -213,11 +185,16 @@ def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None
         skin: Their skin.
         frames: The frames, one at least; they do not name their skin's file yet.
     """
-    folder = _made(folder)
-    forget_from(folder, frames[0].series, 0)
+    _write(folder / FOLDER, skin, frames)
+
+
+def _write(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
+    """Write frames and their skin; frames of the series from the first of them on are deleted."""
+    folder.mkdir(exist_ok=True)
+    forget_from(folder, frames[0].series, frames[0].number)
     name = write_skin(folder, skin)
     for frame in frames:
-        write_frame(folder, _of(frame, name))
+        write_frame(folder, replace(frame, skin=name))
 
 
 def repeated(
@@ -246,12 +223,3 @@ def repeated(
         seam_tolerance=pattern.seam_tolerance,
         moulded=pattern.moulded,
     ), [*regions] * count
-
-
-def _made(folder: Path) -> Path:
-    (folder / FOLDER).mkdir(exist_ok=True)
-    return folder / FOLDER
-
-
-def _of(frame: Frame, skin: str) -> Frame:
-    return replace(frame, skin=skin)

@@ -20,6 +20,8 @@ from toros_fem.results.frames.files import REMEDY
 
 KIND = "skin"
 BODY = ("body_points", "body_triangles")
+# Vertical part of a unit normal from which on a ground is level.
+LEVEL = 0.999
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +36,7 @@ class ShownSkin:
             every triangle.
         regions: Print on each panel, polygons in m; None where densities are shown instead.
         body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
-        ground: Height in m of a level ground; None without one.
+        grounds: A point of the surface, in m, and the normal of each ground, (g, 2, 3).
         compared: Whether the design compares positions with the target along x, y and z.
     """
 
@@ -44,8 +46,14 @@ class ShownSkin:
     passive: Floats | None = None
     regions: Sequence[BaseGeometry] | None = None
     body: tuple[Floats, Ints] | None = None
-    ground: float | None = None
+    grounds: Floats | None = None
     compared: tuple[bool, bool, bool] = (False, False, False)
+
+    @property
+    def ground(self) -> float | None:
+        """Height in m of the level ground; None without one."""
+        grounds = () if self.grounds is None else self.grounds
+        return next((float(point[2]) for point, normal in grounds if normal[2] > LEVEL), None)
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:
@@ -55,7 +63,7 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
         folder: Folder of the frames, which exists.
         skin: The skin. A file that is there already stays.
     """
-    given = {"target": skin.target, "passive": skin.passive}
+    given = {"target": skin.target, "passive": skin.passive, "grounds": skin.grounds}
     arrays: dict[str, npt.NDArray] = {
         name: np.asarray(a) for name, a in given.items() if a is not None
     }
@@ -63,7 +71,7 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
         arrays |= packed_regions(skin.regions)
     if skin.body is not None:
         arrays[BODY[0]], arrays[BODY[1]] = skin.body
-    numbers = {"aligned": skin.aligned, "ground": skin.ground, "compared": list(skin.compared)}
+    numbers = {"aligned": skin.aligned, "compared": list(skin.compared)}
     archive = archive_of(KIND, skin.pattern, arrays, numbers)
     path = folder / f"{KIND}-{archive.digest[:12]}.npz"
     if not path.exists():
@@ -87,7 +95,7 @@ def read_skin(path: Path) -> ShownSkin:
             passive=arrays.get("passive"),
             regions=regions_of(archive) if REGIONS[0] in arrays else None,
             body=(arrays[BODY[0]], arrays[BODY[1]]) if BODY[0] in arrays else None,
-            ground=archive.numbers.get("ground"),
+            grounds=arrays.get("grounds"),
             compared=tuple(archive.numbers.get("compared", (False,) * 3)),
         )
 

@@ -273,7 +273,7 @@ def corner_normals(surface: Surface) -> Floats:
     return np.where(sharp[..., None], face, smooth)
 
 
-def _unit(vectors: Floats) -> Floats:
+def _unit(vectors: npt.NDArray) -> Floats:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(length, np.finfo(float).tiny))
 

@@ -1,36 +1,41 @@
-"""Line charts as SVG, drawn without a plotting package."""
+"""Line charts of a page: matplotlib's figures as SVG, over which the page moves a line."""
 
 from __future__ import annotations
 
+import io
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
+from typing import Any
 
-import numpy as np
+from toros_fem.base.errors import MissingPackageError
 
-from toros_fem.base.array_types import Floats
-
-WIDTH, HEIGHT = 560, 230
-LEFT, RIGHT, TOP, BOTTOM = 62, 14, 14, 40
-# Number of marks that an axis has about.
-MARKS = 5
+# Size in inches. The page shows charts about as large, so that letters have its size.
+SIZE = (6.0, 2.6)
+# Colours, and their names in the page's style, which has others of its own in the dark.
+COLOURS = {
+    "#1f3a5f": "print", "#0072b2": "second", "#d55e00": "accent", "#222222": "ink",
+    "#6b7280": "soft", "#e5e7eb": "grid",
+}  # fmt: skip
+PRINT, SECOND, ACCENT, INK, SOFT, GRID = COLOURS
+STYLE = {
+    "svg.fonttype": "none", "svg.hashsalt": "toros_fem", "font.family": "DejaVu Sans",
+    "font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": SOFT, "axes.labelcolor": INK, "xtick.color": SOFT, "ytick.color": SOFT,
+    "axes.axisbelow": True, "axes.grid": True, "axes.grid.axis": "y", "grid.color": GRID,
+    "text.parse_math": False,
+}  # fmt: skip
+UNDATED = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One line of a chart.
-
-    Attributes:
-        label: Its name in the legend.
-        x, y: Its points.
-        look: Its style, a class of the page: "first" or "second".
-    """
+    """One line of a chart: its name and its points."""
 
     label: str
     x: Sequence[float]
     y: Sequence[float]
-    look: str = "first"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,145 +45,93 @@ class Chart:
     Attributes:
         series: Series of frames whose slider marks a place on its axis.
         x_label, y_label: Names of its axes, with units.
-        lines: Its lines.
-        target: A value to reach, a dashed line; None for none.
+        lines: Its lines, two at most.
+        target: A value to reach, a dashed line with its text; None for none.
         points: Values of others, measured for instance: name, x and y.
         chosen: The place that the run's figures are of: name, x and y; None for none.
         logarithmic: Whether its y axis is logarithmic.
-        breaks: Places where something changes, dotted lines.
+        breaks: Places from which the mesh is finer, dotted lines.
     """
 
     series: str
     x_label: str
     y_label: str
     lines: Sequence[Line]
-    target: float | None = None
+    target: tuple[float, str] | None = None
     points: Sequence[tuple[str, float, float]] = ()
     chosen: tuple[str, float, float] | None = None
     logarithmic: bool = False
     breaks: Sequence[float] = ()
 
     def svg(self) -> str:
-        """Return the chart as an SVG element; the page finds its axis in its attributes."""
-        x = np.concatenate([*(line.x for line in self.lines), [p[1] for p in self.points]])
-        y = np.concatenate([*(line.y for line in self.lines), [p[2] for p in self.points]])
+        """Return the chart as an SVG element; the page finds its axis in its attributes.
+
+        Raises:
+            MissingPackageError: matplotlib is not installed.
+        """
+        try:
+            import matplotlib
+            from matplotlib.figure import Figure
+        except ImportError as missing:
+            raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None
+        stream = io.StringIO()
+        with matplotlib.rc_context(STYLE):
+            figure = Figure(SIZE, layout="constrained")
+            axes = figure.subplots()
+            self._draw(axes)
+            figure.savefig(stream, format="svg", metadata=UNDATED, transparent=True)
+        wide, deep = (72 * length for length in SIZE)
+        box = axes.get_position()
+        low, high = (float(x) for x in axes.get_xlim())
+        # Ids of matplotlib's parts would stand several times in a page; those that begin with "m"
+        # and "p" and a number of hexadecimal digits are of their content, and referred to.
+        drawn = re.sub(r' id="[\w.]+_\d+"', "", stream.getvalue().partition("<g")[2])
+        drawn = drawn.replace("xlink:href", "href").removesuffix("</svg>\n")
+        for colour, name in COLOURS.items():
+            drawn = drawn.replace(colour, f"var(--{name})")
+        return (
+            f'<svg class="chart" viewBox="0 0 {wide:g} {deep:g}" data-series="{self.series}" '
+            f'data-low="{low!r}" data-high="{high!r}" data-left="{wide * box.x0:.2f}" '
+            f'data-right="{wide * box.x1:.2f}"><g{drawn}<line class="now" x1="-9" x2="-9" '
+            f'y1="{deep * (1 - box.y1):.2f}" y2="{deep * (1 - box.y0):.2f}"/></svg>'
+        )
+
+    def _draw(self, axes: Any) -> None:
+        axes.set(xlabel=self.x_label, ylabel=self.y_label)
+        axes.margins(x=0)
+        positive = [y for line in self.lines for y in line.y if y > 0]
+        if self.logarithmic and positive:
+            least, most = (math.log10(y) for y in (min(positive), max(positive)))
+            ends = 10.0 ** math.floor(least), 10.0 ** max(math.ceil(most), math.floor(least) + 1)
+            axes.set(yscale="log", ylim=ends)
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("")
+        for x in self.breaks:
+            axes.axvline(x, color=SOFT, linestyle=":", linewidth=1)
+            _write(axes, "finer mesh", x, 1, SOFT, xycoords=("data", "axes fraction"))
+        for line, colour in zip(self.lines, (PRINT, SECOND), strict=False):
+            few = "o" if len(line.x) < 40 else None
+            axes.plot(line.x, line.y, color=colour, marker=few, markersize=3.5, linewidth=1.5)
+            if len(self.lines) > 1:
+                _write(axes, line.label, line.x[-1], line.y[-1], colour)
         if self.target is not None:
-            y = np.append(y, self.target)
-        low, high = float(x.min()), float(x.max())
-        high = high if high > low else low + 1
-        marks = _decades(y) if self.logarithmic else _marks(float(y.min()), float(y.max()))
-        bottom, top = marks[0], marks[-1]
-
-        def across(value: float) -> float:
-            return LEFT + (value - low) / (high - low) * (WIDTH - LEFT - RIGHT)
-
-        def up(value: float) -> float:
-            a, b, v = (
-                (math.log10(bottom), math.log10(top), math.log10(max(value, bottom)))
-                if self.logarithmic
-                else (bottom, top, value)
-            )
-            return HEIGHT - BOTTOM - (v - a) / (b - a) * (HEIGHT - TOP - BOTTOM)
-
-        right, floor = WIDTH - RIGHT, HEIGHT - BOTTOM
-        out = [
-            f'<svg class="chart" viewBox="0 0 {WIDTH} {HEIGHT}" data-series="{self.series}" '
-            f'data-low="{low!r}" data-high="{high!r}" data-left="{LEFT}" data-right="{right}" '
-            f'role="img" aria-label="{escape(self.y_label)} over {escape(self.x_label)}">'
-        ]
-        for value in marks:
-            at = up(value)
-            out.append(f'<line class="grid" x1="{LEFT}" x2="{right}" y1="{at:.1f}" y2="{at:.1f}"/>')
-            out.append(
-                f'<text class="mark" x="{LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">'
-                f"{_number(value, self.logarithmic)}</text>"
-            )
-        inner = [v for v in _marks(low, high) if low <= v <= high]
-        out.extend(
-            f'<text class="mark" x="{across(v):.1f}" y="{floor + 16}" text-anchor="middle">'
-            f"{_number(v)}</text>"
-            for v in inner
-        )
-        out.append(f'<line class="axis" x1="{LEFT}" x2="{right}" y1="{floor}" y2="{floor}"/>')
-        out.append(
-            f'<text class="name" x="{(LEFT + right) / 2}" y="{HEIGHT - 6}" text-anchor="middle">'
-            f"{escape(self.x_label)}</text>"
-        )
-        middle = (TOP + floor) / 2
-        out.append(
-            f'<text class="name" transform="translate(13,{middle}) rotate(-90)" '
-            f'text-anchor="middle">{escape(self.y_label)}</text>'
-        )
-        out.extend(
-            f'<line class="break" x1="{across(v):.1f}" x2="{across(v):.1f}" y1="{TOP}" '
-            f'y2="{floor}"/>'
-            for v in self.breaks
-        )
-        if self.target is not None:
-            at = up(self.target)
-            out.append(
-                f'<line class="target" x1="{LEFT}" x2="{right}" y1="{at:.1f}" y2="{at:.1f}"/>'
-            )
-        for line in self.lines:
-            places = " ".join(
-                f"{across(a):.1f},{up(b):.1f}" for a, b in zip(line.x, line.y, strict=True)
-            )
-            out.append(f'<polyline class="line {line.look}" points="{places}"/>')
-            if len(line.x) < 40:
-                dot = f'<circle class="dot {line.look}" r="2.5"'
-                out.extend(
-                    f'{dot} cx="{across(a):.1f}" cy="{up(b):.1f}"/>'
-                    for a, b in zip(line.x, line.y, strict=True)
-                )
-        out.extend(
-            f'<path class="other" d="M{across(a) - 5:.1f},{up(b):.1f} h10 m-5,-5 v10"/>'
-            for _, a, b in self.points
-        )
+            value, text = self.target
+            axes.axhline(value, color=ACCENT, linestyle="--", linewidth=1)
+            _write(axes, text, 1, value, ACCENT, xycoords=("axes fraction", "data"))
+        for name, x, y in self.points:
+            axes.plot(x, y, "D", color=INK, markerfacecolor="none", markersize=6)
+            _write(axes, name, x, y, INK)
         if self.chosen is not None:
-            _, a, b = self.chosen
-            out.append(f'<circle class="chosen" cx="{across(a):.1f}" cy="{up(b):.1f}" r="5"/>')
-        out.append(f'<line class="now" x1="-9" x2="-9" y1="{TOP}" y2="{floor}"/></svg>')
-        return "".join(out) + self._legend()
-
-    def _legend(self) -> str:
-        entries = [(line.look, line.label) for line in self.lines if len(self.lines) > 1]
-        if self.target is not None:
-            entries.append(("target", f"target {_number(self.target)}"))
-        entries += [("other", name) for name, *_ in self.points]
-        if self.chosen is not None:
-            entries.append(("chosen", self.chosen[0]))
-        if self.breaks:
-            entries.append(("break", "finer mesh"))
-        keys = "".join(f'<li class="{look}">{escape(name)}</li>' for look, name in entries)
-        return f'<ul class="legend">{keys}</ul>' if keys else ""
+            name, x, y = self.chosen
+            axes.plot(x, y, "o", color=ACCENT, markersize=7, clip_on=False)
+            rises = self.lines[0].y[-1] > self.lines[0].y[0]  # the text stands beside the line
+            _write(axes, name, x, y, ACCENT, up=-13.0 if rises else 11.0)
 
 
-def _marks(low: float, high: float) -> Floats:
-    """Return round values at even distances that enclose a range."""
-    if not high > low:
-        margin = abs(low) * 0.05 or 1.0
-        low, high = low - margin, high + margin
-    rough = (high - low) / MARKS
-    power = 10 ** math.floor(math.log10(rough))
-    step = next(power * k for k in (1, 2, 5, 10) if power * k >= rough * (1 - 1e-9))
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
-    return np.arange(first, last + 1) * step
-
-
-def _decades(values: Floats) -> Floats:
-    """Return powers of ten that enclose positive values, seven at most."""
-    positive = values[values > 0]
-    if len(positive) == 0:
-        return np.array([0.1, 1.0])
-    low = math.floor(math.log10(positive.min()))
-    high = max(low + 1, math.ceil(math.log10(positive.max())))
-    step = max(1, math.ceil((high - low) / 6))
-    return np.asarray(10.0 ** np.arange(low, high + step, step), dtype=np.float64)
-
-
-def _number(value: float, scientific: bool = False) -> str:
-    if scientific:
-        exponent = round(math.log10(value))
-        raised = str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-        return f"10{raised}"
-    return f"{value:.6g}".replace("-", "−")
+def _write(axes: Any, text: str, x: float, y: float, colour: str, **place: Any) -> None:
+    """Write a text to the right of a point."""
+    up = place.pop("up", 0.0)
+    axes.annotate(
+        text, (x, y), (6.0, up), textcoords="offset points", color=colour, va="center",
+        annotation_clip=False, **place,
+    )  # fmt: skip

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-import json
-import re
+import base64
+import hashlib
 from collections.abc import Mapping, Sequence
-from html import escape
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from toros_fem.base.errors import OutputError
-from toros_fem.base.files import replace_file
+from toros_fem.base.errors import MissingPackageError
+from toros_fem.base.files import naming, replace_file
 from toros_fem.measures.figures import Figure, formatted
+from toros_fem.results.report import tables
 from toros_fem.results.report.charts import Chart, Line
-from toros_fem.results.report.flat_pattern import flat_pattern
 from toros_fem.results.report.run_folder import Run, read_run
 from toros_fem.results.report.scene import packed_scene
-from toros_fem.results.report.tables import (
-    files,
-    inputs,
-    key_figures,
-    tolerances,
-    values_shown,
-    warnings,
-)
-from toros_fem.results.report.words import label, metrics_of
+from toros_fem.results.runs.files import FILES
 
 NAME = "report.html"
 # Columns of the history that say how the design was found, and not what it is.
@@ -34,9 +25,6 @@ SOLVER_COLUMNS = {
     "iteration", "stage", "level", "shape", "g_r", "g_t", "gradient_norm", "kkt", "change", "beta",
     "rejected", "newton_steps", "factorisations", "seconds",
 }  # fmt: skip
-
-
-UNMEASURED = SOLVER_COLUMNS | {"perimeter"}
 
 
 def write_report(folder: str | Path) -> Path:
@@ -50,72 +38,75 @@ def write_report(folder: str | Path) -> Path:
 
     Raises:
         OutputError: The folder holds no run, a file cannot be read, or the page not be written.
+        MissingPackageError: A package of the extra `plot` is not installed.
     """
     run = read_run(folder)
-    page = _page(run)
-    path = run.folder / NAME
-    try:
+    page, path = page_of(run), run.folder / NAME
+    with naming(path):
         replace_file(path, page.encode())
-    except OSError as caught:
-        raise OutputError(
-            f"{path} could not be written: {caught}. Free some space, or copy the run to another "
-            "folder."
-        ) from None
     return path
 
 
-def _page(run: Run) -> str:
-    scene: dict[str, Any] = {"series": {}}
-    data = ""
+def page_of(run: Run, *, alone: bool = False) -> str:
+    """Return the page of a run as HTML that needs no other file.
+
+    Args:
+        run: The run.
+        alone: Whether only the view in space is shown.
+
+    Raises:
+        MissingPackageError: A package of the extra `plot` is not installed.
+    """
+    try:
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+    except ImportError as missing:
+        raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None
+    scene, data, patterns = packed_scene(run) if run.series else ({"series": {}}, "", [])
     if run.series:
-        scene, data = packed_scene(run)
-        scene |= _told(run, scene["series"], scene["step"])
-    told = warnings(run)
-    version = (run.summary.entries.get("versions") or {}).get("toros_fem", "")
-    parts = {
-        "TITLE": escape(run.name),
-        "NAME": escape(run.name),
-        "VERSION": escape(f"toros_fem {version}".strip()),
-        "STYLE": _text("report.css"),
-        "WARNINGS": "".join(f"<li>{escape(text)}</li>" for text in told),
-        "FIGURES": key_figures(run),
-        "TOLERANCE": tolerances(run),
-        "CURVE": "".join(_framed(chart) for chart in _curve(run)),
-        "CONVERGENCE": "".join(_framed(chart) for chart in _convergence(run)),
-        "PATTERN": flat_pattern(run.folder / "pattern.svg"),
-        "INPUTS": inputs(run),
-        "FILES": files(run.folder),
-        "SCENE": json.dumps(scene, ensure_ascii=False).replace("<", "\\u003c"),
-        "DATA": data,
-        "LICENCE": _text("three.LICENSE").strip(),
-        "LIBRARY": _text("three.min.js"),
-        "VIEWER": _text("viewer.js"),
-    }
-    # In one pass, so that nothing that is filled in is taken for a place.
-    return re.sub("@([A-Z]+)@", lambda place: parts[place[1]], _text("report.html"))
+        scene |= _told(run, scene["series"])
+    # The page's own scripts run, and no other that a name or a message brings along.
+    scripts = [f"\n/*\n{_text('three.LICENSE')}*/\n{_text('three.min.js')}", _text("viewer.js")]
+    # Names and messages of a run are text: the template escapes all that it is given.
+    environment = Environment(
+        loader=PackageLoader("toros_fem.results.report", "page"),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # series have an order
+    return environment.get_template("report.html").render(
+        run=run,
+        alone=alone,
+        tables=tables,
+        style=_text("report.css"),
+        curve=_curve(run),
+        convergence=_convergence(run),
+        patterns=patterns,
+        files={n: text for n, text in FILES.items() if n != NAME and (run.folder / n).is_file()},
+        scene=scene,
+        data=data,
+        scripts=scripts,
+        hashes=[_digest(script) for script in scripts],
+    )
 
 
-def _told(run: Run, series: Mapping[str, list[dict[str, Any]]], step: float) -> dict[str, Any]:
+def _told(run: Run, series: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """Add to the frames what a reader sees of them; return what the page begins with."""
+    last = run.history[-1]["iteration"] if run.history else 0
     for name, entries in series.items():
         for k, entry in enumerate(entries):
-            values = entry.pop("values")
+            values, number = entry.pop("values"), entry["number"]
+            pressure = values.get("pressure_pa", 0.0) / 1e3
             if name == "iteration":
                 # Without a perimeter term there is no length of a border.
-                left_out = SOLVER_COLUMNS if values.get("perimeter") else UNMEASURED
-                values = {key: v for key, v in values.items() if key not in left_out}
-            entry["shown"] = values_shown(values)
-            entry["x"] = entry["number"]
-            if name == "pressure":
-                entry["x"] = values["pressure_pa"] / 1e3
-                entry["label"] = f"{entry['x']:.4g} kPa"
-            elif name == "iteration":
-                last = run.history[-1]["iteration"] if run.history else entry["number"]
-                entry["label"] = f"{entry['number']} of {last:.0f}"
-            elif name == "gait":
-                entry["label"] = f"position {k + 1} of {len(entries)}"
-            else:
-                entry["label"] = "closed on the object"
+                hidden = SOLVER_COLUMNS | ({"perimeter"} if not values.get("perimeter") else set())
+                values = {key: value for key, value in values.items() if key not in hidden}
+            entry["shown"] = [tables.as_shown(key, value) for key, value in values.items()]
+            entry["x"] = pressure if name == "pressure" else number
+            entry["label"] = {
+                "pressure": f"{pressure:.4g} kPa",
+                "iteration": f"{number} of {max(last, number):.0f}",
+                "gait": f"position {k + 1} of {len(entries)}",
+                "load": "closed on the object",
+            }[name]
     name = next(iter(series))
     index = len(series[name]) - 1
     at = run.summary.value("pressure_pa")
@@ -125,7 +116,6 @@ def _told(run: Run, series: Mapping[str, list[dict[str, Any]]], step: float) -> 
         "start": {"series": name, "index": index},
         # Series in other coordinates than those of the design are framed by themselves.
         "frame_of": {key: key if key in ("gait", "load") else "design" for key in series},
-        "resolution": f"Positions to {1e6 * step:.2g} µm, stretches to 0.01, densities to 0.004.",
     }
 
 
@@ -134,8 +124,8 @@ def _text(name: str) -> str:
     return folder.joinpath("page", name).read_text(encoding="utf-8")
 
 
-def _framed(chart: Chart) -> str:
-    return f"<figure>{chart.svg()}</figure>"
+def _digest(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
 
 
 def _curve(run: Run) -> list[Chart]:
@@ -146,7 +136,7 @@ def _curve(run: Run) -> list[Chart]:
     measured = (run.summary.entries.get("curve") or {}).get("measured") or []
     at = run.summary.value("pressure_pa")
     charts = []
-    for metric in _by_target(metrics_of(run.summary, list(rows[0]))):
+    for metric in _by_target(tables.metrics_of(run.summary, list(rows[0]))):
         here = [row for row in rows if metric.key in row]
         x = [row["pressure_pa"] / 1e3 for row in here]
         points = [
@@ -160,14 +150,14 @@ def _curve(run: Run) -> list[Chart]:
         ]
         value, chosen = metric.value, None
         if at and value is not None and x[0] <= at / 1e3 <= x[-1]:
-            chosen = ("the design's pressure", at / 1e3, value)
+            chosen = (f"{formatted(value, metric.unit)} at {at / 1e3:.4g} kPa", at / 1e3, value)
         charts.append(
             Chart(
                 "pressure",
                 "pressure (kPa)",
-                label(metric),
-                [Line(metric.name.replace("_", " "), x, [row[metric.key] for row in here])],
-                metric.target,
+                tables.label(metric),
+                [Line(metric.name, x, [row[metric.key] for row in here])],
+                _target(metric),
                 points,
                 chosen,
             )
@@ -183,22 +173,24 @@ def _convergence(run: Run) -> list[Chart]:
     x = [row["iteration"] for row in rows]
     breaks = [b["iteration"] for a, b in pairwise(rows) if a.get("level") != b.get("level")]
 
-    def chart(label: str, lines: Sequence[Line], **further: Any) -> Chart:
+    def chart(label: str, columns: Sequence[str], **further: Any) -> Chart:
+        lines = [Line(key.replace("_", " "), x, [row[key] for row in rows]) for key in columns]
         return Chart("iteration", "iteration", label, lines, breaks=breaks, **further)
 
-    charts = [
-        chart("objective T", [Line("T", x, [row["objective"] for row in rows])], logarithmic=True)
+    charts = [chart("objective T", ["objective"], logarithmic=True)]
+    charts += [
+        chart(tables.label(metric), [metric.key], target=_target(metric))
+        for metric in _by_target(tables.metrics_of(run.summary, list(rows[0])))
+        if metric.target is not None or not run.summary
     ]
-    for metric in _by_target(metrics_of(run.summary, list(rows[0]))):
-        if metric.target is not None or not run.summary:
-            y = [row[metric.key] for row in rows]
-            charts.append(chart(label(metric), [Line(metric.name, x, y)], target=metric.target))
-    lines = [
-        Line(name.replace("_", " "), x, [row[name] for row in rows], look)
-        for name, look in (("volume_fraction", "first"), ("grey_level", "second"))
-        if name in rows[0]
-    ]
-    return charts + ([chart("fraction", lines)] if lines else [])
+    fractions = [name for name in ("volume_fraction", "grey_level") if name in rows[0]]
+    return charts + ([chart("fraction", fractions)] if fractions else [])
+
+
+def _target(metric: Figure) -> tuple[float, str] | None:
+    if metric.target is None:
+        return None
+    return metric.target, f"target {formatted(metric.target, metric.unit)}"
 
 
 def _by_target(metrics: Sequence[Figure]) -> list[Figure]:

@@ -12,7 +12,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_json
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
-from toros_fem.results.result import Summary, read_summary
+from toros_fem.results.runs.summary_file import Summary, summary_of
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")
@@ -61,7 +61,7 @@ def read_run(folder: str | Path) -> Run:
     folder = Path(folder)
     if not folder.is_dir():
         raise OutputError(f"{folder} is no folder. Give the folder of a run, its --output.")
-    summary, history = read_summary(folder), _read_table(folder / "history.csv")
+    summary, history = summary_of(folder), _read_table(folder / "history.csv")
     frames = folder / FOLDER
     series = {name: read_frames(frames, name) for name in SERIES}
     made = read_frames(frames, "print")

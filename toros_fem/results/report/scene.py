@@ -1,55 +1,178 @@
-"""The three-dimensional part of a report: skins, prints and all their shapes, packed."""
+"""The view in space of a page: skins, prints and all their shapes, packed as text."""
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import shapely
-from shapely.geometry.base import BaseGeometry
+import numpy.typing as npt
+from shapely.affinity import scale
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Floats
+from toros_fem.making.panels.svg import path_data
+from toros_fem.making.print.printability import printed_cells
 from toros_fem.measures.rotation import polar_rotation
-from toros_fem.meshes.panels import CutTriangles, cut_triangles
+from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.report.packing import STEPS, Box, Packed, index_type
 from toros_fem.results.report.run_folder import Run
 
 # Positions of all frames together take at most so many bytes before they are compressed.
 MOST_BYTES = 6_000_000
-# Range of the stretches that a byte tells.
-LEAST_STRETCH, MOST_STRETCH = 0.0, 2.55
-# A corner with a smaller weight lies on the edge opposite.
-ON_EDGE = 1e-4
+# Stretches are told in steps of 1/100, up to the largest that a byte tells.
+STRETCH_STEP = 0.01
+# Largest whole number that a coordinate becomes.
+STEPS = 2**16 - 1
+# Gap between panels, and margin around them, in mm.
+GAP, MARGIN = 10.0, 5.0
+# Directions that a skin may be shown from: never along an axis of symmetry, which hides depth.
+TURNS = (np.arange(16) + 0.5) / 16 * 2 * np.pi
+DIRECTIONS = np.array([[np.cos(t), np.sin(t), up] for up in (0.35, -0.3) for t in TURNS])
+DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
+# Half the side of a ground over the size of all that is shown.
+GROUND = 0.75
+# A view from above counts so many times more than the same from below.
+FROM_ABOVE = 1.15
 
 
-def packed_scene(run: Run) -> tuple[dict[str, Any], str]:
-    """Return the description of all shapes of a run, and their arrays as text.
+def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
+    """Return the description of all shapes of a run, their arrays as text, and its flat patterns.
 
     Args:
         run: The run; it has one frame at least.
     """
-    series = {name: _chosen(frames, name, run) for name, frames in run.series.items()}
+    chosen = {name: _chosen(frames, len(run.series)) for name, frames in run.series.items()}
     shapes = {
         name: [_placed(run.skins[frame.skin], frame.positions) for frame in frames]
-        for name, frames in series.items()
+        for name, frames in chosen.items()
     }
-    skins = {name: skin for name, skin in run.skins.items() if _is_used(name, series)}
-    box = _box([*(x for found in shapes.values() for x in found), *_others(skins)])
-    packed = Packed()
-    return {
-        "low": box.low.tolist(),
-        "step": box.step,
-        "skins": {name: _packed_skin(packed, box, skin) for name, skin in skins.items()},
+    used = dict.fromkeys(frame.skin for frames in chosen.values() for frame in frames)
+    skins = {name: run.skins[name] for name in used}
+    bodies = [skin.body[0] for skin in skins.values() if skin.body is not None]
+    targets = [skin.target for skin in skins.values() if skin.target is not None]
+    packed = Packed([*(x for found in shapes.values() for x in found), *targets, *bodies])
+    patterns = FlatPatterns()
+    scene = {
+        "low": packed.low.tolist(),
+        "step": packed.step,
+        "skins": {name: _packed_skin(packed, skin, patterns) for name, skin in skins.items()},
         "series": {
-            name: _packed_series(packed, box, frames, shapes[name], skins)
-            for name, frames in series.items()
+            name: _packed_series(packed, frames, shapes[name], skins)
+            for name, frames in chosen.items()
         },
-        "left_out": {name: len(run.series[name]) - len(frames) for name, frames in series.items()},
-    }, packed.text()
+        "from": {
+            name: best_direction(skins[frames[-1].skin], frames[-1].density, shapes[name][-1])
+            for name, frames in chosen.items()
+        },
+        "left_out": {name: len(run.series[name]) - len(frames) for name, frames in chosen.items()},
+    }
+    return scene, packed.text(), patterns.shown
+
+
+class Packed:
+    """Arrays of whole numbers one after the other, with where each begins.
+
+    Args:
+        points: All points that are shown, (k, 3) each, in m. Their box has the grid on which
+            positions are rounded.
+
+    Attributes:
+        low: Least corner of the box in m, (3,).
+        step: Distance in m of neighbouring points of the grid.
+    """
+
+    def __init__(self, points: Sequence[Floats]) -> None:
+        self.low = np.min([p.min(axis=0) for p in points], axis=0)
+        high = np.max([p.max(axis=0) for p in points], axis=0)
+        self.step = float((high - self.low).max()) / STEPS
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def places(self, points: Floats) -> npt.NDArray[np.uint16]:
+        """Return the places of points on the grid, shape as given."""
+        return np.round((points - self.low) / self.step).clip(0, STEPS).astype(np.uint16)
+
+    def add(self, array: npt.NDArray) -> Mapping[str, Any]:
+        """Add an array and return how to find it: type, first byte and number of entries.
+
+        The low bytes of all entries come first, then the high ones: these change less, and so are
+        compressed better.
+        """
+        content = np.ascontiguousarray(array)
+        raw = content.view(np.uint8).reshape(-1, content.dtype.itemsize)
+        entry = {"type": content.dtype.name, "at": self._size, "count": int(content.size)}
+        self._parts.append(raw.T.tobytes())
+        self._size += raw.size
+        return entry
+
+    def add_numbers(self, numbers: npt.NDArray, count: int) -> Mapping[str, Any]:
+        """Add numbers of things of which there are so many."""
+        return self.add(numbers.astype(np.uint16 if count <= STEPS else np.uint32))
+
+    def add_changes(self, arrays: Sequence[npt.NDArray]) -> list[Mapping[str, Any]]:
+        """Add arrays of one shape and type as their changes from one to the next."""
+        before = [np.zeros_like(array) for array in arrays[:1]] + [*arrays[:-1]]
+        # Whole numbers wrap around.
+        return [self.add(array - last) for array, last in zip(arrays, before, strict=True)]
+
+    def text(self) -> str:
+        """Return all arrays, compressed by zlib, in base64."""
+        return base64.b64encode(zlib.compress(b"".join(self._parts), 9)).decode("ascii")
+
+
+class FlatPatterns:
+    """Flat patterns with their prints: drawings of the page, and textures of the view in space.
+
+    Attributes:
+        shown: For each its width and height in mm, and its panels: name, place of the origin of its
+            chart (x to the right, y down), and path data of border and print, in mm.
+    """
+
+    def __init__(self) -> None:
+        self.shown: list[dict[str, Any]] = []
+        self._known: list[tuple[list[bytes], Floats]] = []
+
+    def of(self, skin: ShownSkin) -> tuple[int, Floats]:
+        """Return the number of a skin's flat pattern, and where it has all flat points, (m, 2).
+
+        These are parts of its width and of its height, upwards. Copies of a skin share a pattern.
+        """
+        assert skin.regions is not None
+        regions = [region.wkb for region in skin.regions]
+        numbers = [
+            k
+            for k, (known, _) in enumerate(self._known)
+            if known * (len(regions) // len(known)) == regions
+        ]
+        number = numbers[0] if numbers else self._draw(skin, regions)
+        drawn, origins = self.shown[number], self._known[number][1]
+        panel = skin.pattern.panel_of_point % len(origins)
+        places = origins[panel] + 1e3 * skin.pattern.flat_points
+        return number, places / [drawn["width"], drawn["height"]]
+
+    def _draw(self, skin: ShownSkin, regions: list[bytes]) -> int:
+        assert skin.regions is not None
+        pattern = skin.pattern
+        origins = np.array([1e3 * p.offset + MARGIN for p in panel_places(pattern, 1e-3 * GAP)])
+        width, height = (origins[pattern.panel, None] + 1e3 * pattern.corners).max(axis=(0, 1))
+        width, height = float(width) + MARGIN, float(height) + MARGIN
+        panels = [
+            {
+                "name": name,
+                "x": float(x),
+                "y": height - float(y),
+                "cut": path_data(scale(pattern.outline(k), 1e3, 1e3, origin=(0, 0))),
+                "print": path_data(scale(skin.regions[k], 1e3, 1e3, origin=(0, 0))),
+            }
+            for k, (name, (x, y)) in enumerate(zip(pattern.panel_names, origins, strict=True))
+        ]
+        self.shown.append({"width": width, "height": height, "panels": panels})
+        self._known.append((regions, origins))
+        return len(self.shown) - 1
 
 
 def principal_stretches(pattern: Pattern, positions: Floats) -> Floats:
@@ -66,20 +189,37 @@ def principal_stretches(pattern: Pattern, positions: Floats) -> Floats:
     return np.asarray(np.linalg.svd(gradient, compute_uv=False)[:, ::-1])
 
 
-def _is_used(name: str, series: Mapping[str, Sequence[Frame]]) -> bool:
-    return any(frame.skin == name for frames in series.values() for frame in frames)
+def best_direction(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
+    """Return the unit vector to an eye that sees most of the print and of the shape.
+
+    Args:
+        skin: The skin.
+        density: Density of all triangles, (t,); None takes the print.
+        positions: Positions of all vertices, (n, 3), in m.
+    """
+    ink: Floats = np.zeros(len(skin.pattern.triangles))
+    if density is not None:
+        ink = density
+    elif skin.regions is not None:
+        ink = printed_cells(skin.pattern, skin.regions).astype(np.float64)
+    a, b, c = np.moveaxis(positions[skin.pattern.triangles], 1, 0)
+    seen = (0.3 + ink) @ np.maximum(np.cross(b - a, c - a) @ DIRECTIONS.T, 0)
+    right = np.cross([0, 0, 1], DIRECTIONS)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    up = np.cross(DIRECTIONS, right)
+    size = np.ptp(positions @ right.T, axis=0) * np.ptp(positions @ up.T, axis=0)
+    below = 1.0 if skin.grounds is None else 0.0  # the ground hides what stands on it
+    score = seen * np.sqrt(size) * np.where(DIRECTIONS[:, 2] > 0, FROM_ABOVE, below)
+    return [float(x) for x in DIRECTIONS[np.argmax(score)]]
 
 
-def _chosen(frames: Sequence[Frame], name: str, run: Run) -> Sequence[Frame]:
+def _chosen(frames: Sequence[Frame], series: int) -> Sequence[Frame]:
     """Return every second frame, every fourth …, and the last, as far as their size requires."""
-    limit = MOST_BYTES / len(run.series)
-    distance = 1
-    while len(frames) > 2:
-        chosen = [*frames[:-1:distance], frames[-1]]
-        if sum(f.positions.size * 2 for f in chosen) <= limit or len(chosen) == 2:
-            return chosen
+    distance, chosen = 1, frames
+    while len(chosen) > 2 and sum(2 * f.positions.size for f in chosen) > MOST_BYTES / series:
         distance *= 2
-    return frames
+        chosen = [*frames[:-1:distance], frames[-1]]
+    return chosen
 
 
 def _placed(skin: ShownSkin, positions: Floats) -> Floats:
@@ -92,112 +232,49 @@ def _placed(skin: ShownSkin, positions: Floats) -> Floats:
     return np.asarray((positions - centre) @ rotation.T + goal)
 
 
-def _others(skins: Mapping[str, ShownSkin]) -> list[Floats]:
-    targets = [skin.target for skin in skins.values() if skin.target is not None]
-    return targets + [skin.body[0] for skin in skins.values() if skin.body is not None]
-
-
-def _box(points: Sequence[Floats]) -> Box:
-    low = np.min([p.min(axis=0) for p in points], axis=0)
-    high = np.max([p.max(axis=0) for p in points], axis=0)
-    return Box(low, float((high - low).max()))
-
-
-def _packed_skin(packed: Packed, box: Box, skin: ShownSkin) -> dict[str, Any]:
+def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dict[str, Any]:
     pattern = skin.pattern
-    kind = index_type(len(pattern.points))
-    edges = pattern.sewn[pattern.seams[:, 0]]
+    count = len(pattern.points)
+    edges = np.concatenate([pattern.sewn[pattern.seams[:, 0]], pattern.free_edges])
     found: dict[str, Any] = {
-        "vertices": len(pattern.points),
+        "vertices": count,
         "closed": len(pattern.free_edges) == 0,
-        "triangles": packed.add(pattern.triangles.astype(kind)),
-        "seams": packed.add(np.concatenate([edges, pattern.free_edges]).astype(kind)),
+        "triangles": packed.add_numbers(pattern.flat_triangles, len(pattern.sewn)),
+        "sewn": packed.add_numbers(pattern.sewn, count),
+        "seams": packed.add_numbers(edges, count),
+        "grounds": [] if skin.grounds is None else _squares(packed, skin.grounds),
     }
     if skin.target is not None:
-        found["target"] = packed.add(box.rounded(skin.target))
+        found["target"] = packed.add(packed.places(skin.target))
     if skin.regions is not None:
-        found["print"] = _packed_print(packed, cut_triangles(pattern, skin.regions))
-        found["border"] = _packed_border(packed, pattern, skin.regions)
+        found["pattern"], places = patterns.of(skin)
+        found["places"] = packed.add(np.round(STEPS * places).astype(np.uint16))
     if skin.body is not None:
         points, triangles = skin.body
         found["body"] = {
-            "points": packed.add(box.rounded(points)),
-            "triangles": packed.add(triangles.astype(index_type(len(points)))),
+            "points": packed.add(packed.places(points)),
+            "triangles": packed.add_numbers(triangles, len(points)),
         }
     return found
 
 
-def _packed_print(packed: Packed, cut: CutTriangles) -> dict[str, Any]:
-    """Return the polygons that cut triangles are made of: rings of corners, by their weights.
-
-    A ring's last corner, which is its first, is left out.
-    """
-    polygon, first = cut.polygon, cut.first
-    last = np.zeros(len(cut.weights), dtype=bool)
-    last[first[1:] - 1] = True
-    weights = np.round(cut.weights * STEPS).clip(0, STEPS).astype(np.uint16)
-    counts = np.diff(first) - 1
-    return {
-        "cells": packed.add(cut.cell.astype(np.uint32)),
-        "inside": packed.add(cut.inside.astype(np.uint8)),
-        "polygons": packed.add(polygon.astype(np.uint32)),
-        "counts": packed.add(counts.astype(np.uint32)),
-        "weights": packed.add(weights[~last, 1:].T),
-    }
-
-
-def _packed_border(
-    packed: Packed, pattern: Pattern, regions: Sequence[BaseGeometry]
-) -> dict[str, Any]:
-    """Return the borders of the print: pieces of lines, each in one triangle."""
-    cells: list[Ints] = [np.zeros(0, dtype=np.int64)]
-    weights: list[Floats] = [np.zeros((0, 2, 3))]
-    for panel, region in enumerate(regions):
-        here = np.flatnonzero(pattern.panel == panel)
-        found, places = _border(region, pattern.corners[here])
-        cells.append(here[found])
-        weights.append(places)
-    every = np.round(np.concatenate(weights) * STEPS).clip(0, STEPS).astype(np.uint16)
-    return {
-        "cells": packed.add(np.concatenate(cells).astype(np.uint32)),
-        "weights": packed.add(every[..., 1:].reshape(-1, 2).T),
-    }
-
-
-def _border(region: BaseGeometry, corners: Floats) -> tuple[Ints, Floats]:
-    """Return the parts of a region's border inside of triangles, but those along their edges.
-
-    Args:
-        region: The region.
-        corners: Corners of the triangles, (t, 3, 2).
-
-    Returns:
-        The triangle of each part, (k,), and the barycentric coordinates of its ends, (k, 2, 3).
-    """
-    rings, _ = shapely.get_rings(shapely.get_parts(region), return_index=True)
-    points = [shapely.get_coordinates(ring) for ring in rings]
-    if not points:
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 2, 3))
-    ends = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in points])
-    segments, triangles = shapely.linestrings(ends), shapely.polygons(corners)
-    triangle, segment = shapely.STRtree(segments).query(triangles, predicate="intersects")
-    parts = shapely.intersection(segments[segment], triangles[triangle])
-    lines = (shapely.get_type_id(parts) == shapely.GeometryType.LINESTRING) & (
-        shapely.get_num_coordinates(parts) == 2
-    )
-    triangle, parts = triangle[lines], parts[lines]
-    ends = shapely.get_coordinates(parts).reshape(-1, 2, 2)
-    a, b, c = np.moveaxis(corners[triangle], 1, 0)
-    inverse = np.linalg.inv(np.stack([b - a, c - a], axis=2))
-    two = np.einsum("kij,kej->kei", inverse, ends - a[:, None])
-    weights = np.concatenate([1 - two.sum(axis=2, keepdims=True), two], axis=2)
-    along = (weights < ON_EDGE).all(axis=1).any(axis=1)
-    return triangle[~along], weights[~along]
+def _squares(packed: Packed, grounds: Floats) -> list[float]:
+    """Return the corners of two triangles of each ground, in mm from the corner of the box."""
+    size = 1e3 * STEPS * packed.step
+    found = []
+    for point, normal in grounds:
+        side = np.cross([0, 1, 0] if abs(normal[1]) < 0.9 else [0, 0, 1], normal)
+        side /= np.linalg.norm(side)
+        middle = np.full(3, size / 2)
+        middle -= ((middle - 1e3 * (point - packed.low)) @ normal) * normal
+        across = GROUND * size * np.array([side, np.cross(normal, side)])
+        corners = middle + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ across
+        found += corners[[0, 1, 2, 0, 2, 3]].ravel().tolist()
+    return found
 
 
 def _packed_series(
     packed: Packed,
-    box: Box,
     frames: Sequence[Frame],
     shapes: Sequence[Floats],
     skins: Mapping[str, ShownSkin],
@@ -213,24 +290,19 @@ def _packed_series(
     ]
     for name in dict.fromkeys(frame.skin for frame in frames):
         here = [k for k, frame in enumerate(frames) if frame.skin == name]
-        positions = packed.add_changes([box.rounded(shapes[k]) for k in here])
         stretches = [principal_stretches(skins[name].pattern, shapes[k])[:, 1] for k in here]
-        scaled = [_as_byte(s, LEAST_STRETCH, MOST_STRETCH) for s in stretches]
-        large = packed.add_changes(scaled)
-        for k, place, stretch, largest in zip(here, positions, large, stretches, strict=True):
-            found[k] |= {
-                "positions": place,
-                "stretch": stretch,
-                "stretch_range": [float(largest.min()), float(largest.max())],
-            }
-        dense = [k for k in here if frames[k].density is not None]
-        if dense:
-            values = [_as_byte(frames[k].density, 0.0, 1.0) for k in dense]
-            for k, entry in zip(dense, packed.add_changes(values), strict=True):
-                found[k]["density"] = entry
+        for k, large in zip(here, stretches, strict=True):
+            found[k]["stretch_range"] = [float(large.min()), float(large.max())]
+        density = {k: d for k in here if (d := frames[k].density) is not None}
+        for kind, numbers, arrays in (
+            ("positions", here, [packed.places(shapes[k]) for k in here]),
+            ("stretch", here, [_as_bytes(large / STRETCH_STEP) for large in stretches]),
+            ("density", [*density], [_as_bytes(255 * d) for d in density.values()]),
+        ):
+            for k, entry in zip(numbers, packed.add_changes(arrays), strict=True):
+                found[k][kind] = entry
     return found
 
 
-def _as_byte(values: Floats | None, low: float, high: float) -> np.ndarray:
-    assert values is not None
-    return np.round(255 * (values - low) / (high - low)).clip(0, 255).astype(np.uint8)
+def _as_bytes(values: npt.NDArray) -> npt.NDArray[np.uint8]:
+    return np.round(values).clip(0, 255).astype(np.uint8)

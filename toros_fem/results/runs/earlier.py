@@ -5,29 +5,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from toros_fem.results.runs.files import FILES, SIGNS, STATE
 from toros_fem.results.runs.lock import NAME
 
 # Folders that files are moved to, inside the folder of the run.
 PREFIX = "earlier-"
-# What tells a folder of results that has no record, and how names of such results end.
-SIGNS = ("summary.json", "history.csv")
-ENDINGS = (".csv", ".gif", ".html", ".json", ".npz", ".png", ".svg", ".vtu")
-FOLDERS = ("frames", "manufacture")
+KNOWN = {name.partition("/")[0] for name in FILES}
 
 
 def names_beside(folder: Path) -> tuple[str, ...]:
     """Return the names in a folder that belong to no run that is open or moved aside."""
-    return tuple(sorted(p.name for p in folder.iterdir() if not _own(p.name)))
+    names = (path.name for path in folder.iterdir())
+    return tuple(sorted(n for n in names if n != NAME and not n.startswith(PREFIX)))
 
 
-def move_aside(folder: Path, kept: Sequence[str] | None, *, last: str) -> Path | None:
+def move_aside(folder: Path, kept: Sequence[str] | None) -> Path | None:
     """Move the files of an earlier run into a new folder beside them; return it (one rank).
+
+    Its state comes last: a run that is moved in part can be moved again.
 
     Args:
         folder: Folder of the run.
-        kept: Names that belong to no run. None, where no record says so: in a folder of results
-            what has another ending than results have.
-        last: Name that is moved after all others.
+        kept: Names that belong to no run. None, where no record says so: all but the names that
+            files of a run have, if there are some of a run that did more than begin.
 
     Returns:
         None if there is nothing to move.
@@ -35,14 +35,11 @@ def move_aside(folder: Path, kept: Sequence[str] | None, *, last: str) -> Path |
     Raises:
         OSError: A file cannot be moved.
     """
-    names = names_beside(folder)
+    names = set(names_beside(folder))
     if kept is not None:
-        names = tuple(name for name in names if name not in kept)
-    elif any(name in SIGNS for name in names):
-        known = (*FOLDERS, last)
-        names = tuple(name for name in names if name.endswith(ENDINGS) or name in known)
+        names -= set(kept)
     else:
-        names = tuple(name for name in names if name == last)  # a run that hardly began
+        names &= KNOWN if names & set(SIGNS) else {STATE}
     if not names:
         return None
     number = 1
@@ -50,10 +47,6 @@ def move_aside(folder: Path, kept: Sequence[str] | None, *, last: str) -> Path |
         number += 1
     place = folder / f"{PREFIX}{number}"
     place.mkdir()
-    for name in sorted(names, key=lambda name: (name == last, name)):
+    for name in sorted(names, key=lambda name: (name == STATE, name)):
         (folder / name).rename(place / name)
     return place
-
-
-def _own(name: str) -> bool:
-    return name == NAME or name.startswith(PREFIX)

@@ -8,7 +8,9 @@ import logging
 import shlex
 import signal
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self, TypeVar
@@ -17,11 +19,11 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
-from toros_fem.base.files import replace_file
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.files import guarded, replace_file
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.results.runs.earlier import move_aside, names_beside
+from toros_fem.results.runs.files import RECORD, SCENE, STATE
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
 from toros_fem.results.runs.signals import Signals
@@ -30,14 +32,14 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-# Folder of the state inside that of a run, its record, and the text of the scene.
-STATE, RECORD, SCENE = "state", "run.json", "scene.toml"
-SUMMARY = "summary.json"
 # Number of iterations between two writes of the state.
 EVERY = 2
 ANEW = "Start the run anew in another folder."
+UNUSABLE = (
+    "{} cannot be used as the folder of a run: {}. Choose another folder, or free some space."
+)
 
-_open: dict[Path, Run] = {}
+_open: dict[Path, OpenRun] = {}
 
 
 @dataclass(frozen=True)
@@ -61,16 +63,19 @@ class RunRecord:
     format: int = FORMAT
 
 
-class Run:
+class OpenRun:
     """An open run folder, made by `open_run`; as a context manager it is closed at the end.
 
     While it is open, what designs into this folder keeps its state there and finds it again.
 
-    Attributes:
+    Args:
         comm: Communicator.
         folder: The folder.
+        record: What the folder says of the run.
+        closing: Frees the folder's lock; called once.
         resumed: Whether an earlier run goes on.
-        scene: Text of the scene that made it; None without.
+        every: Number of iterations between two writes of the state.
+        again: Command that goes on with the run.
     """
 
     def __init__(
@@ -78,32 +83,22 @@ class Run:
         comm: MPI.Comm,
         folder: Path,
         record: RunRecord,
-        lock: FolderLock | None,
+        closing: ExitStack,
         *,
-        scene: str | None,
         resumed: bool,
         every: int,
         again: str,
     ) -> None:
-        self.comm, self.folder, self.scene, self.resumed = comm, folder, scene, resumed
-        self._record, self._lock, self._every, self._again = record, lock, every, again
-        self._signals = Signals(comm, self._stop)
+        self.comm, self.folder, self.resumed, self.every = comm, folder, resumed, every
+        self.record, self._closing, self._again = record, closing, again
+        self.signals = Signals(comm, self.stop)
         self._journals: dict[str, RunJournal] = {}
 
     def journal(self, folder: str | Path) -> RunJournal:
         """Return the journal of what is designed into this folder, or into one inside it."""
         inside = Path(folder).resolve().relative_to(self.folder.resolve())
         name = "".join(f"{part}." for part in inside.parts)
-        if name not in self._journals:
-            self._journals[name] = RunJournal(
-                self.folder / STATE,
-                self._record.identity,
-                self._every,
-                self._signals,
-                self._stop,
-                name,
-            )
-        return self._journals[name]
+        return self._journals.setdefault(name, RunJournal(self, name))
 
     def check(self) -> None:
         """End the run here if a signal asks for it (collective).
@@ -111,11 +106,16 @@ class Run:
         Raises:
             RunStoppedError: It does; all that can be kept is written.
         """
-        number, _ = self._signals.asked(self.comm)
+        number, _ = self.signals.asked(self.comm)
         if number:
-            self._stop(number)
+            self.stop(number)
 
-    def _stop(self, number: int) -> NoReturn:
+    def stop(self, number: int) -> NoReturn:
+        """End the run because of a signal.
+
+        Raises:
+            RunStoppedError: Always.
+        """
         raise RunStoppedError(
             f"stopped by {signal.Signals(number).name}; the state is on disk. Go on with: "
             f"{self._again}",
@@ -124,7 +124,7 @@ class Run:
 
     def __enter__(self) -> Self:
         _open[self.folder.resolve()] = self
-        self._signals.install()
+        self.signals.install()
         return self
 
     def __exit__(
@@ -134,20 +134,17 @@ class Run:
         trace: TracebackType | None,
     ) -> None:
         _open.pop(self.folder.resolve(), None)
-        self._signals.restore()
-        try:
+        self.signals.restore()
+        with self._closing:
             if error is None:
-                done = replace(self._record, finished=True)
-                _guarded(self.comm, self.folder, lambda: _write_record(self.folder, done))
-        finally:
-            if self._lock is not None:
-                self._lock.release()
-        at_once = self._signals.stopped_at_once
+                done = replace(self.record, finished=True)
+                _in_folder(self.comm, self.folder, lambda: _write_record(self.folder, done))
+        at_once = self.signals.stopped_at_once
         if at_once and error is not None and not isinstance(error, RunStoppedError):
-            self._stop(at_once)  # PETSc makes an error of its own of one in a callback
+            self.stop(at_once)  # PETSc makes an error of its own of one in a callback
 
 
-def run_of(folder: str | Path) -> Run | None:
+def run_of(folder: str | Path) -> OpenRun | None:
     """Return the open run whose folder this is, or lies inside; None without."""
     place = Path(folder).resolve()
     return next((_open[at] for at in (place, *place.parents) if at in _open), None)
@@ -168,7 +165,7 @@ def open_run(
     resume: bool = False,
     every: int = EVERY,
     again: str | None = None,
-) -> Run:
+) -> OpenRun:
     """Open a run folder: lock it, and move the files of an earlier run aside (collective).
 
     Files of an earlier run go to earlier-1, earlier-2, … inside the folder; other files stay.
@@ -190,50 +187,52 @@ def open_run(
     """
     require_count(1, every=every)
     folder = Path(folder)
-    lock: FolderLock | None = None
-    record = RunRecord(dict(inputs), _identity(inputs), written_by=__version__)
-
-    def begin() -> tuple[RunRecord, str | None]:
-        nonlocal lock
-        if resume:
-            found = _read_record(folder)
-            _check_resumable(folder, found, record.identity)
-            lock = FolderLock(folder)
-            return found, _read_scene(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        lock = FolderLock(folder)
-        earlier = _read_record(folder) if (folder / STATE / RECORD).exists() else None
-        moved = move_aside(folder, None if earlier is None else earlier.kept, last=STATE)
-        if moved is not None:
-            ended = earlier is None or earlier.finished
-            of = "an earlier run" if ended else "a run that was not finished"
-            log.warning("files of %s are now in %s", of, moved)
-        made = replace(record, kept=names_beside(folder))
-        (folder / STATE).mkdir()
-        if scene is not None:
-            replace_file(folder / SCENE, scene.encode())
-        _write_record(folder, made)
-        return made, scene
-
-    try:
-        made, text = _guarded(comm, folder, begin)
-    except BaseException:
-        if lock is not None:
-            lock.release()
-        raise
-    return Run(
-        comm,
-        folder,
-        made,
-        lock,
-        scene=text,
-        resumed=resume,
-        every=every,
-        again=again or f"toros resume {shlex.quote(str(folder))}",
-    )
+    new = RunRecord(dict(inputs), _identity(inputs), written_by=__version__)
+    with ExitStack() as stack:
+        begin = (
+            partial(_resume, folder, new.identity, stack)
+            if resume
+            else partial(_anew, folder, new, scene, stack)
+        )
+        record = _in_folder(comm, folder, begin)
+        closing = stack.pop_all()
+    again = again or f"toros resume {shlex.quote(str(folder))}"
+    return OpenRun(comm, folder, record, closing, resumed=resume, every=every, again=again)
 
 
-def read_run(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
+def _resume(folder: Path, identity: str, stack: ExitStack) -> RunRecord:
+    """Lock the folder of a run that goes on, and return its record (one rank)."""
+    record = _read_record(folder)
+    if record.finished:
+        raise RunError(f"the run in {folder} is finished; there is nothing to resume.")
+    if record.identity != identity:
+        raise CheckpointError(
+            f"the run in {folder} has other inputs than those given. Resume it with its own, or "
+            "start a new run without resuming."
+        )
+    stack.callback(FolderLock(folder).release)
+    return record
+
+
+def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) -> RunRecord:
+    """Lock a folder, move an earlier run in it aside, and write scene and record (one rank)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stack.callback(FolderLock(folder).release)
+    earlier = _read_record(folder) if (folder / STATE / RECORD).exists() else None
+    moved = move_aside(folder, None if earlier is None else earlier.kept)
+    if moved is not None:
+        ended = earlier is None or earlier.finished
+        of = "an earlier run" if ended else "a run that was not finished"
+        log.warning("files of %s are now in %s", of, moved)
+    made = replace(record, kept=names_beside(folder))
+    (folder / STATE).mkdir()
+    if scene is not None:
+        replace_file(folder / SCENE, scene.encode())
+    _write_record(folder, made)
+    return made
+
+
+def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
     """Return the record of a run and the text of its scene, None without (collective).
 
     Raises:
@@ -241,24 +240,17 @@ def read_run(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]
         CheckpointError: Its record is damaged or of a newer version.
     """
     folder = Path(folder)
-    return _guarded(comm, folder, lambda: (_read_record(folder), _read_scene(folder)))
+    scene = folder / SCENE
+
+    def read() -> tuple[RunRecord, str | None]:
+        record = _read_record(folder)
+        return record, scene.read_text(encoding="utf-8") if scene.exists() else None
+
+    return _in_folder(comm, folder, read)
 
 
-def _guarded(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
-    """Return the result of an action on the first rank, with errors of the system named."""
-
-    def guarded() -> T:
-        try:
-            return action()
-        except RunError:
-            raise
-        except OSError as caught:
-            raise RunError(
-                f"{folder} cannot be used as the folder of a run: {caught}. Choose another folder, "
-                "or free some space."
-            ) from None
-
-    return on_first_rank(comm, guarded)
+def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
+    return guarded(comm, folder, action, RunError, UNUSABLE, make=False)
 
 
 def _identity(inputs: Mapping[str, Any]) -> str:
@@ -292,18 +284,3 @@ def _read_record(folder: Path) -> RunRecord:
     if not whole:
         raise CheckpointError(f"{path} is damaged: entries are missing. {ANEW}")
     return record
-
-
-def _read_scene(folder: Path) -> str | None:
-    path = folder / SCENE
-    return path.read_text(encoding="utf-8") if path.exists() else None
-
-
-def _check_resumable(folder: Path, record: RunRecord, identity: str) -> None:
-    if record.finished:
-        raise RunError(f"the run in {folder} is finished; there is nothing to resume.")
-    if record.identity != identity:
-        raise CheckpointError(
-            f"the run in {folder} has other inputs than those given. Resume it with its own, or "
-            "start a new run without resuming."
-        )

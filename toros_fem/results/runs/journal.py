@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NoReturn, Protocol
 
 from mpi4py import MPI
 
@@ -14,6 +15,7 @@ from toros_fem.base.errors import CheckpointError, OutputError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND
+from toros_fem.results.runs.files import STATE
 from toros_fem.results.runs.signals import Signals
 
 # Key of what a checkpoint belongs to, and what to do where it cannot serve.
@@ -22,48 +24,38 @@ REMEDY = "Remove it to lose this part of the run alone, or start the run anew."
 log = logging.getLogger(__name__)
 
 
+class Owner(Protocol):
+    """The run that a journal belongs to."""
+
+    folder: Path
+    every: int
+    record: Any
+    signals: Signals
+
+    def stop(self, number: int) -> NoReturn:
+        """End the run because of a signal."""
+
+
 class RunJournal:
     """Journal of a run; it implements `design.loop.journal.Journal`.
 
     Args:
-        folder: Folder of the checkpoints, which exists.
-        identity: Tells the run from others.
-        every: Number of iterations between two writes.
-        signals: The run's signals.
-        stop: Raises the error that ends the run, for the number of a signal.
+        run: The run.
         name: Beginning of the names of all files.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        identity: str,
-        every: int,
-        signals: Signals,
-        stop: Callable[[int], None],
-        name: str = "",
-    ) -> None:
-        self._folder, self._identity, self._every = folder, identity, every
-        self._signals, self._stop, self._name = signals, stop, name
-        self._count = 0
+    def __init__(self, run: Owner, name: str) -> None:
+        self._run, self._name, self._count = run, name, 0
 
     def branch(self, name: str) -> RunJournal:
         """Return a journal inside this one, with a sequence of its own."""
-        return RunJournal(
-            self._folder,
-            self._identity,
-            self._every,
-            self._signals,
-            self._stop,
-            f"{self._name}{name}.",
-        )
+        return RunJournal(self._run, f"{self._name}{name}.")
 
     def entry(self, comm: MPI.Comm, signature: str) -> RunEntry:
         """Return the next entry (collective)."""
-        path = self._folder / f"{self._name}{self._count:03d}.npz"
+        path = self._run.folder / STATE / f"{self._name}{self._count:03d}.npz"
         self._count += 1
-        belongs_to = {"inputs": self._identity, "problem": signature}
-        return RunEntry(comm, path, belongs_to, self._every, self._signals, self._stop)
+        return RunEntry(comm, self._run, path, signature)
 
 
 class RunEntry:
@@ -71,23 +63,15 @@ class RunEntry:
 
     Args:
         comm: Communicator of the loop, which may be a part of the run's.
+        run: The run.
         path: Its file.
-        belongs_to: What tells the file from a foreign one.
-        every, signals, stop: As of `RunJournal`.
+        signature: Tells the loop from others.
     """
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        path: Path,
-        belongs_to: dict[str, str],
-        every: int,
-        signals: Signals,
-        stop: Callable[[int], None],
-    ) -> None:
-        self._comm, self._path, self._belongs_to = comm, path, belongs_to
-        self._every, self._signals, self._stop = every, signals, stop
-        self._since = every  # the first one is written
+    def __init__(self, comm: MPI.Comm, run: Owner, path: Path, signature: str) -> None:
+        self._comm, self._run, self._path = comm, run, path
+        self._belongs_to = {"inputs": run.record.identity, "problem": signature}
+        self._since = run.every  # the first one is written
 
     def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
@@ -109,7 +93,7 @@ class RunEntry:
                 )  # fmt: skip
             return found
 
-        self._signals.waits = True
+        self._run.signals.waits = True
         return on_first_rank(self._comm, read)
 
     def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
@@ -120,19 +104,19 @@ class RunEntry:
             OutputError: It cannot be written; the one before stays.
         """
         self._since += 1
-        number, write = self._signals.asked(self._comm)
-        if last or write or number or self._since >= self._every:
+        number, write = self._run.signals.asked(self._comm)
+        if last or write or number or self._since >= self._run.every:
             self._write(make())
             self._since = 0
         if write:
             log.info("the state is written to %s", self._path.parent)
         if number:
-            self._stop(number)
-        self._signals.waits = not last
+            self._run.stop(number)
+        self._run.signals.waits = not last
 
     def close(self) -> None:
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
-        self._signals.waits = False
+        self._run.signals.waits = False
 
     def _own(self, archive: Archive) -> Archive:
         """Return the content of a file, which must be of this loop."""

@@ -4,8 +4,8 @@
 //   npx esbuild three.entry.js --bundle --minify --format=iife --global-name=THREE \
 //     --target=es2020 --legal-comments=inline --outfile=three.min.js
 export {
-  AmbientLight, BufferAttribute, BufferGeometry, Color, DirectionalLight, DoubleSide, FrontSide,
-  LineBasicMaterial, LineSegments, Mesh, MeshLambertMaterial, PerspectiveCamera, SRGBColorSpace,
-  Scene, ShapeUtils, Vector2, Vector3, WebGLRenderer,
+  AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, Color, DirectionalLight, DoubleSide,
+  FrontSide, LineBasicMaterial, LineSegments, Mesh, MeshLambertMaterial, OrthographicCamera,
+  SRGBColorSpace, Scene, Vector3, WebGLRenderer,
 } from "three";
 export { OrbitControls } from "three/addons/controls/OrbitControls.js";

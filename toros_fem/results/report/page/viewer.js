@@ -1,11 +1,15 @@
 "use strict";
 (() => {
-  const FABRIC = [0.93, 0.86, 0.72], PRINTED = [0.13, 0.2, 0.33], TARGET = [0.42, 0.66, 0.42];
-  // Colours of equal steps of lightness (viridis, by Smith and van der Walt, CC0).
-  const SCALE = ["#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779",
-    "#6ece58", "#b5de2b", "#fde725"];
+  const INKS = ["#ebdfc8", "#1f3a5f"], ACCENT = "#d55e00", BODY = "#9aa5b1", BORDER = "#10182a";
+  // Colours of equal steps of lightness, seen by all eyes alike (cividis, by Nuñez, Anderton, Renslow; CC0).
+  const SCALE = ["#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74",
+    "#c3b369", "#e1cc55", "#fee838"];
   // Faces that meet at a larger angle have an edge between them.
   const SMOOTH = Math.cos((40 * Math.PI) / 180);
+  // Least width in mm, and largest width in pixels, of what a pixel of the print's texture shows.
+  const TEXEL = 0.05, TEXELS = 4096;
+  // Width of the target's outline in pixels, and height of the picture over that of what it shows.
+  const OUTLINE = 2, MARGIN = 1.16;
   const WORDS = { pressure: "pressure", iteration: "design iteration", gait: "gait",
     load: "on the object" };
   const at = (id) => document.getElementById(id);
@@ -17,13 +21,9 @@
     document.documentElement.dataset.state = "failed";
   }
 
-  for (const name of ["curve", "convergence", "pattern", "figures", "files", "inputs", "warnings", "tolerance"]) {
-    const section = at(name);
-    if (!section.querySelector("svg, table, dl, li")) section.hidden = true;
-  }
-
   async function unpack(text) {
-    const raw = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+    const letters = atob(text), raw = new Uint8Array(letters.length);
+    for (let k = 0; k < raw.length; k++) raw[k] = letters.charCodeAt(k);
     const stream = new Blob([raw]).stream().pipeThrough(new DecompressionStream("deflate"));
     return new Uint8Array(await new Response(stream).arrayBuffer());
   }
@@ -54,125 +54,61 @@
     }
   }
 
-  const placed = (grid) => {
-    const out = new Float32Array(grid.length);
-    // In mm, from the box's corner.
-    for (let k = 0; k < grid.length; k++) out[k] = 1e3 * scene.step * grid[k];
-    return out;
-  };
-
-  const linear = (rgb) => {
-    const colour = new THREE.Color().setRGB(...rgb, THREE.SRGBColorSpace);
-    return [colour.r, colour.g, colour.b];
-  };
-  const INKS = [linear(FABRIC), linear(PRINTED)];
+  // In mm, from the box's corner.
+  const placed = (grid) => Float32Array.from(grid, (x) => 1e3 * scene.step * x);
+  const linear = (colour) => new THREE.Color(colour).toArray();
+  const between = (a, b, part) => a.map((x, c) => x + part * (b[c] - x));
+  const FABRIC = linear(INKS[0]), PRINTED = linear(INKS[1]), STOPS = SCALE.map(linear);
   const LOOKUP = Array.from({ length: 256 }, (_, k) => {
-    const place = (k / 255) * (SCALE.length - 1), low = Math.min(Math.floor(place), SCALE.length - 2);
-    const colour = new THREE.Color(SCALE[low]).lerp(new THREE.Color(SCALE[low + 1]), place - low);
-    return [colour.r, colour.g, colour.b];
+    const place = (k / 255) * (STOPS.length - 1), low = Math.min(Math.floor(place), STOPS.length - 2);
+    return between(STOPS[low], STOPS[low + 1], place - low);
   });
+  const colourOf = (part) => LOOKUP[Math.max(0, Math.min(255, Math.round(255 * part)))];
 
-  /* Corners of all polygons that are drawn: each lies in a triangle, at three weights. */
-  class Corners {
-    constructor(skin, cells, weights, inks, index) {
-      Object.assign(this, { skin, cells, weights, inks });
-      const geometry = new THREE.BufferGeometry(), count = cells.length;
-      for (const name of ["position", "normal", "color"])
-        geometry.setAttribute(name, new THREE.BufferAttribute(new Float32Array(3 * count), 3));
-      geometry.setIndex(new THREE.BufferAttribute(index, 1));
-      this.geometry = geometry;
-    }
-
-    update(positions, normals, colour) {
-      const { cells, weights, skin } = this, { triangles } = skin;
-      const place = this.geometry.attributes.position.array;
-      const normal = this.geometry.attributes.normal.array;
-      const ink = this.geometry.attributes.color.array;
-      for (let k = 0; k < cells.length; k++) {
-        const cell = cells[k];
-        for (let axis = 0; axis < 3; axis++) {
-          let x = 0, n = 0;
-          for (let c = 0; c < 3; c++) {
-            const w = weights[3 * k + c];
-            x += w * positions[3 * triangles[3 * cell + c] + axis];
-            n += w * normals[9 * cell + 3 * c + axis];
-          }
-          place[3 * k + axis] = x;
-          normal[3 * k + axis] = n;
-        }
-        const rgb = colour(k, cell);
-        ink[3 * k] = rgb[0]; ink[3 * k + 1] = rgb[1]; ink[3 * k + 2] = rgb[2];
+  /* The print of a flat pattern, painted on fabric, or its borders alone, painted on white. */
+  function texture(drawing, anisotropy, borders) {
+    const { width, height } = drawing.dataset, canvas = document.createElement("canvas");
+    const scale = Math.min(1 / TEXEL, TEXELS / Math.max(width, height));
+    canvas.width = Math.ceil(scale * width);
+    canvas.height = Math.ceil(scale * height);
+    const ctx = canvas.getContext("2d");
+    ctx.fillStyle = borders ? "#ffffff" : INKS[0];
+    ctx.fillRect(0, 0, canvas.width, canvas.height);
+    ctx.fillStyle = ctx.strokeStyle = borders ? BORDER : INKS[1];
+    for (const panel of drawing.querySelectorAll("g")) {
+      const { x, y } = panel.dataset;
+      const [cut, print] = ["cut", "print"].map((name) =>
+        new Path2D(panel.querySelector(`.${name}`).getAttribute("d")));
+      ctx.setTransform(canvas.width / width, 0, 0, -canvas.height / height,
+        (x * canvas.width) / width, (y * canvas.height) / height);
+      ctx.save();
+      if (borders) {
+        ctx.clip(cut);
+        ctx.lineWidth = 6 / scale;
+        ctx.stroke(print);
+      } else {
+        ctx.fill(print, "evenodd");
+        // Beyond a panel's border too, so that no fabric shines through along a printed seam.
+        const beyond = new Path2D();
+        beyond.rect(-x, y - height, width, height);
+        beyond.addPath(cut);
+        ctx.clip(beyond, "evenodd");
+        ctx.lineWidth = 8 / scale;
+        ctx.stroke(print);
       }
-      for (const name of ["position", "normal", "color"])
-        this.geometry.attributes[name].needsUpdate = true;
-      this.geometry.computeBoundingSphere();
+      ctx.restore();
     }
-  }
-
-  function wholeTriangles(skin) {
-    const count = skin.triangles.length, weights = new Float32Array(3 * count);
-    const cells = new Uint32Array(count), index = new Uint32Array(count);
-    for (let k = 0; k < count; k++) {
-      cells[k] = Math.floor(k / 3);
-      weights[3 * k + (k % 3)] = 1;
-      index[k] = k;
-    }
-    return new Corners(skin, cells, weights, null, index);
-  }
-
-  /* The polygons of the print and those beside it; triangles that no print reaches are bare. */
-  function printedTriangles(skin, read, packed) {
-    const cell = read(packed.cells), inside = read(packed.inside), polygon = read(packed.polygons);
-    const counts = read(packed.counts), two = read(packed.weights), total = two.length / 2;
-    const reached = new Uint8Array(skin.triangles.length / 3);
-    for (const c of cell) reached[c] = 1;
-    const bare = [];
-    reached.forEach((yes, c) => { if (!yes) bare.push(c); });
-    const size = total + 3 * bare.length;
-    const cells = new Uint32Array(size), inks = new Uint8Array(size);
-    const weights = new Float32Array(3 * size), index = [];
-    for (let k = 0; k < total; k++) {
-      const u = two[k] / 65535, v = two[total + k] / 65535;
-      weights.set([1 - u - v, u, v], 3 * k);
-    }
-    const place = (k) => new THREE.Vector2(weights[3 * k + 1], weights[3 * k + 2]);
-    let first = 0, ring = 0;
-    for (let p = 0; p < cell.length; p++) {
-      const rings = [], begin = first;
-      for (; ring < polygon.length && polygon[ring] === p; ring++) {
-        rings.push(Array.from({ length: counts[ring] }, (_, k) => place(first + k)));
-        first += counts[ring];
-      }
-      for (let k = begin; k < first; k++) { cells[k] = cell[p]; inks[k] = inside[p]; }
-      const points = rings.flat();
-      for (const [a, b, c] of THREE.ShapeUtils.triangulateShape(rings[0], rings.slice(1))) {
-        const [i, j, k] = [points[a], points[b], points[c]];
-        const area = (j.x - i.x) * (k.y - i.y) - (j.y - i.y) * (k.x - i.x);
-        index.push(begin + a, begin + (area > 0 ? b : c), begin + (area > 0 ? c : b));
-      }
-    }
-    bare.forEach((c, k) => {
-      for (let corner = 0; corner < 3; corner++) {
-        const here = total + 3 * k + corner;
-        cells[here] = c;
-        weights[3 * here + corner] = 1;
-        index.push(here);
-      }
-    });
-    return new Corners(skin, cells, weights, inks, Uint32Array.from(index));
+    return Object.assign(new THREE.CanvasTexture(canvas), { anisotropy, colorSpace: THREE.SRGBColorSpace });
   }
 
   class Skin {
     constructor(read, packed) {
-      this.triangles = read(packed.triangles);
+      Object.assign(this, { vertices: packed.vertices, closed: packed.closed, pattern: packed.pattern });
+      const flat = read(packed.triangles), sewn = read(packed.sewn);
+      this.triangles = flat.map((point) => sewn[point]);
       this.seams = read(packed.seams);
-      this.vertices = packed.vertices;
-      this.closed = packed.closed;
-      this.plain = wholeTriangles(this);
-      this.printed = packed.print ? printedTriangles(this, read, packed.print) : null;
-      this.border = packed.border
-        ? { cells: read(packed.border.cells), weights: read(packed.border.weights) } : null;
       this.target = packed.target ? placed(read(packed.target)) : null;
+      this.grounds = packed.grounds;
       this.body = packed.body
         ? { points: placed(read(packed.body.points)), triangles: read(packed.body.triangles) } : null;
       // Triangles around each vertex.
@@ -182,18 +118,18 @@
       this.around = new Uint32Array(this.triangles.length);
       const next = this.first.slice();
       this.triangles.forEach((v, k) => { this.around[next[v]++] = Math.floor(k / 3); });
-    }
-
-    edges() {
-      if (!this.found) {
-        const pairs = new Set(), t = this.triangles, n = this.vertices;
-        for (let k = 0; k < t.length; k++) {
-          const a = t[k], b = t[k % 3 === 2 ? k - 2 : k + 1];
-          pairs.add(Math.min(a, b) * n + Math.max(a, b));
-        }
-        this.found = Uint32Array.from([...pairs].flatMap((p) => [Math.floor(p / n), p % n]));
+      // Each corner of a triangle is a vertex of the geometry.
+      this.geometry = new THREE.BufferGeometry();
+      for (const name of ["position", "normal", "color"])
+        this.geometry.setAttribute(name,
+          new THREE.BufferAttribute(new Float32Array(3 * this.triangles.length), 3));
+      if (packed.places) {
+        const places = read(packed.places), uv = new Float32Array(2 * flat.length);
+        flat.forEach((point, k) => {
+          for (let c = 0; c < 2; c++) uv[2 * k + c] = places[2 * point + c] / 65535;
+        });
+        this.geometry.setAttribute("uv", new THREE.BufferAttribute(uv, 2));
       }
-      return this.found;
     }
 
     /* Normals of the triangles times twice their areas, (t, 3). */
@@ -208,148 +144,153 @@
       return out;
     }
 
-    /* Normals at the corners of the triangles, smooth except across edges, (t, 3, 3). */
+    /* Normals at the corners of the triangles, smooth except across sharp edges, (t, 3, 3). */
     normals(x) {
       const face = this.faces(x), t = this.triangles, out = new Float32Array(3 * t.length);
       const length = (k) => Math.hypot(face[k], face[k + 1], face[k + 2]) || 1;
       for (let k = 0; k < t.length; k++) {
-        const own = 3 * Math.floor(k / 3), size = length(own);
-        let nx = 0, ny = 0, nz = 0;
+        const own = 3 * Math.floor(k / 3), size = length(own), sum = [0, 0, 0];
         for (let j = this.first[t[k]]; j < this.first[t[k] + 1]; j++) {
           const f = 3 * this.around[j];
           const dot = face[own] * face[f] + face[own + 1] * face[f + 1] + face[own + 2] * face[f + 2];
-          if (dot >= SMOOTH * size * length(f)) { nx += face[f]; ny += face[f + 1]; nz += face[f + 2]; }
+          if (dot >= SMOOTH * size * length(f)) for (let c = 0; c < 3; c++) sum[c] += face[f + c];
         }
-        const norm = Math.hypot(nx, ny, nz) || 1;
-        out[3 * k] = nx / norm; out[3 * k + 1] = ny / norm; out[3 * k + 2] = nz / norm;
+        const norm = Math.hypot(...sum) || 1;
+        for (let c = 0; c < 3; c++) out[3 * k + c] = sum[c] / norm;
       }
       return out;
+    }
+
+    /* Put the geometry at positions, with a colour for each corner k of the triangle k / 3. */
+    update(positions, paint) {
+      const { position, normal, color } = this.geometry.attributes;
+      normal.array.set(this.normals(positions));
+      this.triangles.forEach((v, k) => {
+        position.array.set(positions.subarray(3 * v, 3 * v + 3), 3 * k);
+        color.array.set(paint(k), 3 * k);
+      });
+      for (const part of [position, normal, color]) part.needsUpdate = true;
     }
   }
 
   function viewer(skins) {
     const canvas = at("canvas"), stage = at("stage");
-    const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, stencil: true });
     renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-    const world = new THREE.Scene(), camera = new THREE.PerspectiveCamera(28, 1, 1, 1e4);
+    const world = new THREE.Scene(), camera = new THREE.OrthographicCamera();
     camera.up.set(0, 0, 1);
     const light = new THREE.DirectionalLight(0xffffff, 1.5);
     light.position.set(-0.35, 0.45, 0.82);
     camera.add(light);
     world.add(camera, new THREE.AmbientLight(0xffffff, 1.6));
     const controls = new THREE.OrbitControls(camera, canvas);
-    const surface = new THREE.MeshLambertMaterial({ vertexColors: true, polygonOffset: true,
-      polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
-    const mesh = new THREE.Mesh(new THREE.BufferGeometry(), surface);
-    const green = new THREE.Color(...linear(TARGET));
-    const solid = (opacity) => new THREE.Mesh(new THREE.BufferGeometry(),
-      new THREE.MeshLambertMaterial({ color: green, transparent: opacity < 1, opacity,
-        depthWrite: opacity === 1, side: THREE.DoubleSide }));
-    const target = solid(0.4), body = solid(1);
-    // The target often lies inside of the skin: it is drawn over it.
-    target.material.depthTest = false;
-    target.material.side = THREE.FrontSide;
-    target.renderOrder = 1;
-    const strokes = (colour, opacity) => new THREE.LineSegments(new THREE.BufferGeometry(),
-      new THREE.LineBasicMaterial({ color: colour, transparent: opacity < 1, opacity }));
-    const border = strokes(0x10182a, 1), seams = strokes(0x7a4a1c, 1), edges = strokes(0x303a48, 0.35);
-    for (const part of [mesh, target, body, border, seams, edges]) part.frustumCulled = false;
-    world.add(mesh, body, border, seams, edges, target);
+    const make = (Part, Material, look) => {
+      const part = new Part(new THREE.BufferGeometry(), new Material(look));
+      part.frustumCulled = false;
+      world.add(part);
+      return part;
+    };
+    const solid = (look) => make(THREE.Mesh, THREE.MeshLambertMaterial, look);
+    const mesh = solid({ vertexColors: true, polygonOffset: true, polygonOffsetFactor: 1,
+      polygonOffsetUnits: 1 });
+    const surface = mesh.material, body = solid({ color: BODY, side: THREE.DoubleSide });
+    const ground = solid({ color: BODY, transparent: true, opacity: 0.35 }); // seen from above
+    const seams = make(THREE.LineSegments, THREE.LineBasicMaterial, { color: "#7a4a1c" });
+    const edges = solid({ color: 0, emissive: "#303a48", wireframe: true, transparent: true,
+      opacity: 0.35 });
+    // The target's outline: what the target covers where it is moved a little, but not where it
+    // is. It often lies inside of the skin, and so it is drawn over it.
+    const over = { depthTest: false, depthWrite: false, side: THREE.DoubleSide, stencilWrite: true,
+      stencilRef: 1 };
+    const target = solid({ ...over, colorWrite: false, stencilZPass: 7681 });
+    const rim = { ...over, color: 0, emissive: ACCENT, stencilFunc: 517 };
+    const outline = Array.from({ length: 8 }, () => solid(rim));
+    [target, ...outline].forEach((part) => { part.renderOrder = part === target ? 1 : 2; });
+    const textures = new Map(), most = renderer.capabilities.getMaxAnisotropy();
+    const painted = (number, borders) => {
+      const key = `${number} ${borders}`;
+      if (!textures.has(key))
+        textures.set(key, texture(document.querySelectorAll("svg.flat")[number], Math.min(8, most), borders));
+      return textures.get(key);
+    };
 
-    let pending = false;
+    let pending = false, touched = false, framed = null, direction = null, shown = null;
     function render() {
       pending = false;
+      const width = OUTLINE * drawScale();
+      outline.forEach((part, k) => {
+        const angle = (2 * Math.PI * k) / outline.length;
+        part.position.set(width * Math.cos(angle), width * Math.sin(angle), 0)
+          .applyQuaternion(camera.quaternion);
+      });
       renderer.render(world, camera);
-      drawScale();
     }
     function soon() {
       if (!pending) { pending = true; requestAnimationFrame(render); }
     }
     controls.addEventListener("change", soon);
+    controls.addEventListener("start", () => { touched = true; });
 
     function resize() {
       const { width, height } = stage.getBoundingClientRect();
       if (!width || !height) return;
       renderer.setSize(width, height, false);
-      camera.aspect = width / height;
+      [camera.left, camera.right] = [-1, 1].map((side) => (side * camera.top * width) / height);
       camera.updateProjectionMatrix();
       soon();
     }
-    new ResizeObserver(() => { resize(); if (!touched) fit(); }).observe(stage);
-    let touched = false, framed = null, direction = new THREE.Vector3(0.6, -1, 0.5);
-    controls.addEventListener("start", () => { touched = true; });
+    new ResizeObserver(() => { if (touched) resize(); else fit(); }).observe(stage);
 
     /* Put the camera so that the points fill the picture, seen from the direction. */
     function fit() {
       if (!framed) return;
-      const toward = direction.clone().normalize();
+      const toward = direction.clone().normalize(), point = new THREE.Vector3();
       const right = new THREE.Vector3().crossVectors(camera.up, toward).normalize();
-      const upward = new THREE.Vector3().crossVectors(toward, right);
-      const point = new THREE.Vector3(), low = [Infinity, Infinity, Infinity];
-      const high = low.map((x) => -x);
-      const along = (k) => {
-        point.fromArray(framed, k);
-        return [point.dot(right), point.dot(upward), point.dot(toward)];
-      };
-      for (let k = 0; k < framed.length; k += 3) along(k).forEach((x, axis) => {
-        low[axis] = Math.min(low[axis], x); high[axis] = Math.max(high[axis], x);
+      const [x, y, z] = [right, new THREE.Vector3().crossVectors(toward, right), toward].map((axis) => {
+        let low = Infinity, high = -Infinity;
+        for (let k = 0; k < framed.length; k += 3) {
+          const place = point.fromArray(framed, k).dot(axis);
+          low = Math.min(low, place); high = Math.max(high, place);
+        }
+        return { axis, middle: (low + high) / 2, half: (high - low) / 2 };
       });
-      const middle = low.map((x, axis) => (x + high[axis]) / 2);
-      const vertical = Math.tan((camera.fov * Math.PI) / 360) * 0.86;
-      const horizontal = vertical * camera.aspect;
-      let distance = 0;
-      for (let k = 0; k < framed.length; k += 3) {
-        const [x, y, z] = along(k);
-        distance = Math.max(distance, z - middle[2] + Math.abs(x - middle[0]) / horizontal,
-          z - middle[2] + Math.abs(y - middle[1]) / vertical);
-      }
-      controls.target.set(0, 0, 0).addScaledVector(right, middle[0])
-        .addScaledVector(upward, middle[1]).addScaledVector(toward, middle[2]);
-      camera.position.copy(controls.target).addScaledVector(toward, distance);
-      camera.near = distance / 100;
-      camera.far = distance * 10;
-      camera.updateProjectionMatrix();
+      const { clientWidth: width, clientHeight: height } = stage;
+      const top = MARGIN * Math.max(y.half, (x.half * height) / width), far = 10 * (top + z.half);
+      controls.target.set(0, 0, 0);
+      for (const { axis, middle } of [x, y, z]) controls.target.addScaledVector(axis, middle);
+      camera.position.copy(controls.target).addScaledVector(toward, far);
+      Object.assign(camera, { top, bottom: -top, near: 0, far: 2 * far, zoom: 1 });
+      resize();
       controls.update();
       touched = false;
       soon();
     }
 
+    /* Draw the bar of a round length; return the length of a pixel in mm. */
     function drawScale() {
-      const distance = camera.position.distanceTo(controls.target);
-      const perPixel = (2 * distance * Math.tan((camera.fov * Math.PI) / 360)) / stage.clientHeight;
+      const perPixel = (2 * camera.top) / camera.zoom / stage.clientHeight;
       const most = perPixel * 130, power = 10 ** Math.floor(Math.log10(most));
       const length = power * [5, 2, 1].find((k) => k * power <= most);
       at("scale").children[0].textContent = `${+length.toPrecision(1)} mm`;
       at("scale").children[1].style.width = `${length / perPixel}px`;
+      return perPixel;
     }
 
-    function segments(part, positions, pairs) {
-      const out = new Float32Array(3 * pairs.length);
-      for (let k = 0; k < pairs.length; k++)
-        for (let axis = 0; axis < 3; axis++) out[3 * k + axis] = positions[3 * pairs[k] + axis];
-      part.geometry.setAttribute("position", new THREE.BufferAttribute(out, 3));
+    function setPoints(part, points, index) {
+      part.geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+      part.geometry.setIndex(new THREE.BufferAttribute(Uint32Array.from(index), 1));
+      if (part.isMesh) part.geometry.computeVertexNormals();
     }
 
-    /* The print's borders: two ends for each piece, in one triangle. */
-    function contours(part, positions, { border: { cells, weights }, triangles }) {
-      const count = 2 * cells.length, out = new Float32Array(3 * count);
-      for (let k = 0; k < count; k++) {
-        const u = weights[k] / 65535, v = weights[count + k] / 65535, first = 3 * cells[k >> 1];
-        const [a, b, c] = [0, 1, 2].map((corner) => 3 * triangles[first + corner]);
-        for (let axis = 0; axis < 3; axis++)
-          out[3 * k + axis] = (1 - u - v) * positions[a + axis] + u * positions[b + axis]
-            + v * positions[c + axis];
-      }
-      part.geometry.setAttribute("position", new THREE.BufferAttribute(out, 3));
-    }
-
-    function setBody(part, points, triangles) {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-      geometry.setIndex(new THREE.BufferAttribute(Uint32Array.from(triangles), 1));
-      geometry.computeVertexNormals();
-      part.geometry.dispose();
-      part.geometry = geometry;
+    function take(skin) {
+      mesh.geometry = edges.geometry = skin.geometry;
+      const side = skin.closed ? THREE.FrontSide : THREE.DoubleSide;
+      if (surface.side !== side) { surface.side = side; surface.needsUpdate = true; }
+      if (skin.body) setPoints(body, skin.body.points, skin.body.triangles);
+      setPoints(ground, Float32Array.from(skin.grounds), skin.grounds.map((_, k) => k));
+      if (skin.target) setPoints(target, skin.target, skin.triangles);
+      for (const part of outline) part.geometry = target.geometry;
+      shown = skin;
     }
 
     /* Come no nearer than that the points stay in the picture, unless a reader chose the view. */
@@ -359,114 +300,60 @@
       camera.updateMatrixWorld();
       for (let k = 0; k < points.length; k += 3) {
         point.fromArray(points, k).project(camera);
-        if (Math.abs(point.x) > 0.98 || Math.abs(point.y) > 0.98) {
-          const both = new Float32Array(framed.length + points.length);
-          both.set(framed);
-          both.set(points, framed.length);
-          framed = both;
-          fit();
-          return;
-        }
+        if (Math.abs(point.x) < 0.98 && Math.abs(point.y) < 0.98) continue;
+        framed = Float32Array.from([...framed, ...points]);
+        fit();
+        return;
       }
     }
 
-    let shown = null;
     /* Show a frame; return the range of its colours, or null. */
     function show(frame, colour) {
       const skin = skins[frame.skin], positions = placed(frame.positions);
-      const corners = frame.density || !skin.printed ? skin.plain : skin.printed;
-      let range = null, paint;
+      let range = null, paint = () => FABRIC;
+      const printed = skin.pattern !== undefined && !frame.density;
       if (colour === "stretch") {
-        range = [...frame.stretch_range];
-        if (range[1] - range[0] < 0.01) range[1] = range[0] + 0.01;
-        paint = (_, cell) => LOOKUP[Math.max(0, Math.min(255,
-          Math.round((255 * (frame.stretch[cell] / 100 - range[0])) / (range[1] - range[0]))))];
+        const [low, high] = frame.stretch_range;
+        range = [low, Math.max(high, low + 0.01)];
+        paint = (k) => colourOf((frame.stretch[Math.floor(k / 3)] / 100 - low) / (range[1] - low));
       } else if (colour === "distance" && skin.target) {
-        const far = new Float32Array(skin.vertices);
-        for (let v = 0; v < skin.vertices; v++)
-          far[v] = Math.hypot(positions[3 * v] - skin.target[3 * v],
-            positions[3 * v + 1] - skin.target[3 * v + 1], positions[3 * v + 2] - skin.target[3 * v + 2]);
-        range = [0, Math.max(1e-3, far.reduce((a, b) => Math.max(a, b), 0))];
-        paint = (k, cell) => {
-          let value = 0;
-          for (let c = 0; c < 3; c++)
-            value += corners.weights[3 * k + c] * far[skin.triangles[3 * cell + c]];
-          return LOOKUP[Math.max(0, Math.min(255, Math.round((255 * value) / range[1])))];
-        };
+        const far = new Float32Array(skin.vertices).map((_, v) => Math.hypot(
+          ...[0, 1, 2].map((c) => positions[3 * v + c] - skin.target[3 * v + c])));
+        range = [0, far.reduce((a, b) => Math.max(a, b), 1e-3)];
+        paint = (k) => colourOf(far[skin.triangles[k]] / range[1]);
       } else if (frame.density) {
-        const mixed = INKS[0].map((_, c) => (d) => INKS[0][c] + d * (INKS[1][c] - INKS[0][c]));
-        paint = (_, cell) => mixed.map((mix) => mix(frame.density[cell] / 255));
-      } else {
-        paint = (k) => INKS[corners.inks ? corners.inks[k] : 0];
+        paint = (k) => between(FABRIC, PRINTED, frame.density[Math.floor(k / 3)] / 255);
+      } else if (printed) {
+        paint = () => [1, 1, 1];
       }
-      corners.update(positions, skin.normals(positions), paint);
-      mesh.geometry = corners.geometry;
-      const side = skin.closed ? THREE.FrontSide : THREE.DoubleSide;
-      if (surface.side !== side) { surface.side = side; surface.needsUpdate = true; }
-      border.visible = range !== null && corners === skin.printed;
-      if (border.visible) contours(border, positions, skin);
-      if (shown !== skin) {
-        if (skin.target) setBody(target, skin.target, skin.triangles);
-        if (skin.body) setBody(body, skin.body.points, skin.body.triangles);
-        shown = skin;
-      }
-      target.visible = at("target").checked && skin.target !== null;
+      const map = printed ? painted(skin.pattern, range !== null) : null;
+      if (surface.map !== map) { surface.map = map; surface.needsUpdate = true; }
+      skin.update(positions, paint);
+      if (shown !== skin) take(skin);
+      for (const part of [target, ...outline])
+        part.visible = at("target").checked && skin.target !== null;
       body.visible = at("body").checked && skin.body !== null;
+      ground.visible = at("body").checked && skin.grounds.length > 0;
       seams.visible = at("seams").checked;
       edges.visible = at("mesh").checked;
       keepInside(positions);
       if (target.visible) keepInside(skin.target);
-      if (seams.visible) segments(seams, positions, skin.seams);
-      if (edges.visible) segments(edges, positions, skin.edges());
+      if (seams.visible) setPoints(seams, positions, skin.seams);
       soon();
       return range;
     }
 
-    /* The direction from which most of the print, and of the shape, is to be seen. */
-    function bestDirection(frame) {
-      const skin = skins[frame.skin], positions = placed(frame.positions);
-      const faces = skin.faces(positions), ink = new Float32Array(faces.length / 3);
-      if (frame.density) frame.density.forEach((d, c) => { ink[c] = d / 255; });
-      else if (skin.printed) skin.printed.inks.forEach((d, k) => { ink[skin.printed.cells[k]] = Math.max(ink[skin.printed.cells[k]], d); });
-      let best = -1, found = null;
-      for (const tilt of [0.35, -0.3]) for (let turn = 0; turn < 16; turn++) {
-        // Never along an axis of symmetry, where depth would not be seen.
-        const angle = ((turn + 0.5) / 16) * 2 * Math.PI;
-        const d = new THREE.Vector3(Math.cos(angle), Math.sin(angle), tilt).normalize();
-        const right = new THREE.Vector3().crossVectors(camera.up, d).normalize();
-        const upward = new THREE.Vector3().crossVectors(d, right);
-        let score = 0;
-        for (let c = 0; c < ink.length; c++) {
-          const facing = faces[3 * c] * d.x + faces[3 * c + 1] * d.y + faces[3 * c + 2] * d.z;
-          if (facing > 0) score += facing * (0.3 + ink[c]);
-        }
-        const spread = [right, upward].map((axis) => {
-          let low = Infinity, high = -Infinity;
-          for (let k = 0; k < positions.length; k += 3) {
-            const x = positions[k] * axis.x + positions[k + 1] * axis.y + positions[k + 2] * axis.z;
-            low = Math.min(low, x); high = Math.max(high, x);
-          }
-          return high - low;
-        });
-        score *= Math.sqrt(spread[0] * spread[1]) * (tilt > 0 ? 1.15 : 1);
-        if (score > best) { best = score; found = d; }
-      }
-      return found;
-    }
-
-    resize();
     return {
       show,
-      look(from) { direction = from; fit(); },
-      /* Frame points, (3 n), from the best direction for a frame. */
-      frame(points, frame) { framed = points; direction = bestDirection(frame); fit(); },
+      look(from) { direction = new THREE.Vector3(...from); fit(); },
+      /* Frame points, (3 n), from a direction. */
+      frame(points, from) { framed = points; this.look(from); },
     };
   }
 
   function start(bytes) {
     const read = reader(bytes), skins = {};
     for (const [name, packed] of Object.entries(scene.skins)) skins[name] = new Skin(read, packed);
-    for (const entries of Object.values(scene.series)) unpackSeries(read, entries);
     let view;
     try {
       view = viewer(skins);
@@ -476,74 +363,78 @@
     }
     const names = Object.keys(scene.series), current = {}, sliders = {};
     let series = scene.start.series, playing = null;
+    const frameOf = (name) => scene.series[name][current[name]], unpacked = new Set();
 
-    const colour = () => document.querySelector("input[name=colour]:checked").value;
-    /* What the camera is placed for: a frame, and the body beside it. */
+    /* Unpack the shapes of a series when they are asked for: others need not wait for them. */
+    function prepare() {
+      if (!unpacked.has(series)) unpackSeries(read, scene.series[series]);
+      unpacked.add(series);
+    }
+
+    /* Place the camera for a frame, and the body beside it. */
     function around(frame) {
-      const positions = placed(frame.positions), { body } = skins[frame.skin];
-      if (!body) return positions;
-      const out = new Float32Array(positions.length + body.points.length);
-      out.set(positions);
-      out.set(body.points, positions.length);
-      return out;
+      prepare();
+      const { body } = skins[frame.skin];
+      const points = [...placed(frame.positions), ...(body ? body.points : [])];
+      view.frame(Float32Array.from(points), scene.from[series]);
+    }
+
+    function entries(parent, rows) {
+      parent.replaceChildren(...rows.map((texts) => {
+        const row = document.createElement(texts.length > 1 ? "div" : "span");
+        if (texts.length === 1) row.textContent = texts[0];
+        else row.append(...texts.map((text, k) => {
+          const part = document.createElement(k ? "dd" : "dt");
+          part.textContent = text;
+          return part;
+        }));
+        return row;
+      }));
     }
 
     function update() {
-      const frame = scene.series[series][current[series]], skin = skins[frame.skin];
+      prepare();
+      const frame = frameOf(series), skin = skins[frame.skin];
       at("with-target").hidden = !skin.target;
-      at("with-body").hidden = !skin.body;
+      at("with-body").hidden = !skin.body && !skin.grounds.length;
       const distance = document.querySelector("input[value=distance]");
       distance.parentElement.hidden = !skin.target;
       if (!skin.target && distance.checked) document.querySelector("input[value=print]").checked = true;
-      const mode = colour(), range = view.show(frame, mode);
+      const mode = document.querySelector("input[name=colour]:checked").value;
+      const range = view.show(frame, mode);
       at("caption").textContent = series === "iteration" ? `iteration ${frame.label}` : frame.label;
       at("bar").hidden = range === null;
       if (range) {
         const unit = mode === "distance" ? " mm" : "";
-        at("bar-title").textContent = mode === "distance" ? "distance from the target (mm)"
-          : "largest principal stretch";
+        at("bar-title").textContent = unit ? "distance from the target (mm)" : "largest principal stretch";
         at("bar-colours").style.background = `linear-gradient(to right, ${SCALE.join(",")})`;
-        const marks = [0, 0.5, 1].map((part) => range[0] + part * (range[1] - range[0]));
-        at("bar-marks").replaceChildren(...marks.map((value) => {
-          const mark = document.createElement("span");
-          mark.textContent = `${+value.toPrecision(3)}${unit}`;
-          return mark;
-        }));
+        entries(at("bar-marks"), [0, 0.5, 1].map((part) =>
+          [`${+(range[0] + part * (range[1] - range[0])).toPrecision(3)}${unit}`]));
       }
-      at("values").replaceChildren(...frame.shown.map(([name, value]) => {
-        const row = document.createElement("div");
-        row.append(document.createElement("dt"), document.createElement("dd"));
-        row.children[0].textContent = name;
-        row.children[1].textContent = value;
-        return row;
-      }));
+      entries(at("values"), frame.shown);
       at("note").textContent = frame.note;
       at("note").hidden = !frame.note;
       for (const name of names) {
         sliders[name].classList.toggle("now", name === series);
-        const entry = scene.series[name][current[name]];
-        sliders[name].querySelector("b").textContent = entry.label;
+        sliders[name].querySelector("b").textContent = frameOf(name).label;
       }
       for (const chart of document.querySelectorAll("svg.chart")) {
         const line = chart.querySelector(".now"), data = chart.dataset;
-        const entry = chart.dataset.series === series ? frame : null;
-        const part = entry ? (entry.x - data.low) / (data.high - data.low) : -1;
-        const x = part >= 0 && part <= 1 ? +data.left + part * (data.right - data.left) : -9;
+        const part = (frame.x - data.low) / (data.high - data.low);
+        const here = data.series === series && part >= 0 && part <= 1;
+        const x = here ? +data.left + part * (data.right - data.left) : -9;
         line.setAttribute("x1", x);
         line.setAttribute("x2", x);
       }
     }
 
     function choose(name, index) {
-      if (name !== series) {
-        const before = series;
-        series = name;
-        if (scene.frame_of[name] !== scene.frame_of[before]) view.frame(around(last(name)), last(name));
-      }
+      const other = scene.frame_of[name] !== scene.frame_of[series];
+      series = name;
+      if (other) around(scene.series[name].at(-1));
       current[name] = index;
       update();
     }
-    const last = (name) => scene.series[name][scene.series[name].length - 1];
 
     function stop() {
       clearInterval(playing);
@@ -559,9 +450,10 @@
       row.className = "slider";
       row.innerHTML = "<span><label></label><b></b></span><input type=\"range\" min=\"0\">"
         + "<button type=\"button\">▶</button>";
-      const [input, button] = [row.querySelector("input"), row.querySelector("button")];
-      row.querySelector("label").textContent = WORDS[name];
-      row.querySelector("label").htmlFor = input.id = `slider-${name}`;
+      const [label, input, button] = ["label", "input", "button"].map((part) => row.querySelector(part));
+      label.textContent = WORDS[name];
+      label.htmlFor = input.id = `slider-${name}`;
+      label.addEventListener("click", () => { if (name !== series) choose(name, current[name]); });
       input.max = count - 1;
       input.value = current[name];
       input.hidden = count < 2;
@@ -570,19 +462,15 @@
       button.setAttribute("aria-label", `play over ${WORDS[name]}`);
       if (count < 2) button.textContent = "show";
       button.addEventListener("click", () => {
-        if (count < 2) { stop(); choose(name, 0); return; }
         const again = playing !== null && series === name;
         stop();
-        if (again) return;
+        if (count < 2) choose(name, 0);
+        if (again || count < 2) return;
         button.textContent = "❚❚";
         playing = setInterval(() => {
-          const next = (current[name] + 1) % count;
-          input.value = next;
-          choose(name, next);
+          input.value = (current[name] + 1) % count;
+          choose(name, +input.value);
         }, Math.max(60, Math.min(400, 6000 / count)));
-      });
-      row.addEventListener("click", (event) => {
-        if (event.target.tagName === "LABEL" && name !== series) choose(name, current[name]);
       });
       sliders[name] = row;
       at("sliders").append(row);
@@ -591,13 +479,11 @@
       input.addEventListener("change", update);
     for (const button of document.querySelectorAll("#views button"))
       button.addEventListener("click", () => {
-        const frame = scene.series[series][current[series]];
-        if (button.dataset.best !== undefined) view.frame(around(frame), frame);
-        else view.look(new THREE.Vector3(...button.dataset.from.split(",").map(Number)));
+        const { from } = button.dataset;
+        if (from === "best") around(frameOf(series));
+        else view.look(from.split(",").map(Number));
       });
-    at("resolution").textContent = scene.resolution;
-    const first = scene.series[series][current[series]];
-    view.frame(around(first), first);
+    around(frameOf(series));
     update();
     requestAnimationFrame(() => requestAnimationFrame(() => {
       document.documentElement.dataset.state = "ready";
@@ -605,16 +491,13 @@
   }
 
   if (!scene.start) {
-    at("view").hidden = true;
     document.documentElement.dataset.state = "ready";
-    return;
-  }
-  if (typeof DecompressionStream === "undefined") {
+  } else if (typeof DecompressionStream === "undefined") {
     say("This browser is too old for the view in space; it needs Chromium 80, Firefox 113 or Safari 16.4.");
-    return;
+  } else {
+    unpack(at("data").textContent).then(start).catch((error) => {
+      say(`The view in space could not be drawn: ${error.message}`);
+      throw error;
+    });
   }
-  unpack(at("data").textContent).then(start).catch((error) => {
-    say(`The view in space could not be drawn: ${error.message}`);
-    throw error;
-  });
 })();

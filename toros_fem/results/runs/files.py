@@ -1,0 +1,21 @@
+"""The files of a run, by the one table that says what each holds."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from importlib import resources
+
+# Folder of the state inside that of a run, its record, the text of the scene, and the figures.
+STATE, RECORD, SCENE, SUMMARY = "state", "run.json", "scene.toml", "summary.json"
+# What tells a folder of results that has no record.
+SIGNS = (SUMMARY, "history.csv")
+
+
+def _table() -> Mapping[str, str]:
+    text = resources.files("toros_fem.results").joinpath("files.csv").read_text(encoding="utf-8")
+    return {row["file"]: row["what it holds"] for row in csv.DictReader(text.splitlines())}
+
+
+# What each file holds, in the order of lists; of a folder what is in it, or the file to open.
+FILES = _table()

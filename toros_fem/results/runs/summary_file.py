@@ -1,0 +1,81 @@
+"""What summary.json of a run holds, read again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from toros_fem.base.errors import OutputError
+from toros_fem.base.files import read_json
+from toros_fem.measures.figures import Figure, formatted
+from toros_fem.results.runs.files import SUMMARY
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What summary.json of a run holds; empty for a run that was stopped.
+
+    Attributes:
+        figures: The figures by their keys, such as "angle_deg".
+        entries: Further entries.
+    """
+
+    figures: Mapping[str, Figure]
+    entries: Mapping[str, Any]
+
+    def __bool__(self) -> bool:
+        """Whether there is one."""
+        return bool(self.figures or self.entries)
+
+    def value(self, key: str) -> float | None:
+        """Return the value of a figure; None if there is no such figure, or no equilibrium."""
+        return self.figures[key].value if key in self.figures else None
+
+    def _repr_html_(self) -> str:
+        return figures_html(self.figures.values())
+
+
+def figures_html(figures: Iterable[Figure]) -> str:
+    """Return the table of figures that a notebook shows."""
+    rows = [
+        (figure.name.replace("_", " "), figure.shown, formatted(figure.target, figure.unit))
+        for figure in figures
+    ]
+    cells = ("".join(f"<td>{escape(text)}</td>" for text in row) for row in rows)
+    body = "".join(f"<tr>{row}</tr>" for row in cells)
+    return f"<table><tr><th></th><th>value</th><th>target</th></tr>{body}</table>"
+
+
+def read_content(folder: Path) -> dict[str, Any]:
+    """Return what summary.json of a run holds, empty if there is none yet (one rank).
+
+    Raises:
+        OutputError: It cannot be read, is none, or is that of an earlier version.
+    """
+    path = folder / SUMMARY
+    content = read_json(path)
+    if content and "figures" not in content:
+        raise OutputError(
+            f'{path} has no list "figures": it was written by an earlier version of toros_fem, '
+            "whose runs are not read any more. Run the scene again."
+        )
+    return content
+
+
+def summary_of(folder: Path) -> Summary:
+    """Return the summary of a run, empty if there is none yet (one rank).
+
+    Raises:
+        OutputError: It cannot be read, is none, or is that of an earlier version.
+    """
+    content = read_content(folder)
+    try:
+        rows = content.pop("figures", [])
+        found = [Figure(*(row[one.name] for one in fields(Figure))) for row in rows]
+    except (KeyError, TypeError):
+        path = folder / SUMMARY
+        raise OutputError(f'{path}: an entry of "figures" is no figure. Run again.') from None
+    return Summary({figure.key: figure for figure in found}, content)
