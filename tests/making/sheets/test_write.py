@@ -10,13 +10,13 @@ import meshio
 import numpy as np
 import pytest
 import shapely
+from helpers.machine_files import read_regions
 from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
 from toros_fem.base.files import replace_file
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.sheets.reading import read_regions
 from toros_fem.making.sheets.write import if_possible, made_as, write_manufacture
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.makers.sheets import rectangle
@@ -184,6 +184,8 @@ def test_a_print_is_as_thick_as_it_was_designed() -> None:
     assert made_as({"inputs": {"thickness": 0.7e-3}}).layer_height == 0.7e-3
     thicker = {"thickness": 0.7e-3, "reinforcement_thickness": 0.8e-3}
     assert made_as({"inputs": thicker}).layer_height == 0.8e-3
+    laid = {**thicker, "print_height": 0.5e-3}
+    assert made_as({"inputs": laid}).layer_height == 0.5e-3, "of the layer, not of the laminate"
     assert made_as({"inputs": {"print_side": "inside"}}).print_side == "inside"
     assert made_as({"inputs": {"print_side": None}}) == ManufactureOptions()
     assert made_as(None) == made_as({}) == ManufactureOptions()
@@ -215,12 +217,3 @@ def test_what_cannot_be_made_is_said_in_a_line(
     if_possible(lambda: write(SMALL))
     assert "pip install toros_fem[manufacture]" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
-
-
-def test_files_of_another_pattern_are_refused(pattern: Pattern, tmp_path: Path) -> None:
-    with pytest.raises(ManufactureFileError, match="holds no machine files"):
-        read_regions(tmp_path, pattern)
-    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
-    (tmp_path / "cut_2.svg").unlink()
-    with pytest.raises(ManufactureFileError, match=r"cut_2\.svg"):
-        read_regions(tmp_path, pattern)

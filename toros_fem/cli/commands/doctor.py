@@ -23,7 +23,7 @@ from toros_fem.cli.command_line.command import Answer, Command
 
 PACKAGES = (
     "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "matplotlib", "ezdxf", "ipctk",
-    "lib3mf", "u-nesting",
+    "jinja2", "lib3mf", "u-nesting",
 )  # fmt: skip
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 # What the BLAS libraries are called among the files that a process has loaded.

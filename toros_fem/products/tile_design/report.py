@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.files import write_table, write_together
-from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
@@ -132,7 +131,6 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
     """
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
     printed, tile, skin = made.printed, case.tile, made.problem.skin
-    config = made.simulation.config
     summary = found.summary()
     fields = {
         "rho": skin.gather_cells(made.result.density),
@@ -150,9 +148,8 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
         cloth, region = swatch(tile, printed.regions[0])
-        high = ManufactureOptions(layer_height=config.material.composite.reinforcement.thickness)
         place = folder / FOLDER
-        if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
+        if_possible(lambda: write_manufacture(place, cloth, [region], summary=summary))
 
     def draw() -> None:
         from toros_fem.products.tiles import plots

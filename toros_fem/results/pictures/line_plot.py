@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.design.lines.field import LineField
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
-from toros_fem.meshes.panels import Place
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI
 from toros_fem.results.pictures.pattern_plot import draw_panels
@@ -104,7 +104,7 @@ def _draw_families(
 
 
 def _marks(
-    field: LineField, family: int, colour: str, width: float, places: Sequence[Place]
+    field: LineField, family: int, colour: str, width: float, places: Sequence[Affine]
 ) -> LineCollection:
     """Return the marks of one family, in mm."""
     pattern, shares = field.pattern, field.shares[:, family]
@@ -116,7 +116,7 @@ def _marks(
 
 
 def _strokes(
-    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Place]
+    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Affine]
 ) -> LineCollection:
     """Return strokes through the centroids, in mm, by half of each, (t, 2), in m; none of 0."""
     ends = np.stack([pattern.centroids - along, pattern.centroids + along], axis=1)
@@ -124,7 +124,7 @@ def _strokes(
     return LineCollection(list(1e3 * ends[along.any(axis=1)]), colors=colour, lw=width)
 
 
-def _placed(pattern: Pattern, points: Floats, places: Sequence[Place]) -> Floats:
+def _placed(pattern: Pattern, points: Floats, places: Sequence[Affine]) -> Floats:
     """Return points of each triangle, (t, k, 2), at the places of their panels."""
     placed = np.array(points)
     for panel, place in enumerate(places):

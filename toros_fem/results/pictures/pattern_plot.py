@@ -20,7 +20,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.making.print.widths import LocalWidth
-from toros_fem.meshes.panels import Place, panel_places
+from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.drawing import DPI, FABRIC, PRINTED, fill
 from toros_fem.results.pictures.labels import Label, groups, write_labels
@@ -133,7 +134,7 @@ def draw_panels(
     pattern: Pattern,
     regions: Sequence[BaseGeometry],
     page: tuple[float, float] = PAGE,
-) -> list[Place]:
+) -> list[Affine]:
     """Draw the panels in mm where they fill a page best; return the place of each.
 
     Args:
@@ -167,7 +168,7 @@ def _fit(figure: Figure, axes: Axes, extra: float) -> None:
     figure.set_size_inches(max(width, PAGE[0] / 2) + 1.0, height + extra)
 
 
-def _mark(axes: Axes, width: LocalWidth, place: Place, colour: str) -> None:
+def _mark(axes: Axes, width: LocalWidth, place: Affine, colour: str) -> None:
     ends = 1e3 * place.points(np.array(width.ends))
     middle = ends.mean(axis=0)
     axes.plot(*ends.T, color=colour, lw=1.5, solid_capstyle="butt")
@@ -175,7 +176,7 @@ def _mark(axes: Axes, width: LocalWidth, place: Place, colour: str) -> None:
     axes.plot(*middle, "o", ms=14, mfc="none", mec=colour, mew=1.8)
 
 
-def _island_label(island: PrintedPiece, place: Place) -> Label:
+def _island_label(island: PrintedPiece, place: Affine) -> Label:
     """Return the label of an island: its area."""
     middle = place.region(island.polygon).point_on_surface()
     area = float(f"{1e6 * island.area:.2g}")
