@@ -6,18 +6,13 @@ from collections.abc import Sequence
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.base.validation import require_kind
-from toros_fem.design.loop.journal import Journal, kept_evaluation
+from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.physics import Pressure
-from toros_fem.design.loop.problem import DesignProblem, Evaluation
-from toros_fem.making.as_printed.as_printed import PrintedDesign, print_regions
-from toros_fem.making.print.cleaning import (
-    CleanedRegions,
-    clean,
-    panels_of,
-    require_island_area,
-)
+from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, require_printable
+from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import mirrored_regions, regions_on
 from toros_fem.meshes.mirror import Mirrored
@@ -39,8 +34,8 @@ def printed_lines(
 ) -> PrintedDesign:
     """Clean, measure and simulate lines that come as polygons (collective).
 
-    A triangle of the problem's mesh is printed if its centroid is. The error is that of a mesh
-    whose edges follow the lines, `ActuatorCase.following`, and is given in docs/manufacture.md.
+    A mesh whose edges follow the lines, by `Case.following`, sees them as they are; others see
+    triangles, and docs/manufacture.md says how much that matters.
 
     Args:
         problem: The design problem, on the mesh that the print is simulated on.
@@ -59,11 +54,9 @@ def printed_lines(
         PanelError: The panels are others, or the number of regions is not theirs.
         ParameterError: The area is negative, or not below the pattern's.
     """
-    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
     require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
-    require_kind("limits", limits, PrintLimits, "PrintLimits")
+    require_printable(problem, limits, island_area)
     part, whole = problem.skin.pattern, problem.whole
-    require_island_area(part, island_area)
     start = None
     if near is not None:
         start = problem.physics.state_at(make_transfer(near[0], part).positions(near[1]))
@@ -74,15 +67,7 @@ def printed_lines(
         found = regions_on(pattern, regions, part)
         return clean_print(part, whole, found, limits, island_area)
 
-    def simulate(cells: Bools) -> Evaluation:
-        return kept_evaluation(
-            journal,
-            problem,
-            lambda: problem.simulate_binary(cells, start=start, pressure=pressure),
-        )
-
-    onto = part if whole is None else whole.pattern
-    return print_regions(problem, onto, cleaning, simulate, limits)
+    return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
 
 
 def clean_print(

@@ -15,11 +15,11 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import symmetric_regions
+from toros_fem.making.print.regions import mirrored_regions, part_regions, symmetric_part
 from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
-from toros_fem.making.print.widths import fabric_of
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 
@@ -90,8 +90,14 @@ class Panels:
         return shape
 
     def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        """Return the print on each panel; `detail` as of `symmetric_regions`."""
+        """Return the print on each panel; narrower differences of images are rounding, in m."""
         return list(laid)
+
+    def simplified(
+        self, regions: Sequence[BaseGeometry], limits: PrintLimits
+    ) -> list[BaseGeometry]:
+        """Return the print on each panel without corners that nobody sees."""
+        return without_corners(regions, self.outlines, limits)
 
 
 class MirroredPanels(Panels):
@@ -110,7 +116,36 @@ class MirroredPanels(Panels):
 
     @override
     def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        return symmetric_regions(self._part, self._whole, laid, detail)
+        own = symmetric_part(self._part, self._whole, laid, detail)
+        return mirrored_regions(self._part, self._whole, own)
+
+    @override
+    def simplified(
+        self, regions: Sequence[BaseGeometry], limits: PrintLimits
+    ) -> list[BaseGeometry]:
+        own = part_regions(self._part, regions)
+        outlines = [self._part.outline(panel) for panel in range(len(own))]
+        return mirrored_regions(self._part, self._whole, without_corners(own, outlines, limits))
+
+
+def without_corners(
+    regions: Sequence[BaseGeometry], outlines: Sequence[BaseGeometry], limits: PrintLimits
+) -> list[BaseGeometry]:
+    """Return print without corners that its border passes at 2 µm or less.
+
+    Smoothed contours have a corner every 10 to 200 µm, most of which are of no use: files would be
+    three times as large, and cutters stop at each.
+
+    Args:
+        regions: Print on each panel, polygons in m.
+        outlines: Outlines of the panels, where print ends; corners on them stay.
+        limits: Limits of the printer.
+    """
+    near, most = TOUCHING * limits.resolution, limits.simplified
+    return [
+        simplified(region, outline, near, most)
+        for region, outline in zip(regions, outlines, strict=True)
+    ]
 
 
 def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
@@ -146,8 +181,8 @@ def clean(
     found = _clean(domain, regions, limits, island_area, smoothing)
     if found.bridged and domain.repeats:  # bridges get images, which may lie close to others
         again = _clean(domain, found.regions, limits, island_area, None)
-        return replace(found, regions=again.regions)
-    return found
+        found = replace(found, regions=again.regions)
+    return replace(found, regions=domain.simplified(found.regions, limits))
 
 
 def _clean(

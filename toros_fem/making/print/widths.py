@@ -12,6 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.making.print.polygons import TOUCHING, fabric_of
 from toros_fem.meshes.triangles import linked
 
 # Two sides face each other if the path along the border from one to the other is longer than this
@@ -19,10 +20,6 @@ from toros_fem.meshes.triangles import linked
 # notches and junctions blunter than 28° do not count as narrow lines, and neither does the end of
 # a line.
 FACING = 4.0
-# Type of polygons in shapely.
-POLYGON = 3
-# Two borders closer than this fraction of the resolution are the same.
-TOUCHING = 1e-3
 # Length over the limit of a stretch of border that one sample stands for in a first look.
 STRETCH = 1 / 4
 # Fewer points than this have no triangulation.
@@ -141,30 +138,6 @@ def measure_widths(
         narrow = tuple(place for place in places if place.width < least)
         found.append(Widths(places[0] if places else None, narrow))
     return found[0], found[1]
-
-
-def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the part of a panel that is not printed, without slivers of rounding.
-
-    Args:
-        region: Printed region, polygons in m.
-        outline: Outline of the panel.
-        resolution: Distance in m of the samples that widths are measured by.
-    """
-    return solid(outline.difference(region), resolution)
-
-
-def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the polygons of a shape without slivers of rounding.
-
-    Args:
-        shape: A region, in m, and lines and points that are left out.
-        resolution: Distance in m of the samples that widths are measured by.
-    """
-    apart = TOUCHING * resolution
-    thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
-    parts = shapely.get_parts(shape.intersection(thick))
-    return shapely.MultiPolygon(list(parts[shapely.get_type_id(parts) == POLYGON]))
 
 
 def narrow_discs(

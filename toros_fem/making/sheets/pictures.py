@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 
 from toros_fem.making.panels.panel_labels import Label
-from toros_fem.making.panels.svg import CAPITAL, Svg
+from toros_fem.making.panels.svg import Svg
 from toros_fem.making.sheets.sheet import Sheet
 
 # Corners closer than this to a line between others are left out of pictures, in m.
@@ -64,7 +64,7 @@ def seam_picture(sheet: Sheet, about: str) -> str:
             svg.disc(marks, at, radius, colour)
             svg.text(marks, Label(str(seam.number), at, 0.0, 0.86 * radius))
         at = shapely.get_coordinates(one.outline.representative_point())[0]
-        svg.text(marks, Label(one.name, at, 0.0, CAPITAL * radius), {"class": "name"})
+        svg.text(marks, Label(one.name, at, 0.0, radius), {"class": "name"})
     return str(svg)
 
 

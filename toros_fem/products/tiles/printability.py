@@ -8,15 +8,16 @@ from typing import Any, override
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform, translate
+from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.making.print.cleaning import Panels
+from toros_fem.making.print.cleaning import Panels, without_corners
 from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.triangles import edges_of, following, linked
 
@@ -128,13 +129,24 @@ class RepeatedTile(Panels):
         own = one & self._part
         for operation in self._operations[1:]:
             own = with_more(own, self._image(one, operation), self._part, detail)
+        return [self._whole(own)]
+
+    @override
+    def simplified(
+        self, regions: Sequence[BaseGeometry], limits: PrintLimits
+    ) -> list[BaseGeometry]:
+        own = regions[0] & self._part
+        return [self._whole(without_corners([own], [self._part], limits)[0])]
+
+    def _whole(self, own: BaseGeometry) -> BaseGeometry:
+        """Return the tile of all images of its part."""
         images = [self._image(own, operation) for operation in self._operations]
-        return [shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))]
+        return shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))
 
     def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
         """Return a shape turned or mirrored about the tile's middle."""
         offset = self._sides / 2 - operation @ (self._sides / 2)
-        return affine_transform(shape, [*operation.ravel(), *offset])
+        return Affine(operation, offset).region(shape)
 
 
 def _steps(along: int, across: int) -> Ints:
