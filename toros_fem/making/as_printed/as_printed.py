@@ -78,7 +78,6 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
     """Return ρ̃ at all flat points and at all centroids, with prescribed values kept (collective).
 
     Args:
-        problem: The design problem.
         density: ρ at owned triangles.
     """
     skin, fields = problem.skin, densities_of(problem.fields)
@@ -109,9 +108,6 @@ def as_printed(
     """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
 
     Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         domain: What is cleaned, for a pattern that goes on beyond its border; None: its panels.
         journal: Keeps the simulation; None keeps nothing.
@@ -167,7 +163,6 @@ def printed(
     Args:
         problem: The design problem, on the mesh that is simulated.
         cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
-        limits: Limits of the printer.
         like, start, pressure: As of `simulate_binary`.
         journal: Keeps the simulation; None keeps nothing.
 

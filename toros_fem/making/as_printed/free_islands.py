@@ -25,11 +25,6 @@ def remove_islands(problem: DesignProblem, result: DesignResult, printed: Printe
 
     An island may carry load: `connect_islands` keeps it. Where a part of the skin is designed, its
     triangles and panels are the first of the whole, at the same flat places.
-
-    Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        printed: Its print.
     """
     radius = densities_of(problem.fields).filter.radius
 
@@ -47,11 +42,6 @@ def connect_islands(problem: DesignProblem, result: DesignResult, printed: Print
 
     A straight line two filter radii wide is added along the shortest way from each island to
     attached print of its panel, or to an island that has its line already.
-
-    Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        printed: Its print.
     """
     radius = densities_of(problem.fields).filter.radius
 

@@ -41,7 +41,6 @@ def printed_lines(
         problem: The design problem, on the mesh that the print is simulated on.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
         regions: Polygons on each of its panels, in m.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         cleaned: What `clean_print` made of these polygons, if it is known.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
@@ -83,7 +82,6 @@ def clean_print(
         part: The pattern that the polygons belong to.
         whole: The whole that it is a part of, by `meshes.mirrored`; None: it is whole.
         regions: Polygons on each of its panels, in m.
-        limits: Limits of the printer.
         island_area: As of `clean`.
 
     Raises:

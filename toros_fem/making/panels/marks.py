@@ -57,7 +57,6 @@ def notches(
     They end half an allowance before the seam line. Both sides have theirs at the same arc lengths.
 
     Args:
-        seam: The seam.
         side: 0 or 1.
         cut: The cut outline of the panel.
         allowance: Width of the allowance in m.

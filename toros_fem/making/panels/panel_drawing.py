@@ -141,7 +141,6 @@ def drawing_of(
     Args:
         texts: What is written on it, its name first; of each the best, then shorter ones.
         outline: Its seam line.
-        printed: Its print.
         edges: Its seams, and which side of them it is.
         names: Names of all panels.
         options: Allowance and marks.

@@ -65,7 +65,6 @@ def edge_labels(seam: SewnSeam, side: int, free: BaseGeometry, allowance: float)
     It stands at least once, at the middle of a short seam even where that is not free.
 
     Args:
-        seam: The seam.
         side: Which of its edges, 0 or 1.
         free: Where nothing else is.
         allowance: Width of the allowance in m.

@@ -21,7 +21,6 @@ def printed_face(
     (−x, y), and so is the assembled skin, which keeps it a valid pattern.
 
     Args:
-        pattern: The pattern.
         regions: Polygons on each panel, in m.
         options: Which face is printed.
     """

@@ -147,7 +147,6 @@ def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> 
 
     Args:
         path: File to write.
-        pattern: The pattern.
         regions: Print on each panel, polygons in m.
     """
     inward = Affine.shift([MARGIN, MARGIN])

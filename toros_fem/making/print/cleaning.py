@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import override
 
 import numpy as np
@@ -139,7 +138,6 @@ def without_corners(
     Args:
         regions: Print on each panel, polygons in m.
         outlines: Outlines of the panels, where print ends; corners on them stay.
-        limits: Limits of the printer.
     """
     near, most = TOUCHING * limits.resolution, limits.simplified
     return [
@@ -165,7 +163,6 @@ def clean(
     Args:
         domain: What is printed on.
         regions: Print on each panel, polygons in m.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
             the rest of their panel by a line, where one fits.
         smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are
@@ -192,46 +189,33 @@ def _clean(
     island_area: float,
     smoothing: float | None,
 ) -> CleanedRegions:
-    outlines, images = domain.outlines, domain.images
     made = [
         _cleaned(region, outline, limits, smoothing)
-        for region, outline in zip(domain.laid(regions), outlines, strict=True)
+        for region, outline in zip(domain.laid(regions), domain.outlines, strict=True)
     ]
     width = BRIDGE * limits.width
     if smoothing is not None:
         width = max(width, SEEN * smoothing)
-    dropped, bridged = [], []
-    islands = domain.islands(made, limits)
-    bridges: list[list[BaseGeometry]] = [[] for _ in made]
-
-    @cache
-    def attached(panel: int) -> BaseGeometry:
-        """Return the print of a panel without all of its islands."""
-        free = shapely.union_all([images(p.polygon) for p in islands if p.panel == panel])
-        return made[panel].difference(free.buffer(limits.resolution))
-
-    for island in islands:
-        line = None
-        if island.area >= island_area:
-            rest = shapely.union_all([attached(island.panel), *bridges[island.panel]])
-            line = _bridge(island.polygon, rest, outlines[island.panel], width)
-        if line is None:
-            dropped.append(island)
-        else:
-            bridged.append(island)
-            bridges[island.panel] += [images(island.polygon), images(line)]
+    islands, bridged = domain.islands(made, limits), list[PrintedPiece]()
     for panel in sorted({island.panel for island in islands}):
-        gone = [images(p.polygon) for p in dropped if p.panel == panel]
-        made[panel] = made[panel].difference(shapely.union_all(gone).buffer(limits.resolution))
-        if bridges[panel]:
-            joined = shapely.union_all([made[panel], *bridges[panel]])
-            made[panel] = _cleaned(joined, outlines[panel], limits, None)
+        outline, pieces = domain.outlines[panel], [p for p in islands if p.panel == panel]
+        free = shapely.union_all([domain.images(piece.polygon) for piece in pieces])
+        rest, joined = made[panel].difference(free.buffer(limits.resolution)), shapely.Polygon()
+        for piece in (piece for piece in pieces if piece.area >= island_area):
+            line = _bridge(piece.polygon, shapely.union_all([rest, joined]), outline, width)
+            if line is not None:
+                bridged.append(piece)
+                both = shapely.union_all([piece.polygon, line])
+                joined = shapely.union_all([joined, domain.images(both)])
+        made[panel] = rest
+        if not joined.is_empty:
+            made[panel] = _cleaned(shapely.union_all([rest, joined]), outline, limits, None)
     filled = tuple(h for h in find_holes(domain.pattern, regions) if h.area < limits.hole_area)
     return CleanedRegions(
         contours=list(regions),
         regions=domain.cut(made, limits.resolution),
-        dropped=tuple(dropped),
-        bridged=tuple(bridged),
+        dropped=tuple(island for island in islands if island not in bridged),
+        bridged=tuple(island for island in islands if island in bridged),
         filled=filled,
     )
 

@@ -125,7 +125,6 @@ def printability(
     """Measure the printability of a pattern.
 
     Args:
-        pattern: The pattern.
         regions: Print on each panel, polygons in m.
         limits: Narrower lines and gaps are listed.
     """

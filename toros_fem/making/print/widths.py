@@ -89,7 +89,6 @@ def measure_widths(
     Args:
         region: Printed region, polygons in m.
         outline: Outline of the panel.
-        panel: Number of the panel.
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.

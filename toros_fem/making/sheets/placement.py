@@ -55,7 +55,7 @@ def nest(
     *,
     gap: float,
     margin: float,
-    grain: Mapping[str, float | None] | float | None = None,
+    grain: float | None = None,
 ) -> list[Placement]:
     """Return a place for each panel on as few sheets as are found; the same in every run.
 
@@ -79,13 +79,11 @@ def nest(
         SheetError: A panel fits on no sheet.
         MissingPackageError: u-nesting is not installed, and panels must be nested.
     """
-    grains = grain if isinstance(grain, Mapping) else dict.fromkeys(outlines, grain)
     usable = np.array(size) - 2 * margin
-    turns = {name: _turns(shape, grains[name]) for name, shape in outlines.items()}
+    turns = {name: _turns(shape, grain) for name, shape in outlines.items()}
     for name, shape in outlines.items():
         _require_fit(name, shape, turns[name], usable, size)
-    kept = _kept(outlines, turns, usable, gap)
-    placed = kept or _nested(outlines, turns, usable, gap)
+    placed = _kept(outlines, turns, usable, gap) or _nested(outlines, turns, usable, gap)
     _check(outlines, placed, usable, gap)
     return [replace(p, offset=(p.offset[0] + margin, p.offset[1] + margin)) for p in placed]
 

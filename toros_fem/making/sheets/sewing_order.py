@@ -45,7 +45,6 @@ def sewing_order(
     bladder.
 
     Args:
-        pattern: The pattern.
         seams: Its seams, by `sewn_seams`.
         closing: Numbers of seams that should come last, those where the bladder's tube leaves for
             instance. Of a body without one the longest ring is the last, or the longest seam.
