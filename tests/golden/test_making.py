@@ -20,7 +20,7 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder
+from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import sewn_seams
@@ -226,7 +226,7 @@ def test_sheets(pinned: Callable[..., None]) -> None:
         for place in placed.placements
     }
     steps = [f"{step.kind} {step.seam}" for step in sewing_order(pattern, sewn_seams(pattern))]
-    film = named(bladder(pattern, options).drawings)
+    film = named(bladder_sheets(pattern, options).drawings)
     figures = {"places": places, "order of sewing": steps, "bladder": film}
     pinned("machine_files/sheets", figures, rel=1e-6, small=1e-9)
 

@@ -28,7 +28,7 @@ EMPTY = shapely.Polygon()
 
 
 @dataclass(frozen=True, eq=False)
-class Bladder:
+class BladderSheets:
     """A bladder: sheets of film, to be welded along their seam lines.
 
     Attributes:
@@ -60,11 +60,11 @@ class _Sheets:
     of_skin: bool
 
 
-def bladder(
+def bladder_sheets(
     pattern: Pattern,
     options: ManufactureOptions | None = None,
     connector: tuple[str, Floats] | None = None,
-) -> Bladder:
+) -> BladderSheets:
     """Return the bladder of a skin.
 
     A tube, one panel sewn to itself with caps or without, gets two flat sheets. They are half its
@@ -88,7 +88,7 @@ def bladder(
     options = options_or_default(options)
     seams = sewn_seams(pattern)
     if not seams:
-        return Bladder([], None)
+        return BladderSheets([], None)
     sheets = _tube(pattern, seams) or _panels(pattern, seams, connector, options)
     allowance = options.weld_allowance
     plain = options.updated(seam_allowance=allowance, allowance_at=ALL, grain=None)
@@ -98,12 +98,12 @@ def bladder(
         drawing = drawing_of([(name,)], sheets.outlines[k], EMPTY, edges, sheets.names, plain)
         drawings.append(replace(drawing, crosses=np.empty((0, 2))))
     if options.connector_width is None:
-        return Bladder(drawings, None)
+        return BladderSheets(drawings, None)
     weld, arc = sheets.tab
     size = options.connector_width, options.connector_length
     for side, k in enumerate(weld.panels):
         drawings[k] = _with_tab(drawings[k], weld, side, arc, allowance, size)
-    return Bladder(drawings, weld.number if sheets.of_skin else None)
+    return BladderSheets(drawings, weld.number if sheets.of_skin else None)
 
 
 def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder
+from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
@@ -53,7 +53,7 @@ def manufacture(
         MissingPackageError: Panels must be nested, and u-nesting is not installed.
     """
     pattern, regions = printed_face(pattern, regions, options)
-    seams, film = sewn_seams(pattern), bladder(pattern, options)
+    seams, film = sewn_seams(pattern), bladder_sheets(pattern, options)
     closing = [] if film.tab_seam is None else [film.tab_seam]
     return Manufacture(
         options=options,
