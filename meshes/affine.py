@@ -68,7 +68,7 @@ class Affine:
         Raises:
             LinAlgError: The map takes the plane to a line.
         """
-        back = np.linalg.inv(self.matrix)
+        back = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
         return type(self)(back, -back @ self.offset)
 
     def __matmul__(self, first: Affine) -> Self:

@@ -43,6 +43,9 @@ def test_five_steps_say_which_edge_belongs_to_which(page: Path) -> None:
         ("3", "2", "wall to base"),
     ]
     assert "Inflate it slowly to 5 kPa" in text
+    words = " ".join(text.split())
+    assert "through the opening (62 mm of seam 2)" in words
+    assert "Sew the rest of seam 2 around the tube." in words
     assert "Cut the sheets of film" in text
     assert "No bladder goes in" not in text
     pictures = re.findall(

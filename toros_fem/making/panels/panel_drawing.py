@@ -146,19 +146,18 @@ def drawing_of(
         options: Allowance and marks.
     """
     allowance = options.seam_allowance
-    cut, cuts = outline, np.empty((0, 2, 2))
+    cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])
     if allowance is not None:
         lines = [seam.lines[side] for seam, side in edges]
         if options.allowance_at == ALL:
             rings = shapely.get_rings(shapely.get_parts(outline))
             lines = [shapely.get_coordinates(ring) for ring in rings]
         cut = cut_outline(outline, lines, allowance)
-        found = [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
-        cuts = np.concatenate([cuts, *found])
+        cuts += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
     centres = crosses(outline, cut, options.cross_size)
     reach = options.cross_size / 2 + CLEAR
     marks = [
-        shapely.MultiLineString(list(cuts)).buffer(CLEAR),
+        shapely.MultiLineString(list(np.concatenate(cuts))).buffer(CLEAR),
         shapely.MultiPoint(centres).buffer(reach, cap_style="square"),
     ]
     kept_free = shapely.union_all(marks)
@@ -168,9 +167,10 @@ def drawing_of(
         panel=outline,
     )
     labels: list[Label] = []
-    for edge in edges if allowance is not None else ():
-        numbers = edge_labels(*edge, room.band, allowance)
-        labels, room = labels + numbers, room.without(numbers)
+    if allowance is not None:
+        for edge in edges:
+            numbers = edge_labels(*edge, room.band, allowance)
+            labels, room = labels + numbers, room.without(numbers)
     for text in texts:
         label = panel_label(text, edges, room.band, room.fabric, outline, allowance)
         labels, room = [*labels, label], room.without([label])
@@ -184,7 +184,7 @@ def drawing_of(
             Seam(seam.number, seam.lines[side], names[seam.panels[1 - side]])
             for seam, side in edges
         ),
-        notches=cuts,
+        notches=np.concatenate(cuts),
         grain=() if grain is None else tuple(grain_arrow(room, grain)),
         crosses=centres,
         cross_size=options.cross_size,

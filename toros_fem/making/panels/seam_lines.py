@@ -121,8 +121,8 @@ def _chains(pattern: Pattern) -> list[Ints]:
     passed = np.bincount(vertex.ravel(), minlength=len(pattern.points)) == 2
     passed[pattern.free_edges] = False
     joints: dict[frozenset[int], list[tuple[int, int]]] = defaultdict(list)
-    for edge, end in np.argwhere(passed[vertex]).tolist():
-        joints[frozenset(edges[edge, end].tolist())].append((edge, end))
+    for edge, end in zip(*np.nonzero(passed[vertex]), strict=True):
+        joints[frozenset(edges[edge, end].tolist())].append((int(edge), int(end)))
     left = set(range(len(edges)))
 
     def run(edge: int, end: int) -> list[Ints]:

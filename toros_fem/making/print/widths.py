@@ -62,7 +62,7 @@ class _Pairs(NamedTuple):
     centre: Floats
 
     def select(self, kept: Bools) -> _Pairs:
-        return _Pairs(*(values[kept] for values in self))
+        return _Pairs(self.ends[kept], self.path[kept], self.width[kept], self.centre[kept])
 
 
 NO_PAIRS = _Pairs(np.empty((0, 2), np.int64), np.empty(0), np.empty(0), np.empty((0, 2)))
@@ -109,7 +109,7 @@ def measure_widths(
             pairs = pairs.select(shapely.contains_xy(within, pairs.centre))
         least = limit - TOUCHING * resolution  # a width equal to the limit is not narrow
         places = [
-            _place(*border.points[ends], width, panel)
+            _place(border.points[ends[0]], border.points[ends[1]], width, panel)
             for ends, width in border.thinnest(pairs, least)
         ]
         for dot, cut in border.lone(facing):
@@ -236,12 +236,12 @@ class _Border:
         if not len(thin):
             thin = np.array([np.argmin(pairs.width)])
         ends, width = pairs.ends[thin], pairs.width[thin]
-        best = _leaders(width, linked(*ends.T, len(self.points))[ends[:, 0]])
+        best = _leaders(width, linked(ends[:, 0], ends[:, 1], len(self.points))[ends[:, 0]])
         # A width that oscillates about the limit must not count as many places.
         near = cKDTree(self.points[ends[best]].mean(axis=1)).query_pairs(
             limit, output_type="ndarray"
         )
-        best = best[_leaders(width[best], linked(*near.T, len(best)))]
+        best = best[_leaders(width[best], linked(near[:, 0], near[:, 1], len(best)))]
         return [(ends[k], float(width[k])) for k in best]
 
     def _paths(self, p: Ints, q: Ints) -> Floats:

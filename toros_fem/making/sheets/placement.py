@@ -153,8 +153,10 @@ def _kept(
         common = all(any(np.isclose(angle, t) for t in allowed) for allowed in turns.values())
         if common and np.all(box <= usable + ROUNDING):
             offsets = Affine.turn(angle).vectors(moves) - low
-            pairs = zip(outlines, offsets.tolist(), strict=True)
-            return [Placement(name, 0, angle, (x, y)) for name, (x, y) in pairs]
+            return [
+                Placement(name, 0, angle, (float(x), float(y)))
+                for name, (x, y) in zip(outlines, offsets, strict=True)
+            ]
     return []
 
 

@@ -105,7 +105,8 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
         summary: The run's summary; None takes the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
-    known = {"layer_height": print_height(inputs)[0], "print_side": inputs.get("print_side")}
+    known: dict[str, Any] = {"layer_height": print_height(inputs)[0]}
+    known["print_side"] = inputs.get("print_side")
     if inputs.get("knit_ratio") is not None:
         known["grain"] = 90.0 + inputs["grain_angle"]
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})

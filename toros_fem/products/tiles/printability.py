@@ -146,7 +146,7 @@ class RepeatedTile(Panels):
     def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
         """Return a shape turned or mirrored about the tile's middle."""
         offset = self._sides / 2 - operation @ (self._sides / 2)
-        return Affine(operation, offset).region(shape)
+        return Affine(operation.astype(np.float64), offset).region(shape)
 
 
 def _steps(along: int, across: int) -> Ints:
