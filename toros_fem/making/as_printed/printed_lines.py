@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
@@ -27,7 +28,6 @@ def printed_lines(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    cleaned: CleanedRegions | None = None,
     near: tuple[Pattern, Floats] | None = None,
     pressure: Pressure | None = None,
     journal: Journal | None = None,
@@ -42,7 +42,6 @@ def printed_lines(
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
         regions: Polygons on each of its panels, in m.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
-        cleaned: What `clean_print` made of these polygons, if it is known.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
@@ -56,17 +55,25 @@ def printed_lines(
     require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
     require_printable(problem, limits, island_area)
     part, whole = problem.skin.pattern, problem.whole
-    start = None
-    if near is not None:
-        start = problem.physics.state_at(make_transfer(near[0], part).positions(near[1]))
+    start = None if near is None else state_near(problem, *near)
 
     def cleaning() -> CleanedRegions:
-        if cleaned is not None:
-            return cleaned
         found = regions_on(pattern, regions, part)
         return clean_print(part, whole, found, limits, island_area)
 
     return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
+
+
+def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
+    """Return the state of a problem whose shape is that of another mesh of its panels (collective).
+
+    Args:
+        problem: The design problem.
+        pattern: The other mesh.
+        positions: Positions of all its vertices, (n, 3), in m.
+    """
+    there = make_transfer(pattern, problem.skin.pattern).positions(positions)
+    return problem.physics.state_at(there)
 
 
 def clean_print(

@@ -16,7 +16,7 @@ from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import mirrored_regions, part_regions, symmetric_part
+from toros_fem.making.print.regions import mirrored_regions, symmetric_part
 from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
 from toros_fem.meshes.mirror import Mirrored
@@ -66,7 +66,8 @@ class Panels:
 
     Attributes:
         pattern: The pattern.
-        outlines: Outline of each panel, polygons in m.
+        outlines: What is cleaned together: the outline of each panel, polygons in m.
+        parts: What is kept of each, and has images that make up the whole, polygons in m.
         repeats: Whether a piece has images, so that what joins it gets them too.
     """
 
@@ -75,6 +76,7 @@ class Panels:
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
         self.outlines = [pattern.outline(k) for k in range(len(pattern.panel_names))]
+        self.parts = self.outlines
 
     def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
         """Return the print inside each outline, of the print on each panel."""
@@ -88,15 +90,13 @@ class Panels:
         """Return a piece of print with all its copies."""
         return shape
 
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        """Return the print on each panel; narrower differences of images are rounding, in m."""
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        """Return the print on each part; narrower differences of images are rounding, in m."""
         return list(laid)
 
-    def simplified(
-        self, regions: Sequence[BaseGeometry], limits: PrintLimits
-    ) -> list[BaseGeometry]:
-        """Return the print on each panel without corners that nobody sees."""
-        return without_corners(regions, self.outlines, limits)
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        """Return the print on each panel, of the print on each part."""
+        return list(own)
 
 
 class MirroredPanels(Panels):
@@ -112,38 +112,15 @@ class MirroredPanels(Panels):
     def __init__(self, part: Pattern, whole: Mirrored) -> None:
         super().__init__(whole.pattern)
         self._part, self._whole = part, whole
+        self.parts = Panels(part).outlines
 
     @override
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        own = symmetric_part(self._part, self._whole, laid, detail)
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        return symmetric_part(self._part, self._whole, laid, detail)
+
+    @override
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
         return mirrored_regions(self._part, self._whole, own)
-
-    @override
-    def simplified(
-        self, regions: Sequence[BaseGeometry], limits: PrintLimits
-    ) -> list[BaseGeometry]:
-        own = part_regions(self._part, regions)
-        outlines = [self._part.outline(panel) for panel in range(len(own))]
-        return mirrored_regions(self._part, self._whole, without_corners(own, outlines, limits))
-
-
-def without_corners(
-    regions: Sequence[BaseGeometry], outlines: Sequence[BaseGeometry], limits: PrintLimits
-) -> list[BaseGeometry]:
-    """Return print without corners that its border passes at 2 µm or less.
-
-    Smoothed contours have a corner every 10 to 200 µm, most of which are of no use: files would be
-    three times as large, and cutters stop at each.
-
-    Args:
-        regions: Print on each panel, polygons in m.
-        outlines: Outlines of the panels, where print ends; corners on them stay.
-    """
-    near, most = TOUCHING * limits.resolution, limits.simplified
-    return [
-        simplified(region, outline, near, most)
-        for region, outline in zip(regions, outlines, strict=True)
-    ]
 
 
 def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
@@ -175,11 +152,17 @@ def clean(
         raise ParameterError(
             f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
         )
-    found = _clean(domain, regions, limits, island_area, smoothing)
+    found, own = _clean(domain, regions, limits, island_area, smoothing)
     if found.bridged and domain.repeats:  # bridges get images, which may lie close to others
-        again = _clean(domain, found.regions, limits, island_area, None)
-        found = replace(found, regions=again.regions)
-    return replace(found, regions=domain.simplified(found.regions, limits))
+        _, own = _clean(domain, found.regions, limits, island_area, None)
+    # Smoothed contours have a corner every 10 to 200 µm: files would be several times as large, and
+    # cutters stop at each.
+    near = TOUCHING * limits.resolution
+    own = [
+        simplified(region, outline, near, limits.simplified)
+        for region, outline in zip(own, domain.parts, strict=True)
+    ]
+    return replace(found, regions=domain.whole(own))
 
 
 def _clean(
@@ -188,7 +171,8 @@ def _clean(
     limits: PrintLimits,
     island_area: float,
     smoothing: float | None,
-) -> CleanedRegions:
+) -> tuple[CleanedRegions, list[BaseGeometry]]:
+    """Return a clean print with all of its corners, and what of it lies on each part."""
     made = [
         _cleaned(region, outline, limits, smoothing)
         for region, outline in zip(domain.laid(regions), domain.outlines, strict=True)
@@ -211,13 +195,15 @@ def _clean(
         if not joined.is_empty:
             made[panel] = _cleaned(shapely.union_all([rest, joined]), outline, limits, None)
     filled = tuple(h for h in find_holes(domain.pattern, regions) if h.area < limits.hole_area)
-    return CleanedRegions(
+    own = domain.part(made, limits.resolution)
+    cleaned = CleanedRegions(
         contours=list(regions),
-        regions=domain.cut(made, limits.resolution),
+        regions=domain.whole(own),
         dropped=tuple(island for island in islands if island not in bridged),
         bridged=tuple(island for island in islands if island in bridged),
         filled=filled,
     )
+    return cleaned, own
 
 
 def _cleaned(

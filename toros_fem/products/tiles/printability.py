@@ -12,7 +12,7 @@ from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.making.print.cleaning import Panels, without_corners
+from toros_fem.making.print.cleaning import Panels
 from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
@@ -96,9 +96,9 @@ class RepeatedTile(Panels):
         self._sides = sides = np.diagonal(tile.lattice)
         self._operations = SYMMETRIES[symmetry]
         # Its images are the tile: all of it, a quarter, or an eighth.
-        self._part = shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)
+        self.parts = [shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)]
         if symmetry == "tetragonal":
-            self._part = shapely.Polygon([sides / 2, sides * [1, 0.5], sides])
+            self.parts = [shapely.Polygon([sides / 2, sides * [1, 0.5], sides])]
         self.outlines = [shapely.box(0, 0, *(SIDE * sides))]
 
     @override
@@ -123,25 +123,19 @@ class RepeatedTile(Panels):
         return shapely.union_all([translate(shape, *step) for step in steps])
 
     @override
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
         shift = SIDE // 2 * self._sides
         one = translate(laid[0], *-shift) & shapely.box(0, 0, *self._sides)
-        own = one & self._part
+        (kept,) = self.parts
+        own = one & kept
         for operation in self._operations[1:]:
-            own = with_more(own, self._image(one, operation), self._part, detail)
-        return [self._whole(own)]
+            own = with_more(own, self._image(one, operation), kept, detail)
+        return [own]
 
     @override
-    def simplified(
-        self, regions: Sequence[BaseGeometry], limits: PrintLimits
-    ) -> list[BaseGeometry]:
-        own = regions[0] & self._part
-        return [self._whole(without_corners([own], [self._part], limits)[0])]
-
-    def _whole(self, own: BaseGeometry) -> BaseGeometry:
-        """Return the tile of all images of its part."""
-        images = [self._image(own, operation) for operation in self._operations]
-        return shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        images = [self._image(own[0], operation) for operation in self._operations]
+        return [shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))]
 
     def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
         """Return a shape turned or mirrored about the tile's middle."""
