@@ -92,6 +92,8 @@ def test_contours_of_a_design_are_printed_alike(
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
+    far = printed_lines(problem, short_tube.pattern, first.regions, limits, island_area=math.inf)
+    assert lines.evaluation.equilibrium.steps < far.evaluation.equilibrium.steps
     cold = printed(problem, lambda: first.cleaned, limits, pressure=3e3)
     assert cold.after.summary() == first.after.summary()
     assert cold.evaluation.equilibrium.pressure == 3e3
