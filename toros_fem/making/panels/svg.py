@@ -105,7 +105,7 @@ class Svg:
         # The place is that of the baseline, so down from the middle by half of the capitals.
         down = np.array([np.sin(label.angle), -np.cos(label.angle)]) * label.height / 2
         x, y = self._place.points(label.place + down)
-        turn = f"translate({x:.3f} {y:.3f}) rotate({-np.degrees(label.angle) + 0:.3f})"
+        turn = f"translate({x:.3f} {y:.3f}) rotate({round(-np.degrees(label.angle), 3) + 0:.3f})"
         look = {"transform": turn, "font-size": f"{1e3 * label.height / CAPITAL:.3f}"}
         ET.SubElement(parent, "text", {**(attributes or {}), **look}).text = label.text
 
