@@ -74,15 +74,14 @@ def rings_of(text: str, layer: str) -> list[np.ndarray]:
 def checked(made: Manufacture, contents: dict[str, bytes]) -> None:
     """Each file by a reader of its own against the drawings."""
     for number, sheet in enumerate(made.layout.sheets, 1):
-        rings = rings_of(contents[f"cut_{number}.dxf"].decode(), "print")
-        wanted = shapely.union_all([one.printed for one in sheet.drawings])
-        drawn = even_odd(1e-3 * ring for ring in rings)
-        assert drawn.symmetric_difference(wanted).area < 1e-9 * np.prod(sheet.size)
-        cuts = shapely.union_all([one.cut for one in sheet.drawings])
-        cut = even_odd(
-            1e-3 * ring for ring in rings_of(contents[f"cut_{number}.dxf"].decode(), "cut")
-        )
-        assert cut.symmetric_difference(cuts).area < 1e-9 * np.prod(sheet.size)
+        text = contents[f"cut_{number}.dxf"].decode()
+        for layer, shapes in (
+            ("print", [one.printed for one in sheet.drawings]),
+            ("cut", [one.cut for one in sheet.drawings]),
+        ):
+            drawn = even_odd(1e-3 * ring for ring in rings_of(text, layer))
+            off = drawn.symmetric_difference(shapely.union_all(shapes))
+            assert off.area < 1e-9 * np.prod(sheet.size)
     for number, bed in enumerate(made.layout.beds, 1):
         areas = {one.name: one.printed.area for one in bed.drawings if not one.printed.is_empty}
         if not areas:
@@ -113,17 +112,14 @@ def through_all_files(
     pattern: Pattern, regions: list[BaseGeometry], options: ManufactureOptions, folder: Path
 ) -> None:
     made = manufacture(pattern, regions, options)
-    files = dict(machine_files(made))
-    write_json(folder / NAME, manifest(made, list(files)))
-    contents = {file.name: content for file, content in files.items()}
+    files = list(machine_files(made))
+    write_json(folder / NAME, manifest(made, files))
+    contents = {file.name: file.content for file in files}
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     checked(made, contents)
-    again = {
-        file.name: content
-        for file, content in machine_files(manufacture(pattern, regions, options))
-    }
-    assert again == contents, "equal skins give equal bytes"
+    again = list(machine_files(manufacture(pattern, regions, options)))
+    assert again == files, "equal skins give equal bytes"
     for one, other in zip(read_regions(folder, pattern), regions, strict=True):
         assert one.symmetric_difference(other).area < 1e-4 * other.area + 1e-12
 

@@ -149,6 +149,20 @@ def test_a_file_of_somebody_else_is_never_overwritten(
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_a_file_that_was_changed_is_its_owners(pattern: Pattern, tmp_path: Path) -> None:
+    """It bars the way of a new one of its name, and stays where the new skin has none."""
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    (tmp_path / "cut_2.svg").write_text("mine")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    with pytest.raises(ManufactureFileError, match=r"has cut_2\.svg, which"):
+        write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern))
+    names = {file["name"] for file in made["files"]} | {"manufacture.json", "make_it.html"}
+    assert {p.name for p in tmp_path.iterdir()} == names | {"cut_2.svg"}
+    assert (tmp_path / "cut_2.svg").read_text() == "mine"
+
+
 def test_a_call_that_was_cut_short_is_made_good(
     pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -32,12 +33,13 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class MadeFile:
-    """A file that was written.
+    """A file for printer or cutter.
 
     Attributes:
         name: Its name in the folder.
         kind: "print", "cut" or "bladder".
         shows: What it holds, in some words.
+        content: Its bytes.
         bed: Number of the bed, from 1; None where there is none.
         sheet: Number of the sheet, from 1; None where there is none.
     """
@@ -45,12 +47,15 @@ class MadeFile:
     name: str
     kind: str
     shows: str
+    content: bytes
     bed: int | None = None
     sheet: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what is known of it."""
-        return {name: value for name, value in vars(self).items() if value is not None}
+        """Return what is known of it, with a digest of its content."""
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        known["sha256"] = sha256(known.pop("content")).hexdigest()
+        return known
 
 
 def manifest(

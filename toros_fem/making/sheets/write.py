@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,8 @@ def write_manufacture(
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
     first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
-    Files of an earlier call, which its manufacture.json lists, go; all others stay.
+    Files of an earlier call, which its manufacture.json lists, go if they are as they were
+    written; all others stay.
 
     Args:
         folder: The folder, made if missing.
@@ -57,7 +59,8 @@ def write_manufacture(
         The manifest, as in manufacture.json.
 
     Raises:
-        ManufactureFileError: A file of somebody else has the name of one that would be written.
+        ManufactureFileError: A file of somebody else, or one that was changed, has the name of one
+            that would be written.
         SheetError: A panel fits on no sheet.
         PatternError: The skin is moulded, so that it has no flat panels.
         MissingPackageError: A package of the extra `manufacture` is not installed.
@@ -65,34 +68,34 @@ def write_manufacture(
     folder = Path(folder)
     options = options or made_as(summary)
     made = manufacture(pattern, regions, options)
-    contents = dict(machine_files(made))
-    about = manifest(made, list(contents), summary, others)
+    files = list(machine_files(made))
+    about = manifest(made, files, summary, others)
     shown = page(made, about, title or folder.resolve().parent.name, summary)
-    named = {**{file.name: content for file, content in contents.items()}, PAGE: shown.encode()}
-    _make_room(folder, [NAME, *named, *others])
+    contents = {**{file.name: file.content for file in files}, PAGE: shown.encode()}
+    _make_room(folder, [NAME, *contents, *others])
     # First, so that after a kill the files are known as those of this package.
     write_json(folder / NAME, about)
-    for name, content in named.items():
+    for name, content in contents.items():
         replace_file(folder / name, content)
     return about
 
 
-def machine_files(made: Manufacture) -> Iterator[tuple[MadeFile, bytes]]:
-    """Yield each file for printer and cutter, and its content."""
+def machine_files(made: Manufacture) -> Iterator[MadeFile]:
+    """Yield each file for printer and cutter."""
     for bed, sheet in enumerate(made.layout.beds, 1):
         bodies = print_bodies(sheet.drawings, made.options)
         for end, written in PRINTS.items() if bodies else ():
             shows = f"print of bed {bed}, in mm"
-            yield MadeFile(f"print_{bed}.{end}", "print", shows, bed=bed), written(bodies)
+            yield MadeFile(f"print_{bed}.{end}", "print", shows, written(bodies), bed=bed)
     for number, sheet in enumerate(made.layout.sheets, 1):
         for end, cut in CUTS.items():
             shows = f"cut of sheet {number}, in mm, in layers"
-            yield MadeFile(f"cut_{number}.{end}", "cut", shows, sheet=number), cut(sheet)
+            yield MadeFile(f"cut_{number}.{end}", "cut", shows, cut(sheet), sheet=number)
     if made.film is not None:
         for end, cut in CUTS.items():
             count = len(made.film.drawings)
             shows = f"cut of the bladder's {count} sheets of film, in mm, in layers"
-            yield MadeFile(f"bladder.{end}", "bladder", shows), cut(made.film)
+            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film))
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
@@ -121,25 +124,36 @@ def if_possible(write: Callable[[], Any]) -> None:
 
 
 def _make_room(folder: Path, names: Sequence[str]) -> None:
-    """Remove the files that the folder's manifest lists, if nobody else's bar the way of new ones.
+    """Remove the files of an earlier call, if nobody else's bar the way of new ones.
 
     Raises:
         ManufactureFileError: Some do.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    digests: dict[str, str | None] = {}
     try:
         last = json.loads((folder / NAME).read_text(encoding="utf-8"))
         if last["format"] != FORMAT:
             raise ValueError("another's")
-        listed = [*(file["name"] for file in last["files"]), *last.get("others", ())]
-        ours = {NAME, PAGE, *(Path(name).name for name in listed)}
+        # Of these no digest is known.
+        digests = dict.fromkeys([NAME, PAGE, *last.get("others", ())])
+        digests |= {Path(file["name"]).name: file.get("sha256") for file in last["files"]}
     except (OSError, ValueError, KeyError, TypeError):
-        ours = set()
-    barred = [name for name in names if name not in ours and (folder / name).exists()]
+        digests = {}
+
+    def ours(name: str) -> bool:
+        digest = digests.get(name)
+        unknown = name in digests and digest is None
+        return unknown or sha256((folder / name).read_bytes()).hexdigest() == digest
+
+    there = {path.name for path in folder.iterdir()}
+    barred = [name for name in names if name in there and not ours(name)]
     if barred:
         raise ManufactureFileError(
             f"{folder} has {', '.join(barred)}, which {NAME} there does not list as made by "
-            "toros. Move such files, or choose another folder; nothing was changed."
+            "toros, or which changed since. Move such files, or choose another folder; nothing "
+            "was done to them."
         )
-    for name in ours - {NAME}:
-        (folder / name).unlink(missing_ok=True)
+    for name in sorted(there & (digests.keys() - {NAME})):
+        if ours(name):
+            (folder / name).unlink()
