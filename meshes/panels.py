@@ -9,10 +9,10 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 import shapely
-from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import barycentric
 
@@ -38,32 +38,6 @@ SLIVER = 1e-6
 # --------------------------------------------------------------------------- beside each other
 
 
-@dataclass(frozen=True, eq=False)
-class Place:
-    """The place of a panel in a picture.
-
-    Attributes:
-        turned: Whether the panel is turned by 90° clockwise.
-        offset: Translation after the turn, (2,), in m.
-    """
-
-    turned: bool
-    offset: Floats
-
-    def points(self, points: Floats) -> Floats:
-        """Return points of the panel's chart, (…, 2), in the picture, in m."""
-        return self.vectors(points) + self.offset
-
-    def vectors(self, vectors: Floats) -> Floats:
-        """Return vectors of the panel's chart, (…, 2), in the picture."""
-        return np.stack([vectors[..., 1], -vectors[..., 0]], axis=-1) if self.turned else vectors
-
-    def region(self, region: BaseGeometry) -> BaseGeometry:
-        """Return a region of the panel's chart in the picture, in m."""
-        turn = [0, 1, -1, 0] if self.turned else [1, 0, 0, 1]
-        return affine_transform(region, [*turn, *self.offset])
-
-
 def arranged(panels: Sequence[Floats]) -> list[Floats]:
     """Turn panels, given by flat points (m, 2), upright, and pack them in rows.
 
@@ -78,8 +52,8 @@ def arranged(panels: Sequence[Floats]) -> list[Floats]:
 
 def panel_places(
     pattern: Pattern, gap: float, page: tuple[float, float] | None = None
-) -> list[Place]:
-    """Return the places of all panels in a picture, whose lower left corner is the origin.
+) -> list[Affine]:
+    """Return the maps of all panels into a picture, whose lower left corner is the origin.
 
     Panels that are apart in the flat plane, as those of `unwrap`, keep their places beside each
     other. Others, as those of `cylinder`, are packed in rows.
@@ -87,16 +61,16 @@ def panel_places(
     Args:
         gap: Gap between panels that are packed here, in m.
         page: Width and height of a page, in any unit, on which all shall be as large as possible:
-            slim panels may be turned for this, all alike, and small ones stand above each other.
-            None: no panel is turned.
+            slim panels may be turned for this by 90° clockwise, all alike, and small ones stand
+            above each other. None: no panel is turned.
     """
     corners = [
         pattern.corners[pattern.panel == panel].reshape(-1, 2)
         for panel in range(len(pattern.panel_names))
     ]
-    best: tuple[float, list[Place]] = 0.0, []
-    for turned in (False, True) if page else (False,):
-        here = Place(turned, np.zeros(2))
+    best: tuple[float, list[Affine]] = 0.0, []
+    for angle in (0.0, -np.pi / 2) if page else (0.0,):
+        here = Affine.turn(angle)
         low = np.array([here.points(points).min(axis=0) for points in corners])
         high = np.array([here.points(points).max(axis=0) for points in corners])
         sizes = high - low
@@ -109,8 +83,9 @@ def panel_places(
             packed = [_in_rows(sizes, ROW_WIDTH * float(np.sqrt(sizes.prod(axis=1).sum())), gap)]
         for lower in packed:
             scale = float((np.array(page or (1, 1)) / (lower + sizes).max(axis=0)).min())
-            if scale > best[0] * (LARGER if turned and not best[1][0].turned else 1 + 1e-9):
-                best = scale, [Place(turned, offset) for offset in lower - low]
+            first_turned = angle != 0 and best[1][0].angle == 0
+            if scale > best[0] * (LARGER if first_turned else 1 + 1e-9):
+                best = scale, [Affine.turn(angle, offset) for offset in lower - low]
     return best[1]
 
 

@@ -36,8 +36,9 @@ from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, write_print_polygons
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg, sheet_layers
+from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
 from toros_fem.making.sheets.print_bodies import PrintBody, stl_of, threemf_of
+from toros_fem.making.sheets.sheet import Sheet
 from toros_fem.materials.library.files import read_library, read_materials, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.sheet import Knit, Membrane
@@ -49,6 +50,7 @@ from toros_fem.meshes import (
     read_surface,
     write_pattern,
 )
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.surfaces import files
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile, write_tile
@@ -596,9 +598,9 @@ def sheets(draw: st.DrawFn) -> list[PanelDrawing]:
     pattern = pattern_of(draw(st.sampled_from(["tube", "gripper", "sphere"])))
     x, placed = 0.02, []
     for drawing in panel_drawings(pattern, striped(pattern), ManufactureOptions()):
-        turned = drawing.moved(draw(st.sampled_from([0.0, 1.0, np.pi / 2])), np.zeros(2))
+        turned = drawing.moved(Affine.turn(draw(st.sampled_from([0.0, 1.0, np.pi / 2]))))
         left, low, right, _ = turned.footprint.bounds
-        placed.append(turned.moved(0.0, np.array([x - left, 0.02 - low])))
+        placed.append(turned.moved(Affine.shift([x - left, 0.02 - low])))
         x += right - left + 5e-3
     return placed
 
@@ -607,7 +609,7 @@ def wanted_lines(drawings: list[PanelDrawing]) -> tuple[Drawn, list[Label]]:
     """What each layer shows in mm: lines, and whether they are closed; and all texts."""
     lines: Drawn = {}
     labels: list[Label] = []
-    for name, layers in sheet_layers(drawings, SHEET).items():
+    for name, layers in Sheet(SHEET, drawings).layers.items():
         lines[name] = []
         for layer in layers:
             parts = shapely.get_parts(shapely.orient_polygons(layer.region))
@@ -674,7 +676,7 @@ def test_cut_files(
 ) -> None:
     """Each line and text of each layer, in mm, in its order; rings run as on the sheet."""
     path = empty(folder) / name
-    path.write_bytes(write(drawings, SHEET))
+    path.write_bytes(write(Sheet(SHEET, drawings)))
     (lines, labels), (wanted, texts) = read(path), wanted_lines(drawings)
     assert {key: len(rows) for key, rows in lines.items()} == {
         key: len(rows) for key, rows in wanted.items() if rows

@@ -279,11 +279,11 @@ def test_nested(panels: list[shapely.Polygon], gap: float, grain: float | None) 
     places = nest(outlines, size, gap=gap, margin=margin, grain=grain)
     assert [place.panel for place in places] == list(outlines)
     inner = shapely.box(margin, margin, size[0] - margin, size[1] - margin).buffer(3e-6)
-    placed = [place.region(outlines[place.panel]) for place in places]
+    placed = [place.to_sheet.region(outlines[place.panel]) for place in places]
     for place, region in zip(places, placed, strict=True):
         assert inner.covers(region)
         assert region.area == pytest.approx(outlines[place.panel].area, rel=1e-9)
-        back = place.region_on_panel(region).symmetric_difference(outlines[place.panel])
+        back = place.to_sheet.inverse.region(region).symmetric_difference(outlines[place.panel])
         assert back.area < 1e-9 * region.area
         if grain is not None:  # along the roll, up or down
             assert abs(np.cos(place.angle + grain)) < 1e-9

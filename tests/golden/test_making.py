@@ -20,7 +20,7 @@ from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, widened
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder_drawings
+from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.making.panels.printed_face import printed_face
 from toros_fem.making.panels.seam_lines import sewn_seams
@@ -28,10 +28,12 @@ from toros_fem.making.print.cleaning import MirroredPanels, Panels, clean
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.making.print.thickness import thickened
 from toros_fem.making.sheets.cut_files import cut_dxf
+from toros_fem.making.sheets.layout import layout
 from toros_fem.making.sheets.print_bodies import print_bodies
 from toros_fem.making.sheets.sewing_order import sewing_order
-from toros_fem.making.sheets.sheets import layout
+from toros_fem.making.sheets.sheet import Sheet
 from toros_fem.meshes import cylinder, mirrored
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.makers.sheets import disc, rectangle
 
 pytestmark = [pytest.mark.usefixtures("kept_meshes")]
@@ -177,8 +179,8 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
     stripes = striped(pattern)
     drawings = panel_drawings(pattern, stripes, options)
     pinned(f"machine_files/panels_of_{kind}", named(drawings), rel=1e-7, small=1e-10)
-    moved = drawings[0].moved(0.7, np.array([0.1, 0.1]))
-    (tmp_path / "cut.dxf").write_bytes(cut_dxf([moved], (0.45, 0.3)))
+    moved = drawings[0].moved(Affine.turn(0.7, [0.1, 0.1]))
+    (tmp_path / "cut.dxf").write_bytes(cut_dxf(Sheet((0.45, 0.3), [moved])))
     words: dict[str, list[str]] = {}
     places: dict[str, list[np.ndarray]] = {}
     for entity in ezdxf.readfile(tmp_path / "cut.dxf").modelspace():
@@ -224,8 +226,8 @@ def test_sheets(pinned: Callable[..., None]) -> None:
         for place in placed.placements
     }
     steps = [f"{step.kind} {step.seam}" for step in sewing_order(pattern, sewn_seams(pattern))]
-    bladder = named(bladder_drawings(pattern, options))
-    figures = {"places": places, "order of sewing": steps, "bladder": bladder}
+    film = named(bladder_sheets(pattern, options).drawings)
+    figures = {"places": places, "order of sewing": steps, "bladder": film}
     pinned("machine_files/sheets", figures, rel=1e-6, small=1e-9)
 
 

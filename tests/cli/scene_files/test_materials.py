@@ -49,13 +49,15 @@ def test_numbers_of_names(tmp_path: Path) -> None:
         bladder_thickness = "0.3 mm"
         c1 = 1.7
         """
-    composite = scene(tmp_path, text).config.material.composite
+    material = scene(tmp_path, text).config.material
+    composite = material.composite
     knit, layer = LIBRARY["rib-knit"], LIBRARY["tpu-85a"]
     assert composite.fabric == knit.material
     assert composite.knit.ratio == knit.knit_ratio
     assert composite.reinforcement == reinforced(knit.material, layer.material)
     assert composite.print_offset == print_offset(knit.material, layer.material)
     assert composite.print_side is None
+    assert material.print_height == layer.thickness != composite.reinforcement.thickness
     assert composite.bladder == Bladder(106e3, 0.3e-3)
     assert (composite.c1, composite.c2) == (1.7, 2.6)
 
@@ -92,6 +94,7 @@ def test_later_layers(tmp_path: Path) -> None:
     found = scene(tmp_path, text, coarse=True, changes=["reinforcement = tpu-95a-on-jersey"])
     assert found.config.material.composite.reinforcement == LIBRARY["tpu-95a-on-jersey"].material
     assert found.config.material.print_offset is None
+    assert found.config.material.print_height is None
     found = scene(tmp_path, text, changes=["print_offset=0.2 mm"])
     assert found.config.material.print_offset == 0.2e-3
 

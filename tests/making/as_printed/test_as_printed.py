@@ -10,7 +10,8 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.making.as_printed.as_printed import as_printed, contour_values, remove_islands
+from toros_fem.making.as_printed.as_printed import as_printed, contour_values
+from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -96,6 +97,28 @@ def test_islands_are_taken_out_of_the_density(
     wall = pattern.panel_index("wall")
     body = max(printed.contours[wall].geoms, key=lambda part: part.area)
     assert bare.contours[wall].symmetric_difference(body).area < 0.01 * body.area
+
+
+def test_islands_near_each_other_are_joined_to_the_body(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    """Two spots that are nearer to each other than to the body: none is left free."""
+    problem = full(short_tube, short_solver, beta=20.0)
+    pattern, radius = short_tube.pattern, densities_of(problem.fields).filter.radius
+    u, v = pattern.centroids.T
+    width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
+    whole = (v < 0.024) & (v > 0.01)
+    for way in (-0.95, 0.95):
+        whole |= np.hypot(u - width / 2 - way * radius, v - 0.042) < 0.7 * radius
+    density = whole.astype(float)[short_tube.owned_cells]
+    chosen = DesignResult(problem, density, problem.simulate(density), (), "", {})
+    printed = as_printed(problem, chosen, PrintLimits())
+    one, two = (island.polygon for island in printed.before.free_islands)
+    body = max(printed.contours[pattern.panel_index("wall")].geoms, key=lambda part: part.area)
+    assert one.distance(two) < one.distance(body)
+    start = connect_islands(problem, chosen, printed)
+    joined = DesignResult(problem, start, problem.simulate(start), (), "", {})
+    assert not as_printed(problem, joined, PrintLimits()).before.free_islands
 
 
 def test_pattern_without_equilibrium_is_said(

@@ -1,7 +1,6 @@
 """Lines that come as polygons: on other meshes, on the whole of a part, printed and simulated."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +11,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.as_printed.as_printed import as_printed
-from toros_fem.making.as_printed.printed_lines import printed_lines
+from toros_fem.making.as_printed.as_printed import as_printed, printed
+from toros_fem.making.as_printed.printed_lines import printed_lines, state_near
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.making.print.regions import mirrored_regions, regions_on
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -93,12 +92,14 @@ def test_contours_of_a_design_are_printed_alike(
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
-    other: dict[str, Any] = {"cleaned": first.cleaned, "pressure": 3e3}
-    cold = printed_lines(problem, short_tube.pattern, first.regions, **other)
+    far = printed_lines(problem, short_tube.pattern, first.regions, limits, island_area=math.inf)
+    assert lines.evaluation.equilibrium.steps < far.evaluation.equilibrium.steps
+    cold = printed(problem, lambda: first.cleaned, limits, pressure=3e3)
     assert cold.after.summary() == first.after.summary()
     assert cold.evaluation.equilibrium.pressure == 3e3
-    there = short_tube.pattern, problem.physics.shape_of(cold.evaluation.equilibrium)
-    warm = printed_lines(problem, short_tube.pattern, first.regions, near=there, **other)
+    there = problem.physics.shape_of(cold.evaluation.equilibrium)
+    start = state_near(problem, short_tube.pattern, there)
+    warm = printed(problem, lambda: first.cleaned, limits, start=start, pressure=3e3)
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
     assert lines.evaluation.equilibrium.pressure == problem.physics.pressure

@@ -7,21 +7,23 @@ from helpers.panels import CLOSED, pattern_of
 from shapely.geometry import LineString
 
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder_drawings
+from toros_fem.making.panels.bladder import bladder_sheets
 
 OPTIONS = ManufactureOptions(weld_allowance=6e-3, connector_width=8e-3, connector_length=20e-3)
 
 
 def test_an_open_end_needs_no_more_film() -> None:
-    sheet = bladder_drawings(pattern_of("open tube"), OPTIONS.updated(connector_width=None))[0]
+    sheet = bladder_sheets(pattern_of("open tube"), OPTIONS.updated(connector_width=None)).drawings[
+        0
+    ]
     assert np.ptp(sheet.outline.bounds[1::2]) == pytest.approx(0.1 + 0.02, rel=1e-6)
 
 
 @pytest.mark.parametrize("kind", CLOSED)
 def test_both_sheets_have_the_tab_at_the_same_place(kind: str) -> None:
     pattern = pattern_of(kind)
-    plain = bladder_drawings(pattern, OPTIONS.updated(connector_width=None))
-    sheets = bladder_drawings(pattern, OPTIONS)
+    plain = bladder_sheets(pattern, OPTIONS.updated(connector_width=None)).drawings
+    sheets = bladder_sheets(pattern, OPTIONS).drawings
     grown = [
         k
         for k, (before, after) in enumerate(zip(plain, sheets, strict=True))
@@ -54,7 +56,7 @@ def test_both_sheets_have_the_tab_at_the_same_place(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["walker", "gripper", "finger", "sphere", "torus"])
 def test_other_skins_get_their_panels(kind: str) -> None:
     pattern = pattern_of(kind)
-    sheets = bladder_drawings(pattern, OPTIONS.updated(connector_width=None))
+    sheets = bladder_sheets(pattern, OPTIONS.updated(connector_width=None)).drawings
     assert [sheet.name for sheet in sheets] == [f"bladder {name}" for name in pattern.panel_names]
     for panel, sheet in enumerate(sheets):
         assert sheet.outline.equals(pattern.outline(panel))
@@ -65,11 +67,11 @@ def test_other_skins_get_their_panels(kind: str) -> None:
 
 def test_the_tab_goes_where_it_is_wanted() -> None:
     pattern = pattern_of("finger")
-    top, bottom = bladder_drawings(pattern, OPTIONS, ("top", np.array([0.0, 0.0])))
+    top, bottom = bladder_sheets(pattern, OPTIONS, ("top", np.array([0.0, 0.0]))).drawings
     # The finger begins at x = 0, and so do both tabs.
     for sheet in (top, bottom):
         assert sheet.cut.bounds[0] == pytest.approx(-26e-3, abs=1e-4)
 
 
 def test_a_sheet_has_no_bladder() -> None:
-    assert bladder_drawings(pattern_of("sheet")) == []
+    assert bladder_sheets(pattern_of("sheet")).drawings == []

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from helpers.prints import MM, metres, worn_alike
+from helpers.prints import MM, metres, regions_of, worn_alike
 from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
 from toros_fem.making.print.islands import find_pieces
-from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
+from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits, printability
 from toros_fem.making.print.regions import mirrored_regions, part_regions
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.mirror import mirrored
@@ -53,6 +53,34 @@ def test_a_mesh_sees_the_bridge_that_it_smooths() -> None:
         (made,) = clean(Panels(pattern), regions, smoothing=smoothing * MM).regions
         across = made & metres(box(0, 7.4, 20, 7.6))
         assert across.area == pytest.approx(0.2 * width * MM**2, rel=0.02)
+
+
+@pytest.mark.parametrize("limits", [DEFAULT_LIMITS, PrintLimits(0.2e-3, 0.3e-3)])
+def test_no_corner_is_left_that_moves_a_border_by_less_than_2_micrometres(
+    limits: PrintLimits, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Files are as small as they can be; the border stays, and corners on that of the panel."""
+    pattern = square(n=40)
+    regions = regions_of(pattern, lambda p: 0.5 + 0.3 * np.sin(900 * p).prod(axis=1) - p[:, 0])
+    with monkeypatch.context() as patch:
+        patch.setattr("toros_fem.making.print.cleaning.simplified", lambda region, *_: region)
+        (fine,) = clean(Panels(pattern), regions, limits, math.inf, smoothing=0.3e-3).regions
+    (region,) = clean(Panels(pattern), regions, limits, math.inf, smoothing=0.3e-3).regions
+    most = min(2e-6, 0.005 * limits.width)
+    assert region.is_valid
+    assert region.hausdorff_distance(fine) <= 1.001 * most
+    counts = [shapely.get_num_coordinates(shape) for shape in (fine, region, region.simplify(most))]
+    assert counts[1] < 0.4 * counts[0]
+    assert counts[1] < 1.2 * counts[2], "corners on the cut stay"
+    border = pattern.outline(0).boundary
+    on_cut, kept = (
+        {tuple(p) for p in shapely.get_coordinates(shape) if border.distance(Point(p)) < 1e-12}
+        for shape in (fine, region)
+    )
+    assert kept == on_cut
+    found = printability(pattern, [region], limits)
+    assert not found.narrow_lines
+    assert not found.narrow_gaps
 
 
 def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:

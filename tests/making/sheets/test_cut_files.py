@@ -3,13 +3,14 @@
 import re
 import xml.etree.ElementTree as ET
 
-import numpy as np
 import pytest
 from helpers.panels import pattern_of, striped
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.sheets.cut_files import cut_svg
+from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.meshes.affine import Affine
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -19,7 +20,7 @@ def test_a_full_sheet_has_its_ruler_below() -> None:
     drawing = panel_drawings(pattern, striped(pattern), ManufactureOptions())[0]
     left, low, right, high = drawing.footprint.bounds
     size = right - left, high - low
-    root = ET.fromstring(cut_svg([drawing.moved(0.0, np.array([-left, -low]))], size))
+    root = ET.fromstring(cut_svg(Sheet(size, [drawing.moved(Affine.shift([-left, -low]))])))
     height = float(root.get("height", "").removesuffix("mm"))
     assert height == pytest.approx(1e3 * size[1] + 9, abs=1e-2)
     ruler = next(g for g in root.iter(f"{SVG}g") if g.get("class") == "sheet")

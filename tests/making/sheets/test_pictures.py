@@ -9,9 +9,13 @@ from helpers.panels import pattern_of, striped
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings
-from toros_fem.making.sheets.pictures import CAPITAL, seam_picture, sheet_picture
+from toros_fem.making.panels.svg import CAPITAL
+from toros_fem.making.sheets.pictures import seam_picture, sheet_picture
+from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.meshes.affine import Affine
 
 SIZE = (0.3, 0.2)
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 def upright(points: np.ndarray) -> np.ndarray:
@@ -23,13 +27,13 @@ def upright(points: np.ndarray) -> np.ndarray:
 def drawing() -> PanelDrawing:
     pattern = pattern_of("tube")
     wall = panel_drawings(pattern, striped(pattern), ManufactureOptions())[0]
-    return wall.moved(0.0, np.array([0.05, 0.05]) - wall.footprint.bounds[:2])
+    return wall.moved(Affine.shift(np.array([0.05, 0.05]) - wall.footprint.bounds[:2]))
 
 
 def test_texts_stand_around_their_places(drawing: PanelDrawing) -> None:
     """The middle of the capitals is the place of the label, whichever way it is turned."""
     found = []
-    for text in ET.fromstring(sheet_picture([drawing], SIZE, "")).iter("text"):
+    for text in ET.fromstring(sheet_picture(Sheet(SIZE, [drawing]), "a sheet")).iter(f"{SVG}text"):
         x, y, degrees = map(float, re.findall(r"-?[\d.]+", text.get("transform", "")))
         half, angle = CAPITAL * float(text.get("font-size", "")) / 2, np.radians(degrees)
         middle = np.array([x + half * np.sin(angle), y - half * np.cos(angle)])
@@ -41,10 +45,10 @@ def test_texts_stand_around_their_places(drawing: PanelDrawing) -> None:
 
 def test_a_ruler_below_a_full_sheet_is_seen(drawing: PanelDrawing) -> None:
     left, low, right, high = drawing.footprint.bounds
-    full, size = drawing.moved(0.0, np.array([-left, -low])), (right - left, high - low)
-    svg = ET.fromstring(sheet_picture([full], size, ""))
+    full, size = drawing.moved(Affine.shift([-left, -low])), (right - left, high - low)
+    svg = ET.fromstring(sheet_picture(Sheet(size, [full]), "a sheet"))
     _, top, _, deep = map(float, svg.get("viewBox", "").split())
-    lines = [line.get("points", "") for line in svg.iter("polyline")]
+    lines = [line.get("d", "") for line in svg.iter(f"{SVG}path")]
     y = [float(text) for line in lines for text in re.findall(r",(-?[\d.]+)", line)]
     assert max(y) > 1e3 * size[1]
     assert top <= min(y)
@@ -53,11 +57,12 @@ def test_a_ruler_below_a_full_sheet_is_seen(drawing: PanelDrawing) -> None:
 
 def test_seams_have_their_colours_and_places(drawing: PanelDrawing) -> None:
     """A line and its disc have one colour; no two seams have the same."""
-    svg = ET.fromstring(seam_picture([drawing], SIZE, ""))
-    lines, discs = list(svg.iter("polyline")), list(svg.iter("circle"))
+    svg = ET.fromstring(seam_picture(Sheet(SIZE, [drawing]), "seams"))
+    lines = svg.findall(f"{SVG}g[@class='sewn']/{SVG}path")
+    discs = list(svg.iter(f"{SVG}circle"))
     colours = [line.get("style", "").removeprefix("stroke:") for line in lines]
     assert colours == [disc.get("style", "").removeprefix("fill:") for disc in discs]
     assert len(set(colours)) == len({seam.number for seam in drawing.seams}) > 1
     for seam, line in zip(drawing.seams, lines, strict=True):
-        numbers = list(map(float, re.findall(r"-?[\d.]+", line.get("points", ""))))
+        numbers = list(map(float, re.findall(r"-?[\d.]+", line.get("d", ""))))
         assert upright(np.reshape(numbers, (-1, 2))) == pytest.approx(seam.line, abs=1e-5)

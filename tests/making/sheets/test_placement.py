@@ -31,12 +31,12 @@ def check(
 ) -> None:
     """Inside the margin, apart by the gap, and each panel of its own size."""
     assert [place.panel for place in places] == list(outlines)
-    placed = [place.region(outlines[place.panel]) for place in places]
+    placed = [place.to_sheet.region(outlines[place.panel]) for place in places]
     inner = shapely.box(MARGIN, MARGIN, size[0] - MARGIN, size[1] - MARGIN).buffer(3e-6)
     for place, region in zip(places, placed, strict=True):
         assert inner.covers(region)
         assert region.area == pytest.approx(outlines[place.panel].area, rel=1e-9)
-        back = place.region_on_panel(region)
+        back = place.to_sheet.inverse.region(region)
         assert back.symmetric_difference(outlines[place.panel]).area < 1e-9 * region.area
     for (one, a), (other, b) in combinations(zip(places, placed, strict=True), 2):
         if one.sheet == other.sheet:
@@ -52,7 +52,9 @@ def test_panels_apart_keep_their_places() -> None:
     places = nest(outlines, wide, gap=1e-3, margin=MARGIN, grain=np.pi / 2)
     assert len({place.offset for place in places}) == 1
     assert {(place.angle, place.sheet) for place in places} == {(0.0, 0)}
-    low = np.min([place.region(outlines[place.panel]).bounds[:2] for place in places], axis=0)
+    low = np.min(
+        [place.to_sheet.region(outlines[place.panel]).bounds[:2] for place in places], axis=0
+    )
     assert low == pytest.approx([MARGIN, MARGIN], abs=1e-9)
     # Turned with the grain, all alike; no more where they are too close or the sheet too small.
     turned = nest(outlines, (0.21, 0.35), gap=1e-3, margin=MARGIN, grain=0.0)
@@ -67,7 +69,7 @@ def test_panels_of_a_plane_move_apart_for_their_allowances() -> None:
     wide = {name: shape.buffer(4.5e-3, join_style="mitre") for name, shape in apart.items()}
     places = nest(wide, BED, gap=GAP, margin=MARGIN, grain=np.pi / 2)
     check(wide, places, BED)
-    lefts = [place.region(wide[place.panel]).bounds[0] for place in places]
+    lefts = [place.to_sheet.region(wide[place.panel]).bounds[0] for place in places]
     steps = np.diff(lefts)
     assert steps == pytest.approx([steps[0]] * 3)
     assert 0.049 + GAP - 3e-6 <= steps[0] <= 0.049 + GAP + 0.02 * 0.05

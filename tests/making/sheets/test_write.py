@@ -10,13 +10,13 @@ import meshio
 import numpy as np
 import pytest
 import shapely
+from helpers.machine_files import read_regions
 from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
 from toros_fem.base.files import if_possible, replace_file
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.sheets.reading import read_regions
 from toros_fem.making.sheets.write import made_as, write_manufacture
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.makers.sheets import rectangle
@@ -149,6 +149,20 @@ def test_a_file_of_somebody_else_is_never_overwritten(
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_a_file_that_was_changed_is_its_owners(pattern: Pattern, tmp_path: Path) -> None:
+    """It bars the way of a new one of its name, and stays where the new skin has none."""
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    (tmp_path / "cut_2.svg").write_text("mine")
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    with pytest.raises(ManufactureFileError, match=r"has cut_2\.svg, which"):
+        write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern))
+    names = {file["name"] for file in made["files"]} | {"manufacture.json", "make_it.html"}
+    assert {p.name for p in tmp_path.iterdir()} == names | {"cut_2.svg"}
+    assert (tmp_path / "cut_2.svg").read_text() == "mine"
+
+
 def test_a_call_that_was_cut_short_is_made_good(
     pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -184,6 +198,8 @@ def test_a_print_is_as_thick_as_it_was_designed() -> None:
     assert made_as({"inputs": {"thickness": 0.7e-3}}).layer_height == 0.7e-3
     thicker = {"thickness": 0.7e-3, "reinforcement_thickness": 0.8e-3}
     assert made_as({"inputs": thicker}).layer_height == 0.8e-3
+    laid = {**thicker, "print_height": 0.5e-3}
+    assert made_as({"inputs": laid}).layer_height == 0.5e-3, "of the layer, not of the laminate"
     assert made_as({"inputs": {"print_side": "inside"}}).print_side == "inside"
     assert made_as({"inputs": {"print_side": None}}) == ManufactureOptions()
     assert made_as(None) == made_as({}) == ManufactureOptions()
@@ -215,12 +231,3 @@ def test_what_cannot_be_made_is_said_in_a_line(
     if_possible("machine files", lambda: write(SMALL))
     assert "pip install toros_fem[manufacture]" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
-
-
-def test_files_of_another_pattern_are_refused(pattern: Pattern, tmp_path: Path) -> None:
-    with pytest.raises(ManufactureFileError, match="holds no machine files"):
-        read_regions(tmp_path, pattern)
-    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
-    (tmp_path / "cut_2.svg").unlink()
-    with pytest.raises(ManufactureFileError, match=r"cut_2\.svg"):
-        read_regions(tmp_path, pattern)

@@ -47,7 +47,6 @@ class Export(Command, ManufactureOptions):
         from toros_fem.making.print.printability import printability, printed_cells
         from toros_fem.making.sheets.manifest import NAME as MANIFEST
         from toros_fem.making.sheets.page import NAME as PAGE
-        from toros_fem.making.sheets.reading import read_regions
         from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
         from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
         from toros_fem.results.runs.summary_file import read_content
@@ -68,8 +67,7 @@ class Export(Command, ManufactureOptions):
                 output, stored.pattern, stored.regions, options,
                 summary=summary, title=run.resolve().name, others=drawings,
             )  # fmt: skip
-            # What is simulated again is what the files hold.
-            printed = printed_cells(stored.pattern, read_regions(output, stored.pattern))
+            printed = printed_cells(stored.pattern, stored.regions)
             write_pattern(output / NAME, part, printed[: len(part.panel)])
             write_svg(output / "pattern.svg", stored.pattern, stored.regions)
 

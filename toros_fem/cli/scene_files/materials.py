@@ -100,4 +100,5 @@ def _laid(fabric: Mapping[str, Any], entry: LibraryMaterial) -> dict[str, Any]:
     for name in ("c1", "c2"):  # bounds of the fabric stay those of the fabric
         if values[f"reinforcement_{name}"] == fabric[name]:
             values[f"reinforcement_{name}"] = None
-    return {**values, "print_offset": print_offset(plain, entry.material)}
+    offset = print_offset(plain, entry.material)
+    return {**values, "print_offset": offset, "print_height": entry.thickness}

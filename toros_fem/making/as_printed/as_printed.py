@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
@@ -16,6 +16,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
@@ -77,7 +78,6 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
     """Return ρ̃ at all flat points and at all centroids, with prescribed values kept (collective).
 
     Args:
-        problem: The design problem.
         density: ρ at owned triangles.
     """
     skin, fields = problem.skin, densities_of(problem.fields)
@@ -96,71 +96,6 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
     return at_points, at_centroids
 
 
-def remove_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
-    """Return ρ at owned triangles without the free islands of its contours (collective).
-
-    An island may carry load: `connect_islands` keeps it. Where a part of the skin is designed, its
-    triangles and panels are the first of the whole, at the same flat places.
-
-    Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        printed: Its print.
-    """
-    skin = problem.skin
-    pattern, comm = skin.pattern, skin.comm
-
-    def find() -> Bools:
-        clear = np.zeros(len(pattern.panel), dtype=bool)
-        radius = densities_of(problem.fields).filter.radius
-        for panel in {island.panel for island in printed.before.free_islands}:
-            islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
-            together = shapely.union_all(islands)
-            rest = shapely.difference(printed.contours[panel], together)
-            # Densities up to R beyond its border contribute to an island. Those closer than R/2 to
-            # the rest of the print contribute to the rest as well and stay.
-            cells = np.flatnonzero(pattern.panel == panel)
-            at = shapely.points(pattern.centroids[cells])
-            near = shapely.dwithin(at, together, radius)
-            clear[cells] |= near & ~shapely.dwithin(at, rest, radius / 2)
-        return clear
-
-    clear = on_first_rank(comm, find)
-    return np.where(clear[skin.owned_cells], 0.0, result.density)
-
-
-def connect_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
-    """Return ρ at owned triangles with the free islands connected to the rest (collective).
-
-    A straight line two filter radii wide is added along the shortest way from each island to other
-    print of its panel.
-
-    Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        printed: Its print.
-    """
-    skin = problem.skin
-    pattern = skin.pattern
-
-    def find() -> Bools:
-        bridge = np.zeros(len(pattern.panel), dtype=bool)
-        for island in printed.before.free_islands:
-            if island.panel >= len(pattern.panel_names):
-                continue  # the mirror image of an island on the part
-            cells = np.flatnonzero(pattern.panel == island.panel)
-            rest = shapely.difference(printed.contours[island.panel], island.polygon)
-            if rest.is_empty:
-                continue
-            line = shapely.shortest_line(island.polygon, rest)
-            at = shapely.points(pattern.centroids[cells])
-            bridge[cells] |= shapely.dwithin(at, line, densities_of(problem.fields).filter.radius)
-        return bridge
-
-    bridge = on_first_rank(skin.comm, find)
-    return np.where(bridge[skin.owned_cells], 1.0, result.density)
-
-
 def as_printed(
     problem: DesignProblem,
     result: DesignResult,
@@ -173,9 +108,6 @@ def as_printed(
     """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
 
     Args:
-        problem: The design problem.
-        result: Result of the design loop.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         domain: What is cleaned, for a pattern that goes on beyond its border; None: its panels.
         journal: Keeps the simulation; None keeps nothing.
@@ -184,53 +116,61 @@ def as_printed(
         ParameterError: The area is negative, or not below the pattern's; or an argument has
             another type.
     """
-    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
-    require_kind("limits", limits, PrintLimits, "PrintLimits")
-    skin = problem.skin
-    require_alike(skin.comm, limits=limits, island_area=island_area)
-    pattern, whole = skin.pattern, problem.whole
-    require_island_area(pattern, island_area)
+    require_printable(problem, limits, island_area)
+    pattern, whole = problem.skin.pattern, problem.whole
     at_points, at_centroids = contour_values(problem, result.density)
     eta = densities_of(problem.fields).projection.eta
     smoothing = SMOOTHING * float(np.sqrt(4 / np.sqrt(3) * pattern.areas.mean()))
-    if whole is not None:
-        pattern = whole.pattern
-        at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)
 
     def cleaning() -> CleanedRegions:
-        contours = printed_regions(pattern, at_points, at_centroids, eta)
-        onto = domain or panels_of(skin.pattern, whole)
-        return clean(onto, contours, limits, island_area, smoothing)
+        values, on = (at_points, at_centroids), pattern
+        if whole is not None:
+            values, on = (at_points[whole.flat], whole.at_cells(at_centroids)), whole.pattern
+        contours = printed_regions(on, *values, eta)
+        return clean(domain or panels_of(pattern, whole), contours, limits, island_area, smoothing)
 
-    def simulate(cells: Bools) -> Evaluation:
-        return kept_evaluation(
-            journal, problem, lambda: problem.simulate_binary(cells, result.final)
-        )
-
-    return print_regions(problem, pattern, cleaning, simulate, limits)
+    return printed(problem, cleaning, limits, like=result.final, journal=journal)
 
 
-def print_regions(
+def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
+    """Check what a print is made of (collective).
+
+    Raises:
+        ParameterError: An argument has another type or differs between ranks, or the area below
+            which islands are removed is not below the pattern's.
+    """
+    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
+    require_kind("limits", limits, PrintLimits, "PrintLimits")
+    require_alike(problem.skin.comm, limits=limits, island_area=island_area)
+    require_island_area(problem.skin.pattern, island_area)
+
+
+def printed(
     problem: DesignProblem,
-    pattern: Pattern,
     cleaning: Callable[[], CleanedRegions],
-    simulate: Callable[[Bools], Evaluation],
     limits: PrintLimits,
+    *,
+    like: Evaluation | None = None,
+    start: Any = None,
+    pressure: Pressure | None = None,
+    journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Measure and simulate printed regions (collective).
+    """Measure a print, and simulate it as a binary pattern (collective).
+
+    A triangle is printed if its centroid is.
 
     Args:
-        problem: The design problem.
-        pattern: The whole pattern that is printed on.
-        cleaning: Returns the regions on each of its panels; called on the first rank.
-        simulate: Evaluates a binary pattern, given for the owned triangles.
-        limits: Limits of the printer.
+        problem: The design problem, on the mesh that is simulated.
+        cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
+        like, start, pressure: As of `simulate_binary`.
+        journal: Keeps the simulation; None keeps nothing.
 
     Raises:
         PatternError: The skin is moulded.
     """
     skin = problem.skin
+    pattern = skin.pattern if problem.whole is None else problem.whole.pattern
     pattern.require_flat_panels("a print")
 
     def inspect() -> tuple[CleanedRegions, Printability, Printability, Bools]:
@@ -240,9 +180,14 @@ def print_regions(
         return cleaned, before, after, printed_cells(pattern, cleaned.regions)
 
     cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
+
+    def simulate() -> Evaluation:
+        binary = cells[skin.owned_cells]
+        return problem.simulate_binary(binary, like, start=start, pressure=pressure)
+
     evaluation, failure = None, ""
     try:
-        evaluation = simulate(cells[skin.owned_cells])
+        evaluation = kept_evaluation(journal, problem, simulate)
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(pattern, cleaned, limits, before, after, cells, evaluation, failure)

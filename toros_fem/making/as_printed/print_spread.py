@@ -47,8 +47,6 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     The print is simulated on a mesh that follows its borders, whose vertices then move with them.
 
     Args:
-        problem: The design problem.
-        printed: Its print.
         offset: Way of the borders in m, to either side.
 
     Returns:

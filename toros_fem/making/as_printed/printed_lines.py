@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.base.validation import require_kind
-from toros_fem.design.loop.journal import Journal, kept_evaluation
+from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.physics import Pressure
-from toros_fem.design.loop.problem import DesignProblem, Evaluation
-from toros_fem.making.as_printed.as_printed import PrintedDesign, print_regions
-from toros_fem.making.print.cleaning import (
-    CleanedRegions,
-    clean,
-    panels_of,
-    require_island_area,
-)
+from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, require_printable
+from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import mirrored_regions, regions_on
 from toros_fem.meshes.mirror import Mirrored
@@ -32,23 +28,20 @@ def printed_lines(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    cleaned: CleanedRegions | None = None,
     near: tuple[Pattern, Floats] | None = None,
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Clean, measure and simulate lines that come as polygons (collective).
 
-    A triangle of the problem's mesh is printed if its centroid is. The error is that of a mesh
-    whose edges follow the lines, `ActuatorCase.following`, and is given in docs/manufacture.md.
+    A mesh whose edges follow the lines, by `Case.following`, sees them as they are; others see
+    triangles, and docs/manufacture.md says how much that matters.
 
     Args:
         problem: The design problem, on the mesh that the print is simulated on.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
         regions: Polygons on each of its panels, in m.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
-        cleaned: What `clean_print` made of these polygons, if it is known.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
@@ -59,30 +52,28 @@ def printed_lines(
         PanelError: The panels are others, or the number of regions is not theirs.
         ParameterError: The area is negative, or not below the pattern's.
     """
-    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
     require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
-    require_kind("limits", limits, PrintLimits, "PrintLimits")
+    require_printable(problem, limits, island_area)
     part, whole = problem.skin.pattern, problem.whole
-    require_island_area(part, island_area)
-    start = None
-    if near is not None:
-        start = problem.physics.state_at(make_transfer(near[0], part).positions(near[1]))
+    start = None if near is None else state_near(problem, *near)
 
     def cleaning() -> CleanedRegions:
-        if cleaned is not None:
-            return cleaned
         found = regions_on(pattern, regions, part)
         return clean_print(part, whole, found, limits, island_area)
 
-    def simulate(cells: Bools) -> Evaluation:
-        return kept_evaluation(
-            journal,
-            problem,
-            lambda: problem.simulate_binary(cells, start=start, pressure=pressure),
-        )
+    return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
 
-    onto = part if whole is None else whole.pattern
-    return print_regions(problem, onto, cleaning, simulate, limits)
+
+def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
+    """Return the state of a problem whose shape is that of another mesh of its panels (collective).
+
+    Args:
+        problem: The design problem.
+        pattern: The other mesh.
+        positions: Positions of all its vertices, (n, 3), in m.
+    """
+    there = make_transfer(pattern, problem.skin.pattern).positions(positions)
+    return problem.physics.state_at(there)
 
 
 def clean_print(
@@ -98,7 +89,6 @@ def clean_print(
         part: The pattern that the polygons belong to.
         whole: The whole that it is a part of, by `meshes.mirrored`; None: it is whole.
         regions: Polygons on each of its panels, in m.
-        limits: Limits of the printer.
         island_area: As of `clean`.
 
     Raises:

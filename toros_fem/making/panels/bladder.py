@@ -15,6 +15,7 @@ from toros_fem.base.validation import checked_floats
 from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, drawing_of
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 
 # A border that differs by less than this fraction of an allowance is the same.
@@ -27,6 +28,20 @@ EMPTY = shapely.Polygon()
 
 
 @dataclass(frozen=True, eq=False)
+class BladderSheets:
+    """A bladder: sheets of film, to be welded along their seam lines.
+
+    Attributes:
+        drawings: The sheets, each in its own coordinates; none where nothing is sewn.
+        tab_seam: Number of the seam of the skin where its tab leaves; None for a tube, whose
+            sheets have a weld of their own, and without a tab.
+    """
+
+    drawings: list[PanelDrawing]
+    tab_seam: int | None
+
+
+@dataclass(frozen=True, eq=False)
 class _Sheets:
     """Sheets of film before they have a tab.
 
@@ -35,20 +50,22 @@ class _Sheets:
         outlines: Their weld lines.
         welds: Which edges are welded to which.
         tab: The weld with the tab, and the arc length in m of its middle.
+        of_skin: Whether the welds are the seams of the skin.
     """
 
     names: list[str]
     outlines: list[BaseGeometry]
     welds: list[SewnSeam]
     tab: tuple[SewnSeam, float]
+    of_skin: bool
 
 
-def bladder_drawings(
+def bladder_sheets(
     pattern: Pattern,
     options: ManufactureOptions | None = None,
     connector: tuple[str, Floats] | None = None,
-) -> list[PanelDrawing]:
-    """Return the sheets of film of a bladder, to be welded along their seam lines.
+) -> BladderSheets:
+    """Return the bladder of a skin.
 
     A tube, one panel sewn to itself with caps or without, gets two flat sheets. They are half its
     perimeter wide, and longer than the wall by the radius of each cap, over which they fold. Other
@@ -64,9 +81,6 @@ def bladder_drawings(
             it where both edges have the same curve. None takes the middle of the largest panel. The
             two sheets of a tube have theirs in the middle of an end, the clamped one.
 
-    Returns:
-        The sheets, each in its own coordinates; none where nothing is sewn.
-
     Raises:
         PanelError: There is no such panel, or nothing is sewn to it.
         PatternError: The skin is moulded.
@@ -74,7 +88,7 @@ def bladder_drawings(
     options = options_or_default(options)
     seams = sewn_seams(pattern)
     if not seams:
-        return []
+        return BladderSheets([], None)
     sheets = _tube(pattern, seams) or _panels(pattern, seams, connector, options)
     allowance = options.weld_allowance
     plain = options.updated(seam_allowance=allowance, allowance_at=ALL, grain=None)
@@ -84,30 +98,12 @@ def bladder_drawings(
         drawing = drawing_of([(name,)], sheets.outlines[k], EMPTY, edges, sheets.names, plain)
         drawings.append(replace(drawing, crosses=np.empty((0, 2))))
     if options.connector_width is None:
-        return drawings
+        return BladderSheets(drawings, None)
     weld, arc = sheets.tab
     size = options.connector_width, options.connector_length
-    for side in (0, 1):
-        k = weld.panels[side]
+    for side, k in enumerate(weld.panels):
         drawings[k] = _with_tab(drawings[k], weld, side, arc, allowance, size)
-    return drawings
-
-
-def tab_seam(
-    pattern: Pattern,
-    options: ManufactureOptions | None = None,
-    connector: tuple[str, Floats] | None = None,
-) -> int | None:
-    """Return the number of the seam at which the tab of a bladder leaves the skin.
-
-    It is None for a tube, whose sheets of film have a weld of their own, where nothing is sewn, and
-    without a tab. Arguments and errors are those of `bladder_drawings`.
-    """
-    options = options_or_default(options)
-    seams = sewn_seams(pattern)
-    if not seams or options.connector_width is None or _tube(pattern, seams) is not None:
-        return None
-    return _panels(pattern, seams, connector, options).tab[0].number
+    return BladderSheets(drawings, weld.number if sheets.of_skin else None)
 
 
 def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
@@ -126,10 +122,10 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
     size = np.array([apart.mean() / 2, own[0].length + sum(radii)])
     # The weld begins at a corner, so that its double notch is not where the tab is.
     corners = np.array([[0.5, 0], [0.5, 1], [-0.5, 1], [-0.5, 0], [0, 0], [0.5, 0]]) * size
-    weld = SewnSeam(1, (0, 1), np.stack([corners, corners * [-1, 1]]), closed=True)
+    weld = SewnSeam(1, (0, 1), np.stack([corners, corners * [-1, 1]]), (0, 0))
     box = shapely.Polygon(corners)
     names = ["bladder front", "bladder back"]
-    return _Sheets(names, [box, box], [weld], (weld, float(weld.arc[4])))
+    return _Sheets(names, [box, box], [weld], (weld, float(weld.arc[4])), of_skin=False)
 
 
 def _panels(
@@ -156,7 +152,7 @@ def _panels(
     places = [(weld, *_best_place(weld, side, point, reach)) for weld, side in edges]
     weld, arc, _ = min(places, key=lambda place: place[2])
     names = [f"bladder {name}" for name in pattern.panel_names]
-    return _Sheets(names, outlines, seams, (weld, arc))
+    return _Sheets(names, outlines, seams, (weld, arc), of_skin=True)
 
 
 def _best_place(
@@ -195,14 +191,13 @@ def _with_tab(
     width, length = size
     foot = weld.at(side, np.array([arc]))[0]
     out = weld.outward(side, np.array([arc]), width)[0]
-    aside = np.array([-out[1], out[0]])
-    reach = allowance + length
-    frame = np.stack([-aside * width / 2, aside * width / 2])
-    tab = shapely.Polygon([*(foot + frame - width / 2 * out), *(foot + frame[::-1] + reach * out)])
-    end = shapely.LineString(foot + frame + reach * out)
+    # From a frame at the middle of the tab's foot, whose y axis points out of the sheet.
+    place = Affine(np.column_stack([[out[1], -out[0]], out]), foot)
+    reach, wide = allowance + length, width / 2 + allowance
+    tab = place.region(shapely.box(-width / 2, -width / 2, width / 2, reach))
+    end = shapely.LineString(place.points([[-width / 2, reach], [width / 2, reach]]))
     outline = drawing.outline.union(tab)
-    wide = foot + frame * (1 + 2 * allowance / width)
-    cut = drawing.cut.union(shapely.Polygon([*wide, *(wide[::-1] + reach * out)]))
+    cut = drawing.cut.union(place.region(shapely.box(-wide, 0.0, wide, reach)))
     tiny = TINY * allowance
     others = [seam for seam in drawing.seams if seam.number != weld.number]
     rest = [shapely.LineString(seam.line) for seam in others]

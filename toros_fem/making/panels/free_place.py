@@ -1,8 +1,8 @@
-"""Free places for texts and arrows beside other things."""
+"""Free places for texts, arrows and rulers beside other things."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 import shapely
@@ -13,6 +13,7 @@ from toros_fem.base.array_types import Floats
 # Number of places that are tried along the longer side of a region.
 TRIED = 48
 
+# Length and width in m.
 Size = tuple[float, float]
 
 
@@ -25,35 +26,39 @@ def rectangles(centres: Floats, size: Size, angle: float | Floats) -> np.ndarray
     return np.asarray(shapely.polygons(np.stack(corners, axis=1)))
 
 
-def free_place(
-    places: Sequence[BaseGeometry], sizes: Sequence[Size], angle: float
-) -> tuple[Floats, Size] | None:
-    """Return where a rectangle fits into the first region that has room for it, and its size.
+def first_fit(
+    region: BaseGeometry, centres: Floats, angles: float | Floats, sizes: Iterable[Size]
+) -> tuple[int, Size] | None:
+    """Return the first place where the first rectangle lies in a region that fits anywhere.
 
     Args:
-        places: Regions, the best first, in m.
-        sizes: Lengths and widths in m, the best first.
-        angle: Direction of the length in rad.
+        region: Where nothing else is, in m.
+        centres: Places that are tried, (k, 2), the best first.
+        angles: Direction of the length in rad, of all or of each.
+        sizes: Lengths and widths that are tried, the best first.
 
     Returns:
-        Centre (2,) and size; None without room anywhere.
+        Number of the place, and the size; None without room.
     """
-    for place in places:
-        if place.is_empty:
-            continue
-        left, low, right, high = place.bounds
-        step = max(right - left, high - low) / TRIED
-        x, y = np.meshgrid(
-            np.arange(left + step / 2, right, step), np.arange(low + step / 2, high, step)
-        )
-        centres = np.column_stack([x.ravel(), y.ravel()])
-        shapely.prepare(place)
-        centres = centres[shapely.contains_xy(place, centres)]
-        # The nearest to the middle first.
-        middle = np.array([left + right, low + high]) / 2
-        centres = centres[np.argsort(np.linalg.norm(centres - middle, axis=1), kind="stable")]
-        for size in sizes:
-            fits = shapely.contains(place, rectangles(centres, size, angle))
-            if fits.any():
-                return centres[int(np.argmax(fits))], size
+    shapely.prepare(region)
+    for size in sizes:
+        fits = shapely.contains(region, rectangles(centres, size, angles))
+        if fits.any():
+            return int(np.argmax(fits)), size
     return None
+
+
+def places_in(region: BaseGeometry) -> Floats:
+    """Return places in a region, (k, 2), the nearest to its middle first."""
+    if region.is_empty:
+        return np.empty((0, 2))
+    left, low, right, high = region.bounds
+    step = max(right - left, high - low) / TRIED
+    x, y = np.meshgrid(
+        np.arange(left + step / 2, right, step), np.arange(low + step / 2, high, step)
+    )
+    places = np.column_stack([x.ravel(), y.ravel()])
+    shapely.prepare(region)
+    places = places[shapely.contains_xy(region, places)]
+    far = np.linalg.norm(places - np.array([left + right, low + high]) / 2, axis=1)
+    return places[np.argsort(far, kind="stable")]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.free_place import free_place, rectangles
+from toros_fem.making.panels.free_place import first_fit, places_in
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.seam_lines import SewnSeam
+from toros_fem.meshes.affine import Affine
 
 # Depth of a notch, over the allowance.
 DEPTH = 0.5
@@ -55,7 +57,6 @@ def notches(
     They end half an allowance before the seam line. Both sides have theirs at the same arc lengths.
 
     Args:
-        seam: The seam.
         side: 0 or 1.
         cut: The cut outline of the panel.
         allowance: Width of the allowance in m.
@@ -121,8 +122,13 @@ def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
         angle: Direction in rad.
     """
     sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
-    middle = shapely.get_coordinates(places[-1].representative_point())[0]
-    centre, (length, _) = free_place(places, sizes, angle) or (middle, sizes[-1])
+    centre, length = shapely.get_coordinates(places[-1].representative_point())[0], ARROWS[-1]
+    for place in places:
+        tried = places_in(place)
+        found = first_fit(place, tried, angle, sizes)
+        if found is not None:
+            centre, (length, _) = tried[found[0]], found[1]
+            break
     along = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([-along[1], along[0]])
     tail, tip = centre - along * length / 2, centre + along * length / 2
@@ -130,11 +136,25 @@ def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
     return [np.stack([tail, tip]), np.stack([head[0], tip, head[1]])]
 
 
-def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats], Label, bool]:
-    """Return a ruler of 100 mm: its lines, its text, and whether it lies on the sheet.
+@dataclass(frozen=True, eq=False)
+class Ruler:
+    """A ruler of 100 mm, to check the scale of a drawing by.
 
-    It takes the lowest free place on the sheet, upright where no level one is free. Without any it
-    lies below the sheet. Its first line is 100 mm long; the others are ticks every 10 mm.
+    Attributes:
+        lines: Lines, (n, 2) in m each: the first is 100 mm long, the others are ticks every 10 mm.
+        label: Its text.
+        inside: Whether it lies on the sheet, and not below.
+    """
+
+    lines: list[Floats]
+    label: Label
+    inside: bool
+
+
+def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> Ruler:
+    """Return the ruler of a sheet at the lowest free place, upright where no level one is free.
+
+    Without any it lies below the sheet.
 
     Args:
         taken: Room that panels need on the sheet, in m.
@@ -142,7 +162,6 @@ def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats]
     """
     free = shapely.box(2 * CLEAR, 2 * CLEAR, sheet[0] - 2 * CLEAR, sheet[1] - 2 * CLEAR)
     free = free.difference(taken.buffer(2 * CLEAR)).buffer(1e-6)
-    shapely.prepare(free)
     size = RULER + 4 * CLEAR, HEIGHT
     for angle in (0.0, np.pi / 2):
         wide, high = size if angle == 0 else size[::-1]
@@ -151,19 +170,18 @@ def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats]
             np.arange(2 * CLEAR + high / 2, sheet[1], TRIED),
         )
         centres = np.column_stack([x.ravel(), y.ravel()])
-        fits = shapely.contains(free, rectangles(centres, size, angle))
-        if fits.any():
-            return (*_ruler_at(centres[int(np.argmax(fits))], angle), True)
-    return (*_ruler_at(np.array([2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]), 0.0), False)
+        found = first_fit(free, centres, angle, [size])
+        if found is not None:
+            return _ruler_at(Affine.turn(angle, centres[found[0]]), inside=True)
+    below = [2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]
+    return _ruler_at(Affine.shift(below), inside=False)
 
 
-def _ruler_at(centre: Floats, angle: float) -> tuple[list[Floats], Label]:
-    """Return lines and text of a ruler around a point."""
+def _ruler_at(place: Affine, *, inside: bool) -> Ruler:
     base = -HEIGHT / 2 + CLEAR
     ticks = np.arange(0, RULER + STEP / 2, STEP) - RULER / 2
     lines = [np.array([[-RULER / 2, base], [RULER / 2, base]])]
     lines += [np.array([[x, base], [x, base + TICK]]) for x in ticks]
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    text = np.array([0.0, base + TICK + CLEAR + TEXT / 2])
-    label = Label(f"{1e3 * RULER:.0f} mm", centre + turn @ text, angle, TEXT)
-    return [centre + line @ turn.T for line in lines], label
+    middle = place.points([0.0, base + TICK + CLEAR + TEXT / 2])
+    label = Label(f"{1e3 * RULER:.0f} mm", middle, place.angle, TEXT)
+    return Ruler([place.points(line) for line in lines], label, inside)

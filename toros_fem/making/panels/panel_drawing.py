@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
@@ -15,8 +15,9 @@ from toros_fem.base.errors import PanelError
 from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.making.panels.allowance import cut_outline
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
-from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label, upright
+from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -75,41 +76,18 @@ class PanelDrawing:
         squares = [shapely.box(*(c - half), *(c + half)) for c in self.crosses]
         return shapely.union_all([self.cut, *squares])
 
-    def moved(self, angle: float, offset: Floats) -> PanelDrawing:
-        """Return the drawing turned by an angle in rad about the origin, and then moved.
-
-        Texts that would stand upside down are turned by half a turn.
-
-        Args:
-            angle: Angle in rad, counter-clockwise.
-            offset: Translation after the turn, (2,), in m.
-        """
-        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        map_to = [*turn.ravel().tolist(), float(offset[0]), float(offset[1])]
-
-        def shape(region: BaseGeometry) -> BaseGeometry:
-            return affine_transform(region, map_to)
-
-        def points(array: Floats) -> Floats:
-            return np.asarray(array @ turn.T + offset)
-
+    def moved(self, place: Affine) -> PanelDrawing:
+        """Return the drawing after a rotation and translation; texts stay upright."""
         return replace(
             self,
-            outline=shape(self.outline),
-            cut=shape(self.cut),
-            printed=shape(self.printed),
-            seams=tuple(replace(seam, line=points(seam.line)) for seam in self.seams),
-            notches=points(self.notches),
-            grain=tuple(points(line) for line in self.grain),
-            crosses=points(self.crosses),
-            labels=tuple(
-                replace(
-                    label,
-                    place=points(label.place),
-                    angle=float(upright(label.angle + angle)),
-                )
-                for label in self.labels
-            ),
+            outline=place.region(self.outline),
+            cut=place.region(self.cut),
+            printed=place.region(self.printed),
+            seams=tuple(replace(seam, line=place.points(seam.line)) for seam in self.seams),
+            notches=place.points(self.notches),
+            grain=tuple(place.points(line) for line in self.grain),
+            crosses=place.points(self.crosses),
+            labels=tuple(label.moved(place) for label in self.labels),
         )
 
 
@@ -163,50 +141,40 @@ def drawing_of(
     Args:
         texts: What is written on it, its name first; of each the best, then shorter ones.
         outline: Its seam line.
-        printed: Its print.
         edges: Its seams, and which side of them it is.
         names: Names of all panels.
         options: Allowance and marks.
     """
     allowance = options.seam_allowance
-    lines = [seam.lines[side] for seam, side in edges]
-    cut = outline
+    cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])
     if allowance is not None:
-        rings = shapely.get_rings(shapely.get_parts(outline))
-        border = [shapely.get_coordinates(ring) for ring in rings]
-        cut = cut_outline(outline, border if options.allowance_at == ALL else lines, allowance)
-    found: list[Floats] = [np.empty((0, 2, 2))]
-    if allowance is not None:
-        found += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
-    cuts = np.concatenate(found)
+        lines = [seam.lines[side] for seam, side in edges]
+        if options.allowance_at == ALL:
+            rings = shapely.get_rings(shapely.get_parts(outline))
+            lines = [shapely.get_coordinates(ring) for ring in rings]
+        cut = cut_outline(outline, lines, allowance)
+        cuts += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
     centres = crosses(outline, cut, options.cross_size)
-    kept_free = shapely.union_all(
-        [
-            shapely.MultiLineString(list(cuts)).buffer(CLEAR),
-            shapely.MultiPoint(centres).buffer(options.cross_size / 2 + CLEAR, cap_style="square"),
-        ]
+    reach = options.cross_size / 2 + CLEAR
+    marks = [
+        shapely.MultiLineString(list(np.concatenate(cuts))).buffer(CLEAR),
+        shapely.MultiPoint(centres).buffer(reach, cap_style="square"),
+    ]
+    kept_free = shapely.union_all(marks)
+    room = _Room(
+        band=cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2),
+        fabric=outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR),
+        panel=outline,
     )
-    band = cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2)
-    fabric = outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR)
-    taken = shapely.Polygon()
     labels: list[Label] = []
-
-    def add(made: list[Label]) -> None:
-        nonlocal taken
-        labels.extend(made)
-        taken = shapely.union_all([taken, *(label.frame for label in made)])
-
-    borders = [(line, _outward(line, side)) for line, (_, side) in zip(lines, edges, strict=True)]
-    for (line, outward), (seam, _) in zip(borders, edges, strict=True):
-        if allowance is not None:
-            add(edge_labels(str(seam.number), line, outward, band.difference(taken), allowance))
+    if allowance is not None:
+        for edge in edges:
+            numbers = edge_labels(*edge, room.band, allowance)
+            labels, room = labels + numbers, room.without(numbers)
     for text in texts:
-        free = band.difference(taken), fabric.difference(taken), outline
-        add([panel_label(text, borders, *free, allowance)])
-    arrow: list[Floats] = []
-    if options.drawn_grain is not None:
-        places = [region.difference(taken) for region in (band, fabric, outline)]
-        arrow = grain_arrow(places, options.drawn_grain)
+        label = panel_label(text, edges, room.band, room.fabric, outline, allowance)
+        labels, room = [*labels, label], room.without([label])
+    grain = options.drawn_grain
     return PanelDrawing(
         name=texts[0][0],
         outline=outline,
@@ -216,16 +184,22 @@ def drawing_of(
             Seam(seam.number, seam.lines[side], names[seam.panels[1 - side]])
             for seam, side in edges
         ),
-        notches=cuts,
-        grain=tuple(arrow),
+        notches=np.concatenate(cuts),
+        grain=() if grain is None else tuple(grain_arrow(room, grain)),
         crosses=centres,
         cross_size=options.cross_size,
         labels=tuple(labels),
     )
 
 
-def _outward(line: Floats, side: int) -> Floats:
-    """Return unit vectors from the edges of a seam line to the outside of its panel, (n − 1, 2)."""
-    along = np.diff(line, axis=0)
-    normal = np.column_stack([along[:, 1], -along[:, 0]]) * (1.0 if side == 0 else -1.0)
-    return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])
+class _Room(NamedTuple):
+    """Where nothing is yet: in the allowance, on bare fabric, on the panel with its print."""
+
+    band: BaseGeometry
+    fabric: BaseGeometry
+    panel: BaseGeometry
+
+    def without(self, labels: Sequence[Label]) -> _Room:
+        """Return what is left beside some texts."""
+        taken = shapely.union_all([label.frame for label in labels])
+        return _Room(*(region.difference(taken) for region in self))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.free_place import free_place, rectangles
+from toros_fem.making.panels.free_place import Size, first_fit, places_in, rectangles
+from toros_fem.making.panels.seam_lines import SewnSeam
+from toros_fem.meshes.affine import Affine
 
 # Width of a letter, and of the rectangle that stays free above and below, over its height.
 LETTER, LINE = 0.85, 1.3
@@ -46,32 +48,35 @@ class Label:
         """Rectangle around the text."""
         return rectangles(self.place[None], text_size(self.text, self.height), self.angle)[0]
 
+    def moved(self, place: Affine) -> Label:
+        """Return the text after a rotation; one that would stand upside down turns over."""
+        angle = float(upright(self.angle + place.angle))
+        return replace(self, place=place.points(self.place), angle=angle)
 
-def text_size(text: str, height: float) -> tuple[float, float]:
+
+def text_size(text: str, height: float) -> Size:
     """Return width and height in m of the room that a text needs."""
     return LETTER * height * len(text), LINE * height
 
 
-def edge_labels(
-    text: str, line: Floats, outward: Floats, free: BaseGeometry, allowance: float
-) -> list[Label]:
-    """Return a text once for every 80 mm beside a seam line, in the middle of its allowance.
+def edge_labels(seam: SewnSeam, side: int, free: BaseGeometry, allowance: float) -> list[Label]:
+    """Return the number of a seam once for every 80 mm beside its edge, within its allowance.
 
     It stands at least once, at the middle of a short seam even where that is not free.
 
     Args:
-        text: The text.
-        line: The seam line, (n, 2), in m.
-        outward: Unit vectors from its edges to the outside of the panel, (n − 1, 2).
+        side: Which of its edges, 0 or 1.
         free: Where nothing else is.
         allowance: Width of the allowance in m.
     """
-    places, angles, arc, length = _beside(line, outward, allowance)
+    text, length = str(seam.number), seam.length
+    places, angles, arc = _beside(seam, side, allowance)
     count = max(1, round(length / DISTANCE))
     found = []
     for k in range(count):
-        near = np.argsort(np.abs(arc - (k + 0.5) * length / count), kind="stable")
-        near = near[np.abs(arc[near] - (k + 0.5) * length / count) <= length / count / 2]
+        away = np.abs(arc - (k + 0.5) * length / count).round(9)  # so that rounding picks none
+        near = np.argsort(away, kind="stable")
+        near = near[away[near] <= length / count / 2]
         label = _first(text, places[near], angles[near], free, allowance)
         if label is not None:
             found.append(label)
@@ -83,7 +88,7 @@ def edge_labels(
 
 def panel_label(
     texts: Sequence[str],
-    borders: Sequence[tuple[Floats, Floats]],
+    edges: Sequence[tuple[SewnSeam, int]],
     band: BaseGeometry,
     fabric: BaseGeometry,
     panel: BaseGeometry,
@@ -93,23 +98,23 @@ def panel_label(
 
     Args:
         texts: The text, and shorter ones in its place, the best first.
-        borders: Seam lines, and unit vectors from their edges outwards.
+        edges: Its seams, and which side of them it is.
         band: The allowance, where nothing else is.
         fabric: The fabric that is not printed, where nothing else is.
         panel: The whole panel, where the shortest text stands if there is no other room.
         allowance: Width of the allowance in m; None without one.
     """
+    inside = places_in(fabric)
     for text in texts:
-        if allowance is not None and borders:
-            tried = [_beside(line, outward, allowance) for line, outward in borders]
+        if allowance is not None and edges:
+            tried = [_beside(*edge, allowance) for edge in edges]
             places, angles = (np.concatenate([t[i] for t in tried]) for i in (0, 1))
             label = _first(text, places, angles, band, allowance)
             if label is not None:
                 return label
-        sizes = [text_size(text, height) for height in ELSEWHERE]
-        found = free_place([fabric], sizes, 0.0)
+        found = first_fit(fabric, inside, 0.0, (text_size(text, high) for high in ELSEWHERE))
         if found is not None:
-            return Label(text, found[0], 0.0, found[1][1] / LINE)
+            return Label(text, inside[found[0]], 0.0, found[1][1] / LINE)
     middle = shapely.get_coordinates(panel.representative_point())[0]
     return Label(texts[-1], middle, 0.0, ELSEWHERE[-1])
 
@@ -119,30 +124,21 @@ def upright(angle: Floats | float) -> Floats:
     return np.asarray(np.mod(angle + TILT, np.pi) - TILT)
 
 
-def _beside(
-    line: Floats, outward: Floats, allowance: float
-) -> tuple[Floats, Floats, Floats, float]:
+def _beside(seam: SewnSeam, side: int, allowance: float) -> tuple[Floats, Floats, Floats]:
     """Return places in the middle of an allowance, directions of writing, and arc lengths."""
-    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    ends = np.concatenate([[0.0], np.cumsum(steps)])
-    length = float(ends[-1])
-    arc = (np.arange(TRIED) + 0.5) * length / TRIED
-    edge = np.clip(np.searchsorted(ends, arc) - 1, 0, len(steps) - 1)
-    point = np.column_stack([np.interp(arc, ends, line[:, axis]) for axis in (0, 1)])
-    along = np.diff(line, axis=0)[edge]
-    angle = np.arctan2(along[:, 1], along[:, 0])
-    return point + outward[edge] * allowance / 2, upright(angle), arc, length
+    arc = (np.arange(TRIED) + 0.5) * seam.length / TRIED
+    outward = seam.outward(side, arc, 1e-6 * seam.length)
+    angles = upright(np.arctan2(outward[:, 1], outward[:, 0]) + np.pi / 2)
+    return seam.at(side, arc) + outward * allowance / 2, angles, arc
 
 
 def _first(
     text: str, places: Floats, angles: Floats, free: BaseGeometry, allowance: float
 ) -> Label | None:
     """Return the text at the first place that is free, as high as possible."""
-    shapely.prepare(free)
-    for share in HEIGHTS:
-        height = share * allowance
-        fits = shapely.contains(free, rectangles(places, text_size(text, height), angles))
-        if fits.any():
-            k = int(np.argmax(fits))
-            return Label(text, places[k], float(angles[k]), height)
-    return None
+    heights = [share * allowance for share in HEIGHTS]
+    found = first_fit(free, places, angles, (text_size(text, height) for height in heights))
+    if found is None:
+        return None
+    k, (_, high) = found
+    return Label(text, places[k], float(angles[k]), high / LINE)

@@ -11,8 +11,6 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
 
-Pair = tuple[int, int]
-
 
 @dataclass(frozen=True, eq=False)
 class SewnSeam:
@@ -24,13 +22,24 @@ class SewnSeam:
         number: Number of the seam, from 1.
         panels: Numbers of both panels; equal where a panel is sewn to itself.
         lines: Flat points of both lines, (2, n, 2), in m.
-        closed: Whether the seam ends where it starts, on both panels.
+        vertices: Vertices of the assembled skin at both ends.
     """
 
     number: int
     panels: tuple[int, int]
     lines: Floats
-    closed: bool
+    vertices: tuple[int, int]
+
+    @property
+    def ring(self) -> bool:
+        """Whether the seam closes on itself in the assembled skin."""
+        return self.vertices[0] == self.vertices[1]
+
+    @property
+    def dart(self) -> bool:
+        """Whether it joins a panel to itself, and its edges meet at one of its ends."""
+        meet = np.all(self.lines[0] == self.lines[1], axis=1)
+        return self.panels[0] == self.panels[1] and bool(meet[0] or meet[-1])
 
     @property
     def arc(self) -> Floats:
@@ -83,22 +92,22 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
     point_panel[pattern.flat_triangles] = pattern.panel[:, None]
     found = []
     for chain in _chains(pattern):
-        one, two = chain[:, 0], chain[:, 1]
+        one, two = chain.T
         panels = int(point_panel[one[0]]), int(point_panel[two[0]])
         centre = pattern.flat_points[chain].mean(axis=0)
         if (panels[0], *centre[0]) > (panels[1], *centre[1]):
             one, two, panels = two[::-1], one[::-1], panels[::-1]
-        closed = bool(one[0] == one[-1] and two[0] == two[-1])
-        if closed:
+        if one[0] == one[-1] and two[0] == two[-1]:
             x, y = pattern.flat_points[one[:-1]].T
             turn = int(np.lexsort([x, y.round(9)])[0])
             one, two = (np.append(np.roll(ring[:-1], -turn), ring[turn]) for ring in (one, two))
         lines = pattern.flat_points[np.stack([one, two])]
-        found.append((panels, tuple(lines.mean(axis=(0, 1)).round(9)), lines, closed))
+        ends = int(pattern.sewn[one[0]]), int(pattern.sewn[one[-1]])
+        found.append((panels, tuple(lines.mean(axis=(0, 1)).round(9)), lines, ends))
     found.sort(key=lambda seam: seam[:2])
     return [
-        SewnSeam(number, panels, lines, closed)
-        for number, (panels, _, lines, closed) in enumerate(found, 1)
+        SewnSeam(number, panels, lines, ends)
+        for number, (panels, _, lines, ends) in enumerate(found, 1)
     ]
 
 
@@ -107,43 +116,32 @@ def _chains(pattern: Pattern) -> list[Ints]:
 
     The first point of each pair runs counter-clockwise along its panel.
     """
-    # Both ends of each sewn edge as pairs of flat points; the first side is counter-clockwise.
-    seams: list[list[Pair]] = [
-        [(int(one), int(two)) for one, two in edge.T] for edge in pattern.seams
-    ]
-    at: dict[int, list[int]] = defaultdict(list)
-    for edge, ends in enumerate(seams):
-        for point, _ in ends:
-            at[int(pattern.sewn[point])].append(edge)
-    free = {int(vertex) for vertex in pattern.free_edges.ravel()}
-    left = set(range(len(seams)))
+    edges = np.swapaxes(pattern.seams, 1, 2)  # by edge, end and side
+    vertex = pattern.sewn[edges[..., 0]]
+    passed = np.bincount(vertex.ravel(), minlength=len(pattern.points)) == 2
+    passed[pattern.free_edges] = False
+    joints: dict[frozenset[int], list[tuple[int, int]]] = defaultdict(list)
+    for edge, end in zip(*np.nonzero(passed[vertex]), strict=True):
+        joints[frozenset(edges[edge, end].tolist())].append((int(edge), int(end)))
+    left = set(range(len(edges)))
 
-    def onward(edge: int, head: Pair) -> tuple[int, Pair] | None:
-        """Return the next edge of a seam, and its far end, as a pair of flat points."""
-        vertex = int(pattern.sewn[head[0]])
-        if vertex in free or len(at[vertex]) != 2:
-            return None
-        other = at[vertex][0] if at[vertex][1] == edge else at[vertex][1]
-        if other not in left:
-            return None
-        for near, far in (seams[other], seams[other][::-1]):
-            if near == head:
-                return other, far
-            if near == head[::-1]:
-                return other, (far[1], far[0])
-        return None
+    def run(edge: int, end: int) -> list[Ints]:
+        """Return the pairs from the end of an edge on, as far as its seam goes."""
+        pairs = [edges[edge, end]]
+        while True:
+            joint = joints[frozenset(pairs[-1].tolist())]
+            onward = [(other, near) for other, near in joint if other in left]
+            if not onward:
+                return pairs
+            edge, near = onward[0]
+            left.discard(edge)
+            far = edges[edge, 1 - near]
+            pairs.append(far if edges[edge, near, 0] == pairs[-1][0] else far[::-1])
 
     chains = []
-    for start in range(len(seams)):
-        if start not in left:
-            continue
-        left.discard(start)
-        pairs = list(seams[start])
-        for forward in (True, False):
-            edge = start
-            while (step := onward(edge, pairs[-1] if forward else pairs[0])) is not None:
-                edge, pair = step
-                left.discard(edge)
-                pairs.insert(len(pairs) if forward else 0, pair)
-        chains.append(np.array(pairs))
+    for start in range(len(edges)):
+        if start in left:
+            left.discard(start)
+            forward = run(start, 1)
+            chains.append(np.array(run(start, 0)[::-1] + forward))
     return chains

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import override
 
 import numpy as np
@@ -15,11 +14,11 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import symmetric_regions
+from toros_fem.making.print.regions import mirrored_regions, symmetric_part
 from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
-from toros_fem.making.print.widths import fabric_of
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 
@@ -67,7 +66,8 @@ class Panels:
 
     Attributes:
         pattern: The pattern.
-        outlines: Outline of each panel, polygons in m.
+        outlines: What is cleaned together: the outline of each panel, polygons in m.
+        parts: What is kept of each, and has images that make up the whole, polygons in m.
         repeats: Whether a piece has images, so that what joins it gets them too.
     """
 
@@ -76,6 +76,7 @@ class Panels:
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
         self.outlines = [pattern.outline(k) for k in range(len(pattern.panel_names))]
+        self.parts = self.outlines
 
     def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
         """Return the print inside each outline, of the print on each panel."""
@@ -89,9 +90,13 @@ class Panels:
         """Return a piece of print with all its copies."""
         return shape
 
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        """Return the print on each panel; `detail` as of `symmetric_regions`."""
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        """Return the print on each part; narrower differences of images are rounding, in m."""
         return list(laid)
+
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        """Return the print on each panel, of the print on each part."""
+        return list(own)
 
 
 class MirroredPanels(Panels):
@@ -107,10 +112,15 @@ class MirroredPanels(Panels):
     def __init__(self, part: Pattern, whole: Mirrored) -> None:
         super().__init__(whole.pattern)
         self._part, self._whole = part, whole
+        self.parts = Panels(part).outlines
 
     @override
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
-        return symmetric_regions(self._part, self._whole, laid, detail)
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+        return symmetric_part(self._part, self._whole, laid, detail)
+
+    @override
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        return mirrored_regions(self._part, self._whole, own)
 
 
 def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
@@ -130,7 +140,6 @@ def clean(
     Args:
         domain: What is printed on.
         regions: Print on each panel, polygons in m.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
             the rest of their panel by a line, where one fits.
         smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are
@@ -143,11 +152,17 @@ def clean(
         raise ParameterError(
             f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
         )
-    found = _clean(domain, regions, limits, island_area, smoothing)
+    found, own = _clean(domain, regions, limits, island_area, smoothing)
     if found.bridged and domain.repeats:  # bridges get images, which may lie close to others
-        again = _clean(domain, found.regions, limits, island_area, None)
-        return replace(found, regions=again.regions)
-    return found
+        _, own = _clean(domain, found.regions, limits, island_area, None)
+    # Smoothed contours have a corner every 10 to 200 µm: files would be several times as large, and
+    # cutters stop at each.
+    near = TOUCHING * limits.resolution
+    own = [
+        simplified(region, outline, near, limits.simplified)
+        for region, outline in zip(own, domain.parts, strict=True)
+    ]
+    return replace(found, regions=domain.whole(own))
 
 
 def _clean(
@@ -156,49 +171,39 @@ def _clean(
     limits: PrintLimits,
     island_area: float,
     smoothing: float | None,
-) -> CleanedRegions:
-    outlines, images = domain.outlines, domain.images
+) -> tuple[CleanedRegions, list[BaseGeometry]]:
+    """Return a clean print with all of its corners, and what of it lies on each part."""
     made = [
         _cleaned(region, outline, limits, smoothing)
-        for region, outline in zip(domain.laid(regions), outlines, strict=True)
+        for region, outline in zip(domain.laid(regions), domain.outlines, strict=True)
     ]
     width = BRIDGE * limits.width
     if smoothing is not None:
         width = max(width, SEEN * smoothing)
-    dropped, bridged = [], []
-    islands = domain.islands(made, limits)
-    bridges: list[list[BaseGeometry]] = [[] for _ in made]
-
-    @cache
-    def attached(panel: int) -> BaseGeometry:
-        """Return the print of a panel without all of its islands."""
-        free = shapely.union_all([images(p.polygon) for p in islands if p.panel == panel])
-        return made[panel].difference(free.buffer(limits.resolution))
-
-    for island in islands:
-        line = None
-        if island.area >= island_area:
-            rest = shapely.union_all([attached(island.panel), *bridges[island.panel]])
-            line = _bridge(island.polygon, rest, outlines[island.panel], width)
-        if line is None:
-            dropped.append(island)
-        else:
-            bridged.append(island)
-            bridges[island.panel] += [images(island.polygon), images(line)]
+    islands, bridged = domain.islands(made, limits), list[PrintedPiece]()
     for panel in sorted({island.panel for island in islands}):
-        gone = [images(p.polygon) for p in dropped if p.panel == panel]
-        made[panel] = made[panel].difference(shapely.union_all(gone).buffer(limits.resolution))
-        if bridges[panel]:
-            joined = shapely.union_all([made[panel], *bridges[panel]])
-            made[panel] = _cleaned(joined, outlines[panel], limits, None)
+        outline, pieces = domain.outlines[panel], [p for p in islands if p.panel == panel]
+        free = shapely.union_all([domain.images(piece.polygon) for piece in pieces])
+        rest, joined = made[panel].difference(free.buffer(limits.resolution)), shapely.Polygon()
+        for piece in (piece for piece in pieces if piece.area >= island_area):
+            line = _bridge(piece.polygon, shapely.union_all([rest, joined]), outline, width)
+            if line is not None:
+                bridged.append(piece)
+                both = shapely.union_all([piece.polygon, line])
+                joined = shapely.union_all([joined, domain.images(both)])
+        made[panel] = rest
+        if not joined.is_empty:
+            made[panel] = _cleaned(shapely.union_all([rest, joined]), outline, limits, None)
     filled = tuple(h for h in find_holes(domain.pattern, regions) if h.area < limits.hole_area)
-    return CleanedRegions(
+    own = domain.part(made, limits.resolution)
+    cleaned = CleanedRegions(
         contours=list(regions),
-        regions=domain.cut(made, limits.resolution),
-        dropped=tuple(dropped),
-        bridged=tuple(bridged),
+        regions=domain.whole(own),
+        dropped=tuple(island for island in islands if island not in bridged),
+        bridged=tuple(island for island in islands if island in bridged),
         filled=filled,
     )
+    return cleaned, own
 
 
 def _cleaned(

@@ -34,10 +34,8 @@ def printed_region(
     the values at vertices and at centroids are met exactly.
 
     Args:
-        pattern: The pattern.
         at_points: Filtered density ρ̃ at the pattern's flat points, (m,).
         at_centroids: ρ̃ at the triangles' centroids, (t,).
-        panel: Number of the panel.
         threshold: η of the projection.
 
     Raises:

@@ -67,7 +67,6 @@ def find_pieces(
     """Return the printed pieces of all panels, the largest first.
 
     Args:
-        pattern: The pattern.
         regions: Print on each panel, polygons in m.
         contact: Length in m along which two pieces must meet at seams to be connected.
     """

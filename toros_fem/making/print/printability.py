@@ -18,6 +18,9 @@ from toros_fem.meshes.pattern import Pattern
 
 # Number of samples in the smaller limit.
 SAMPLES_PER_LIMIT = 20
+# Farthest that a border may move where corners are left out, in m, and over the smaller limit: by
+# so much lines and gaps of a cleaned print are wider than their limit.
+SIMPLIFIED, SPARE = 2e-6, 0.005
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,11 @@ class PrintLimits:
     def resolution(self) -> float:
         """Distance in m of the samples by which widths and gaps are measured."""
         return min(self.width, self.gap) / SAMPLES_PER_LIMIT
+
+    @property
+    def simplified(self) -> float:
+        """Farthest that a border may move where corners are left out, in m."""
+        return min(SIMPLIFIED, SPARE * min(self.width, self.gap))
 
 
 DEFAULT_LIMITS = PrintLimits()
@@ -117,7 +125,6 @@ def printability(
     """Measure the printability of a pattern.
 
     Args:
-        pattern: The pattern.
         regions: Print on each panel, polygons in m.
         limits: Narrower lines and gaps are listed.
     """

@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
-from shapely import affinity
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
@@ -50,8 +49,8 @@ def regions_on(
     found = []
     for name in target.panel_names:
         points = np.unique(target.flat_triangles[target.cells_of(name)])
-        map_ = _affine(there[points], target.flat_points[points])
-        found.append(affinity.affine_transform(regions[source.panel_index(name)], map_))
+        place = Affine.fit(there[points], target.flat_points[points])
+        found.append(place.region(regions[source.panel_index(name)]))
     return found
 
 
@@ -66,14 +65,14 @@ def mirrored_regions(
         regions: Polygons on each panel of the part, in m.
     """
     pieces: list[list[BaseGeometry]] = [[] for _ in whole.pattern.panel_names]
-    for own, panel, map_ in _images(part, whole):
-        pieces[panel].append(affinity.affine_transform(regions[own], map_))
+    for own, panel, place in _images(part, whole):
+        pieces[panel].append(place.region(regions[own]))
     grid = GRID * whole.pattern.size
     return [p[0] if len(p) == 1 else shapely.union_all(p, grid_size=grid) for p in pieces]
 
 
-def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, list[float]]]:
-    """Yield each panel of a part, its panel in each image, and the affine map to it."""
+def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, Affine]]:
+    """Yield each panel of a part, its panel in each image, and the map to it."""
     count = len(part.panel)
     for image in range(len(whole.cell) // count):
         cells = slice(image * count, (image + 1) * count)
@@ -82,7 +81,7 @@ def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, list[flo
             here = np.flatnonzero(part.panel[whole.cell[cells]] == own)
             points = np.unique(corners[here])
             source, target = part.flat_points[whole.flat[points]], whole.pattern.flat_points[points]
-            yield own, int(panels[here[0]]), _affine(source, target)
+            yield own, int(panels[here[0]]), Affine.fit(source, target)
 
 
 def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
@@ -95,12 +94,12 @@ def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeo
     return [regions[k] & part.outline(k) for k in range(len(part.panel_names))]
 
 
-def symmetric_regions(
+def symmetric_part(
     part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry], detail: float
 ) -> list[BaseGeometry]:
-    """Return polygons on each panel of a whole skin, made exactly symmetric.
+    """Return polygons on the panels of a part such that the whole becomes exactly symmetric.
 
-    They are those of its part, with what only one of the images has.
+    They are those of the part, with what only one of its images has.
 
     Args:
         part: The part, whose panels are the first of the whole, at the same places.
@@ -109,10 +108,10 @@ def symmetric_regions(
         detail: Narrower differences in m count as rounding.
     """
     own = part_regions(part, regions)
-    for panel, image, map_ in _images(part, whole):
-        there = affinity.affine_transform(regions[image], _inverse(map_))
+    for panel, image, place in _images(part, whole):
+        there = place.inverse.region(regions[image])
         own[panel] = with_more(own[panel], there, part.outline(panel), detail)
-    return mirrored_regions(part, whole, own)
+    return own
 
 
 def with_more(
@@ -121,19 +120,3 @@ def with_more(
     """Return a region with what only its image has inside an outline, but for narrow pieces."""
     more = (other & outline).difference(own).buffer(-detail / 2).buffer(detail)
     return own if more.is_empty else own.union(more & other) & outline
-
-
-def _affine(source: Floats, target: Floats) -> list[float]:
-    """Return the affine map between points (k, 2) as a, b, d, e, x, y of shapely."""
-    middle = source.mean(axis=0)
-    columns = np.column_stack([source - middle, np.ones(len(source))])
-    found = np.linalg.lstsq(columns, target, rcond=None)[0]
-    linear, offset = found[:2].T, found[2] - found[:2].T @ middle
-    return [*linear.ravel().tolist(), *offset.tolist()]
-
-
-def _inverse(map_: list[float]) -> list[float]:
-    """Return the inverse of an affine map of shapely."""
-    inverse: Floats = np.linalg.inv(np.reshape(map_[:4], (2, 2)))
-    offset = -inverse @ np.array(map_[4:])
-    return [*inverse.ravel().tolist(), *offset.tolist()]

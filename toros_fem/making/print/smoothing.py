@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import reduce
-from itertools import pairwise
-
 import numpy as np
 import shapely
 from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
+from toros_fem.making.print.polygons import changed_border, polygons_of
 
 # Distance of points on a smooth curve, over the smoothing length.
 STEP = 1 / 6
@@ -32,43 +30,18 @@ def smoothed(region: BaseGeometry, outline: BaseGeometry, length: float) -> Base
         outline: Outline of the panel.
         length: Standard deviation of the weight along the border, in m.
     """
-    cut = outline.boundary
-    shapely.prepare(cut)
-    smooth = []
-    for polygon in shapely.get_parts(region):
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = _smooth_ring(shapely.get_coordinates(ring)[:-1], cut, length)
-            smooth.append(shapely.make_valid(shapely.Polygon(points), method="structure"))
-    # Even and odd: rings inside others are their holes.
-    found = reduce(shapely.symmetric_difference, smooth, shapely.Polygon())
-    return _polygons(found.intersection(outline))
 
-
-def _smooth_ring(points: Floats, cut: BaseGeometry, length: float) -> Floats:
-    """Return the points of a ring (n, 2), averaged along it where it is off the cut."""
-    free = ~shapely.dwithin(cut, shapely.points(points), TOUCHING * length)
-    if free.all():
-        closed = np.concatenate([points, points[:1]])
-        if shapely.length(shapely.linestrings(closed)) < SHORTEST * length:
+    def smooth(points: Floats, closed: bool) -> Floats:
+        if not closed:
+            return _averaged(_even(points, length), closed=False)
+        ring = np.concatenate([points, points[:1]])
+        if shapely.length(shapely.linestrings(ring)) < SHORTEST * length:
             return points
-        return _averaged(_even(closed, length)[:-1], closed=True)
-    begin = int(np.argmin(free))
-    points, free = np.roll(points, -begin, axis=0), np.roll(free, -begin)
-    closed, free = np.concatenate([points, points[:1]]), np.append(free, False)
-    # Runs between two points on the cut, each with both of these.
-    stops = np.flatnonzero(~free)
-    pieces = []
-    for a, b in pairwise(stops):
-        run = closed[a : b + 1]
-        if b > a + 1 or not _along(run, cut, length):
-            run = _averaged(_even(run, length), closed=False)
-        pieces.append(run[:-1])
-    return np.concatenate(pieces)
+        return _averaged(_even(ring, length)[:-1], closed=True)
 
-
-def _along(run: Floats, cut: BaseGeometry, length: float) -> bool:
-    """Return whether a single edge lies on the cut."""
-    return bool(shapely.dwithin(cut, shapely.points(run.mean(axis=0)), TOUCHING * length))
+    found = changed_border(region, outline, TOUCHING * length, smooth)
+    parts = polygons_of(found.intersection(outline))
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(list(parts))
 
 
 def _even(line: Floats, length: float) -> Floats:
@@ -82,23 +55,15 @@ def _even(line: Floats, length: float) -> Floats:
 
 def _averaged(points: Floats, *, closed: bool) -> Floats:
     """Return evenly spaced points (n, 2), averaged along a ring or between fixed ends."""
-    sigma = 1 / STEP
+    sigma, mode, n = 1 / STEP, "wrap", len(points)
+    if not closed:
+        # An odd continuation at both ends keeps them.
+        back, on = 2 * points[0] - points[:0:-1], 2 * points[-1] - points[-2::-1]
+        points, mode = np.concatenate([back, points, on]), "nearest"
+    once = gaussian_filter1d(points, sigma, axis=0, mode=mode)
+    twice = np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode=mode))
     if closed:
-        once = gaussian_filter1d(points, sigma, axis=0, mode="wrap")
-        return np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode="wrap"))
-    # An odd continuation at both ends keeps them.
-    n = len(points)
-    back = 2 * points[0] - points[:0:-1]
-    on = 2 * points[-1] - points[-2::-1]
-    longer = np.concatenate([back, points, on])
-    once = gaussian_filter1d(longer, sigma, axis=0, mode="nearest")
-    twice = 2 * once - gaussian_filter1d(once, sigma, axis=0, mode="nearest")
-    inner = np.asarray(twice[n - 1 : 2 * n - 1])
-    inner[0], inner[-1] = points[0], points[-1]
+        return twice
+    inner = twice[n - 1 : 2 * n - 1]
+    inner[0], inner[-1] = points[n - 1], points[2 * n - 2]
     return inner
-
-
-def _polygons(shape: BaseGeometry) -> BaseGeometry:
-    """Return the polygons of a shape, without lines and points."""
-    parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
-    return shapely.MultiPolygon(parts) if len(parts) != 1 else parts[0]

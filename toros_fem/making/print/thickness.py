@@ -7,7 +7,15 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.making.print.widths import TOUCHING, fabric_of, narrow_discs, solid
+from toros_fem.making.print.polygons import (
+    QUARTER,
+    TOUCHING,
+    fabric_of,
+    opened,
+    pieces_and_holes,
+    solid,
+)
+from toros_fem.making.print.widths import narrow_discs
 
 # Relative excess of widths, since discs are polygons and lie at a distance from each other; a
 # third of it is what widths must keep.
@@ -26,8 +34,7 @@ WIDENING = 4
 ROUNDS = 16
 # Depth of wear from both sides that no line may part by, over the least width.
 WORN = 0.47
-# Corners of a quarter of a circle, and how far they are beside it, over the radius.
-QUARTER = 10
+# How far the corners of a polygon in place of a circle are beside it, over the radius.
 ARC = 0.004
 
 
@@ -141,12 +148,6 @@ def _doubtful(region: BaseGeometry, limit: float) -> BaseGeometry:
     return _without_corners(lost, limit)
 
 
-def pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
-    """Return the number of pieces of a region, and of all their holes."""
-    pieces = [piece for piece in shapely.get_parts(region) if not piece.is_empty]
-    return len(pieces), sum(len(piece.interiors) for piece in pieces)
-
-
 def _necks(region: BaseGeometry, depth: float, apart: float) -> Floats:
     """Return points (n, 2) on the ways between parts of a piece that wear of a depth would sever.
 
@@ -164,14 +165,9 @@ def _necks(region: BaseGeometry, depth: float, apart: float) -> Floats:
     return shapely.get_coordinates(shapely.segmentize(ways, apart))
 
 
-def _opened(region: BaseGeometry, radius: float) -> BaseGeometry:
-    """Return the union of all discs of a radius that lie in a region."""
-    return region.buffer(-radius, quad_segs=QUARTER).buffer(radius, quad_segs=QUARTER)
-
-
 def _flimsy(region: BaseGeometry, limit: float) -> BaseGeometry:
     """Return the parts of a region that are narrower than half a limit, without corners."""
-    return _without_corners(region.difference(_opened(region, limit / 4)), limit)
+    return _without_corners(region.difference(opened(region, limit / 4)), limit)
 
 
 def _without_corners(lost: BaseGeometry, limit: float) -> BaseGeometry:
@@ -183,7 +179,7 @@ def _without_corners(lost: BaseGeometry, limit: float) -> BaseGeometry:
 
 def _rounded(region: BaseGeometry, outline: BaseGeometry, width: float, gap: float) -> BaseGeometry:
     """Return a region with round corners, but where it meets the border of its panel."""
-    longer = _opened(_beyond(region, outline, max(width, gap)), ROUND * width / 2)
+    longer = opened(_beyond(region, outline, max(width, gap)), ROUND * width / 2)
     closed = longer.buffer(ROUND * gap / 2, quad_segs=QUARTER)
     return closed.buffer(-ROUND * gap / 2, quad_segs=QUARTER)
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.making.print.polygons import TOUCHING, fabric_of
 from toros_fem.meshes.triangles import linked
 
 # Two sides face each other if the path along the border from one to the other is longer than this
@@ -19,10 +19,6 @@ from toros_fem.meshes.triangles import linked
 # notches and junctions blunter than 28° do not count as narrow lines, and neither does the end of
 # a line.
 FACING = 4.0
-# Type of polygons in shapely.
-POLYGON = 3
-# Two borders closer than this fraction of the resolution are the same.
-TOUCHING = 1e-3
 # Length over the limit of a stretch of border that one sample stands for in a first look.
 STRETCH = 1 / 4
 # Fewer points than this have no triangulation.
@@ -55,22 +51,6 @@ class Widths(NamedTuple):
 
     smallest: LocalWidth | None
     narrow: tuple[LocalWidth, ...]
-
-
-class _Samples(NamedTuple):
-    """Points along the rings of polygons."""
-
-    points: Floats
-    ring: Ints
-    arc: Floats  # distance along the ring
-    length: Floats  # length of the whole ring
-    free: Bools  # not where the panel is cut
-
-    def path(self, p: Ints, q: Ints) -> Floats:
-        """Return the distance along the border between samples, infinite between two rings."""
-        along = np.abs(self.arc[p] - self.arc[q])
-        along = np.minimum(along, self.length[p] - along)
-        return np.where(self.ring[p] == self.ring[q], along, np.inf)
 
 
 class _Pairs(NamedTuple):
@@ -109,7 +89,6 @@ def measure_widths(
     Args:
         region: Printed region, polygons in m.
         outline: Outline of the panel.
-        panel: Number of the panel.
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.
@@ -124,15 +103,16 @@ def measure_widths(
         (region, width_limit),
         (fabric_of(region, outline, resolution), gap_limit),
     ):
-        samples, pairs, dots = _facing_sides(polygons, outline.boundary, limit, resolution)
+        border = _Border(polygons, outline.boundary, limit, resolution)
+        pairs = facing = border.facing()
         if within is not None:
             pairs = pairs.select(shapely.contains_xy(within, pairs.centre))
         least = limit - TOUCHING * resolution  # a width equal to the limit is not narrow
         places = [
-            _place(samples.points[ends[0]], samples.points[ends[1]], width, panel)
-            for ends, width in _thinnest(samples, pairs, least)
+            _place(border.points[ends[0]], border.points[ends[1]], width, panel)
+            for ends, width in border.thinnest(pairs, least)
         ]
-        for dot, cut in dots:
+        for dot, cut in border.lone(facing):
             place = _largest_disc(dot, panel, resolution)
             here = within is None or shapely.contains_xy(within, *place.centre)
             if here and (not cut or place.width < least):
@@ -141,30 +121,6 @@ def measure_widths(
         narrow = tuple(place for place in places if place.width < least)
         found.append(Widths(places[0] if places else None, narrow))
     return found[0], found[1]
-
-
-def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the part of a panel that is not printed, without slivers of rounding.
-
-    Args:
-        region: Printed region, polygons in m.
-        outline: Outline of the panel.
-        resolution: Distance in m of the samples that widths are measured by.
-    """
-    return solid(outline.difference(region), resolution)
-
-
-def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the polygons of a shape without slivers of rounding.
-
-    Args:
-        shape: A region, in m, and lines and points that are left out.
-        resolution: Distance in m of the samples that widths are measured by.
-    """
-    apart = TOUCHING * resolution
-    thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
-    parts = shapely.get_parts(shape.intersection(thick))
-    return shapely.MultiPolygon(list(parts[shapely.get_type_id(parts) == POLYGON]))
 
 
 def narrow_discs(
@@ -186,139 +142,169 @@ def narrow_discs(
     Returns:
         Centres, (n, 2), in m, and for each whether the cut is one of the two sides.
     """
-    samples, pairs, dots = _facing_sides(polygons, cut, limit, resolution, near)
+    border = _Border(polygons, cut, limit, resolution, near)
+    pairs = border.facing()
     thin = pairs.select(pairs.width < limit)
     places = [
         (_largest_disc(dot, 0, resolution), at_cut)
-        for dot, at_cut in dots
+        for dot, at_cut in border.lone(pairs)
         if dot.buffer(-resolution - limit / 2).is_empty  # else a larger disc fits in
     ]
     small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
-    at_cut = ~samples.free[thin.ends].all(axis=1)
+    at_cut = ~border.free[thin.ends].all(axis=1)
     return (
         np.concatenate([thin.centre, np.reshape([centre for centre, _ in small], (-1, 2))]),
         np.concatenate([at_cut, np.array([cut_ for _, cut_ in small], dtype=bool)]),
     )
 
 
-def _facing_sides(
-    polygons: BaseGeometry,
-    cut: BaseGeometry,
-    limit: float,
-    resolution: float,
-    near: BaseGeometry | None = None,
-) -> tuple[_Samples, _Pairs, list[tuple[BaseGeometry, bool]]]:
-    """Return samples of the border, pairs on facing sides, and the pieces that have no such.
-
-    With each piece comes whether it meets the cut. With `near`, sides are left out that are far
-    from there, or further apart than the limit.
-    """
-    parts = shapely.get_parts(polygons)
-    parts = parts[shapely.area(parts) > 0]
-    if near is not None:
-        parts = parts[shapely.intersects(parts, near)]
-    rings, part = shapely.get_rings(parts, return_index=True)
-    if not len(rings):
-        none: Floats = np.empty(0)
-        zero = np.empty(0, np.int64)
-        return _Samples(np.empty((0, 2)), zero, none, none, none > 0), NO_PAIRS, []
-    samples = _sample(rings, cut, resolution, None if near is None else near.buffer(2 * limit))
-    facing = _facing(samples, resolution, _close(samples, limit) if near is not None else None)
-    shapely.prepare(parts)
-    inside = np.zeros(len(facing.width), dtype=bool)
-    owner = part[samples.ring[facing.ends]]
-    same = owner[:, 0] == owner[:, 1]
-    inside[same] = shapely.contains_xy(parts[owner[same, 0]], facing.centre[same])
-    counts = samples.free[facing.ends].all(axis=1) | (facing.width < limit)
-    pairs = facing.select(inside & counts & (facing.path > FACING * limit))
-    touched = np.zeros(len(parts), dtype=bool)
-    touched[part[samples.ring[~samples.free]]] = True
-    lone = np.setdiff1d(np.arange(len(parts)), part[samples.ring[pairs.ends]].ravel())
-    return samples, pairs, [(parts[k], bool(touched[k])) for k in lone]
-
-
-def _sample(
-    rings: npt.NDArray[np.object_],
-    cut: BaseGeometry,
-    resolution: float,
-    within: BaseGeometry | None,
-) -> _Samples:
-    """Return samples, inside some area, on rings of a region that a panel's border cuts."""
-    dense, ring = shapely.get_coordinates(shapely.segmentize(rings, resolution), return_index=True)
-    last = np.append(ring[1:] != ring[:-1], True)  # a ring's last point repeats its first
-    step = np.where(last[:-1], 0, np.linalg.norm(np.diff(dense, axis=0), axis=1))
-    along = np.concatenate([[0], np.cumsum(step)])
-    first = np.concatenate([[True], last[:-1]])
-    arc, length = along - along[first][ring], (along[last] - along[first])[ring]
-    kept = ~last
-    if within is not None:
-        shapely.prepare(within)
-        kept &= shapely.contains_xy(within, dense)
-    shapely.prepare(cut)
-    free = ~shapely.dwithin(cut, shapely.points(dense[kept]), TOUCHING * resolution)
-    return _Samples(dense[kept], ring[kept], arc[kept], length[kept], free)
-
-
-def _close(samples: _Samples, limit: float) -> Bools:
-    """Return which samples may face others at less than a limit, with those around them.
-
-    One sample of each stretch of the border stands for all of the stretch. The distances that are
-    asked of it are so much larger, and the paths so much shorter, that no pair is lost, nor what
-    lies in the disc between its ends.
-    """
-    stretch = STRETCH * limit
-    number = np.stack([samples.ring, np.floor(samples.arc / stretch).astype(np.int64)])
-    first = np.append(True, np.any(np.diff(number, axis=1) != 0, axis=0))
-    chosen = np.flatnonzero(first)
-    pairs = cKDTree(samples.points[chosen]).query_pairs(limit + 2 * stretch, output_type="ndarray")
-    p, q = chosen[pairs].T
-    far = samples.path(p, q) > FACING / 2 * limit - 2 * stretch
-    close: Bools = np.zeros(len(chosen), dtype=bool)
-    close[pairs[far]] = True
-    # The discs of the outermost pairs are known from samples beyond them.
-    reach = int(np.ceil(1 / STRETCH))
-    close = np.convolve(close, np.ones(2 * reach + 1), mode="same") > 0
-    return close[np.cumsum(first) - 1]
-
-
-def _facing(samples: _Samples, resolution: float, kept: Bools | None) -> _Pairs:
-    """Return pairs of samples on facing sides that are edges of the Delaunay triangulation.
-
-    The discs through a pair that contain no other sample have their centres on the Voronoi edge
-    dual to it. The smallest disc has the pair as its diameter if its centre is there. Otherwise it
-    is the smaller circumscribed disc of the edge's two triangles.
+class _Border:
+    """Samples on the border of a region, and which of them face each other.
 
     Args:
-        samples: The samples.
-        resolution: Their distance in m.
-        kept: The samples that count; None for all.
+        polygons: The region, in m.
+        cut: Border of the panel.
+        limit: Least width in m.
+        resolution: Distance of the samples in m.
+        near: Places; what is far from them, and sides further apart than the limit, are left out.
+            None takes all.
+
+    Attributes:
+        points: The samples, (n, 2), in m.
+        free: Which of them are not on the cut, (n,).
     """
-    origin = samples.points.mean(axis=0)
-    # On straight borders and round panels many samples lie on common circles. That makes Qhull 10
-    # to 100 times slower, so they are shifted a little.
-    shift = np.random.default_rng(0).uniform(-1, 1, samples.points.shape)
-    points = samples.points - origin + TOUCHING * resolution * shift
-    chosen = np.arange(len(points)) if kept is None else np.flatnonzero(kept)
-    if len(chosen) < SIMPLEX:
-        return NO_PAIRS
-    mesh = Delaunay(points[chosen])
-    triangle, k = np.nonzero(mesh.neighbors > np.arange(len(mesh.simplices))[:, None])
-    p, q = (chosen[mesh.simplices[triangle, (k + step) % 3]] for step in (1, 2))
-    path = samples.path(p, q)
-    chord = np.linalg.norm(samples.points[p] - samples.points[q], axis=1)
-    far = path > FACING * chord
-    triangle, k, p, q, path, chord = (a[far] for a in (triangle, k, p, q, path, chord))
-    start, end = points[p], points[q]
-    one = _circumcentres(mesh.points[mesh.simplices[triangle]])
-    two = _circumcentres(mesh.points[mesh.simplices[mesh.neighbors[triangle, k]]])
-    middle = (start + end) / 2
-    radii = [np.linalg.norm(centre - start, axis=1) for centre in (one, two)]
-    between = np.einsum("ij,ij->i", one - middle, two - middle) <= 0
-    nearer = np.where((radii[0] <= radii[1])[:, None], one, two)
-    width = np.where(between, chord, np.maximum(chord, 2 * np.minimum(*radii)))
-    centre = np.where(between[:, None], middle, nearer) + origin
-    pairs = _Pairs(np.stack([p, q], axis=1), path, width, centre)
-    return pairs.select((path > FACING * width) & np.isfinite(width))
+
+    def __init__(
+        self,
+        polygons: BaseGeometry,
+        cut: BaseGeometry,
+        limit: float,
+        resolution: float,
+        near: BaseGeometry | None = None,
+    ) -> None:
+        self._limit, self._resolution = limit, resolution
+        parts = shapely.get_parts(polygons)
+        parts = parts[shapely.area(parts) > 0]
+        if near is not None:
+            parts = parts[shapely.intersects(parts, near)]
+        self._parts = parts
+        rings, part = shapely.get_rings(parts, return_index=True)
+        dense, ring = shapely.get_coordinates(
+            shapely.segmentize(rings, resolution), return_index=True
+        )
+        count = len(ring)
+        last = np.append(ring[1:] != ring[:-1], True)[:count]  # it repeats the first of its ring
+        step = np.where(last[:-1], 0, np.linalg.norm(np.diff(dense, axis=0), axis=1))
+        along = np.concatenate([[0], np.cumsum(step)])[:count]
+        first = np.concatenate([[True], last[:-1]])[:count]
+        kept = ~last
+        if near is not None:
+            within = near.buffer(2 * limit)
+            shapely.prepare(within)
+            kept &= shapely.contains_xy(within, dense)
+        self.points, self._ring = dense[kept], ring[kept]
+        # The part, the distance along the ring, and the length of the ring, of each sample.
+        self._part = part[self._ring]
+        self._arc = (along - along[first][ring])[kept]
+        self._length = (along[last] - along[first])[self._ring]
+        shapely.prepare(cut)
+        self.free = ~shapely.dwithin(cut, shapely.points(self.points), TOUCHING * resolution)
+        self._chosen = np.arange(len(self.points)) if near is None else self._close()
+
+    def facing(self) -> _Pairs:
+        """Return the pairs of samples on facing sides of a part."""
+        pairs = self._neighbours()
+        shapely.prepare(self._parts)
+        inside = np.zeros(len(pairs.width), dtype=bool)
+        one, two = self._part[pairs.ends].T
+        same = one == two
+        inside[same] = shapely.contains_xy(self._parts[one[same]], pairs.centre[same])
+        counts = self.free[pairs.ends].all(axis=1) | (pairs.width < self._limit)
+        return pairs.select(inside & counts & (pairs.path > FACING * self._limit))
+
+    def lone(self, pairs: _Pairs) -> list[tuple[BaseGeometry, bool]]:
+        """Return the parts without facing sides, and whether each meets the cut."""
+        touched = np.unique(self._part[~self.free])
+        lone = np.setdiff1d(np.arange(len(self._parts)), self._part[pairs.ends])
+        return [(self._parts[k], bool(np.isin(k, touched))) for k in lone]
+
+    def thinnest(self, pairs: _Pairs, limit: float) -> list[tuple[Ints, float]]:
+        """Return the thinnest pair of all, or of each connected set of pairs under the limit."""
+        if not len(pairs.width):
+            return []
+        thin = np.flatnonzero(pairs.width < limit)
+        if not len(thin):
+            thin = np.array([np.argmin(pairs.width)])
+        ends, width = pairs.ends[thin], pairs.width[thin]
+        best = _leaders(width, linked(ends[:, 0], ends[:, 1], len(self.points))[ends[:, 0]])
+        # A width that oscillates about the limit must not count as many places.
+        near = cKDTree(self.points[ends[best]].mean(axis=1)).query_pairs(
+            limit, output_type="ndarray"
+        )
+        best = best[_leaders(width[best], linked(near[:, 0], near[:, 1], len(best)))]
+        return [(ends[k], float(width[k])) for k in best]
+
+    def _paths(self, p: Ints, q: Ints) -> Floats:
+        """Return the distance along the border between samples, infinite between two rings."""
+        along = np.abs(self._arc[p] - self._arc[q])
+        along = np.minimum(along, self._length[p] - along)
+        return np.where(self._ring[p] == self._ring[q], along, np.inf)
+
+    def _close(self) -> Ints:
+        """Return the samples that may face others at less than the limit, with those around them.
+
+        One sample of each stretch of the border stands for all of the stretch. The distances that
+        are asked of it are so much larger, and the paths so much shorter, that no pair is lost, nor
+        what lies in the disc between its ends.
+        """
+        if not len(self.points):
+            return np.empty(0, np.int64)
+        limit, stretch = self._limit, STRETCH * self._limit
+        number = np.stack([self._ring, np.floor(self._arc / stretch).astype(np.int64)])
+        first = np.append(True, np.any(np.diff(number, axis=1) != 0, axis=0))
+        chosen = np.flatnonzero(first)
+        tree = cKDTree(self.points[chosen])
+        pairs = tree.query_pairs(limit + 2 * stretch, output_type="ndarray")
+        far = self._paths(*chosen[pairs].T) > FACING / 2 * limit - 2 * stretch
+        close = np.zeros(len(chosen))
+        close[pairs[far]] = 1.0
+        # The discs of the outermost pairs are known from samples beyond them.
+        reach = int(np.ceil(1 / STRETCH))
+        wide = np.convolve(close, np.ones(2 * reach + 1), mode="same") > 0.5
+        return np.flatnonzero(wide[np.cumsum(first) - 1])
+
+    def _neighbours(self) -> _Pairs:
+        """Return pairs of samples far along the border that are edges of a Delaunay triangulation.
+
+        The discs through a pair that contain no other sample have their centres on the Voronoi edge
+        dual to it. The smallest disc has the pair as its diameter if its centre is there. Otherwise
+        it is the smaller circumscribed disc of the edge's two triangles.
+        """
+        if len(self._chosen) < SIMPLEX:
+            return NO_PAIRS
+        origin = self.points.mean(axis=0)
+        # On straight borders and round panels many samples lie on common circles. That makes Qhull
+        # 10 to 100 times slower, so they are shifted a little.
+        shift = np.random.default_rng(0).uniform(-1, 1, self.points.shape)
+        points = self.points - origin + TOUCHING * self._resolution * shift
+        mesh = Delaunay(points[self._chosen])
+        triangle, k = np.nonzero(mesh.neighbors > np.arange(len(mesh.simplices))[:, None])
+        p, q = (self._chosen[mesh.simplices[triangle, (k + step) % 3]] for step in (1, 2))
+        path = self._paths(p, q)
+        chord = np.linalg.norm(self.points[p] - self.points[q], axis=1)
+        far = path > FACING * chord
+        triangle, k, p, q, path, chord = (a[far] for a in (triangle, k, p, q, path, chord))
+        start, end = points[p], points[q]
+        one = _circumcentres(mesh.points[mesh.simplices[triangle]])
+        two = _circumcentres(mesh.points[mesh.simplices[mesh.neighbors[triangle, k]]])
+        middle = (start + end) / 2
+        radii = [np.linalg.norm(centre - start, axis=1) for centre in (one, two)]
+        between = np.einsum("ij,ij->i", one - middle, two - middle) <= 0
+        nearer = np.where((radii[0] <= radii[1])[:, None], one, two)
+        width = np.where(between, chord, np.maximum(chord, 2 * np.minimum(*radii)))
+        centre = np.where(between[:, None], middle, nearer) + origin
+        pairs = _Pairs(np.stack([p, q], axis=1), path, width, centre)
+        return pairs.select((path > FACING * width) & np.isfinite(width))
 
 
 def _circumcentres(corners: Floats) -> Floats:
@@ -330,22 +316,6 @@ def _circumcentres(corners: Floats) -> Floats:
         scale = 0.5 / (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
         x, y = v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu
         return a + np.stack([x * scale, y * scale], axis=1)
-
-
-def _thinnest(samples: _Samples, pairs: _Pairs, limit: float) -> list[tuple[Ints, float]]:
-    """Return the thinnest pair of all, or of each connected set of pairs under the limit."""
-    if not len(pairs.width):
-        return []
-    thin = np.flatnonzero(pairs.width < limit)
-    if not len(thin):
-        thin = np.array([np.argmin(pairs.width)])
-    ends, width = pairs.ends[thin], pairs.width[thin]
-    best = _leaders(width, linked(ends[:, 0], ends[:, 1], len(samples.points))[ends[:, 0]])
-    # A width that oscillates about the limit must not count as many places.
-    middles = samples.points[ends[best]].mean(axis=1)
-    near = cKDTree(middles).query_pairs(limit, output_type="ndarray")
-    best = best[_leaders(width[best], linked(near[:, 0], near[:, 1], len(best)))]
-    return [(ends[k], float(width[k])) for k in best]
 
 
 def _leaders(width: Floats, label: Ints) -> Ints:

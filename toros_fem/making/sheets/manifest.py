@@ -2,39 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
+import shapely
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.versions import versions
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import notch_arcs
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.seam_lines import SewnSeam
-from toros_fem.making.sheets.sewing_order import SewingStep
-from toros_fem.making.sheets.sheets import Layout
+from toros_fem.making.sheets.manufacture import Manufacture
+from toros_fem.making.sheets.sheet import Sheet
 
 NAME = "manufacture.json"
 FORMAT, VERSION = "toros_fem manufacture", 1
+# Where the height of a print is from: a material that is the printed layer alone; the thickness
+# of print and fabric as one sheet, since nothing else is known; the settings of the files.
+MATERIAL, ONE_SHEET, OPTIONS = "material", "one sheet", "options"
 # Inputs of a run that say what it is made of.
 MATERIALS = (
     "fabric_young", "reinforcement_young", "poisson", "reinforcement_poisson", "thickness",
-    "reinforcement_thickness", "c1", "reinforcement_c1", "c2", "reinforcement_c2", "bladder_young",
-    "bladder_thickness", "knit_ratio", "grain_angle",
+    "reinforcement_thickness", "print_height", "c1", "reinforcement_c1", "c2", "reinforcement_c2",
+    "bladder_young", "bladder_thickness", "knit_ratio", "grain_angle",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class MadeFile:
-    """A file that was written.
+    """A file for printer or cutter.
 
     Attributes:
         name: Its name in the folder.
         kind: "print", "cut" or "bladder".
         shows: What it holds, in some words.
+        content: Its bytes.
         bed: Number of the bed, from 1; None where there is none.
         sheet: Number of the sheet, from 1; None where there is none.
     """
@@ -42,20 +47,19 @@ class MadeFile:
     name: str
     kind: str
     shows: str
+    content: bytes
     bed: int | None = None
     sheet: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what is known of it."""
-        return {name: value for name, value in vars(self).items() if value is not None}
+        """Return what is known of it, with a digest of its content."""
+        known = {name: value for name, value in vars(self).items() if value is not None}
+        known["sha256"] = sha256(known.pop("content")).hexdigest()
+        return known
 
 
 def manifest(
-    layout: Layout,
-    film: Layout | None,
-    seams: Sequence[SewnSeam],
-    order: Sequence[SewingStep],
-    options: ManufactureOptions,
+    made: Manufacture,
     files: Sequence[MadeFile],
     summary: Mapping[str, Any] | None = None,
     others: Sequence[str] = (),
@@ -63,108 +67,121 @@ def manifest(
     """Return the manifest as plain values; each key of a number ends in its unit.
 
     Args:
-        layout: Panels and their places.
-        film: Sheets of the bladder and their places; None without one.
-        seams: All seams.
-        order: The order in which they are sewn.
-        options: Settings of the machine files.
+        made: What is made.
         files: The files.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
         others: Names of files beside these.
     """
-    names = [one.name for one in layout.drawings]
+    places, options = made.layout, made.options
     run = dict(summary or {})
     inputs = run.get("inputs") or {}
     figures = {f"{row['name']}_{row['unit']}": row for row in run.get("figures", [])}
-    found = {key: row["value"] for key, row in figures.items() if row["target"] is not None}
-    printed = float(sum(one.printed.area for one in layout.drawings))
     return {
         "format": FORMAT,
         "version": VERSION,
         "files": [file.as_dict() for file in files],
         "others": list(others),
-        "beds": [_sheet(bed, layout.bed, options) for bed in layout.beds],
-        "sheets": [_sheet(sheet, layout.sheet, options) for sheet in layout.sheets],
-        "panels": [_panel(one, options) for one in layout.drawings],
+        "beds": [_sheet(bed, options) for bed in places.beds],
+        "sheets": [_sheet(sheet, options) for sheet in places.sheets],
+        "panels": [_panel(one, options) for one in places.drawings],
         "placements": [
             {
-                "panel": place.panel,
-                "bed": place.sheet + 1,
-                "angle_deg": float(np.degrees(place.angle)),
-                "offset_on_bed_mm": _mm(place.offset),
+                "panel": on_bed.panel,
+                "bed": on_bed.sheet + 1,
+                "angle_deg": float(np.degrees(on_bed.angle)),
+                "offset_on_bed_mm": _mm(on_bed.offset),
                 "sheet": on_sheet.sheet + 1,
                 "offset_on_sheet_mm": _mm(on_sheet.offset),
             }
-            for place, on_sheet in zip(layout.placements, layout.on_sheets, strict=True)
+            for on_bed, on_sheet in zip(places.placements, places.on_sheets, strict=True)
         ],
-        "seams": [
-            {
-                "number": seam.number,
-                "panels": [names[panel] for panel in seam.panels],
-                "length_mm": 1e3 * seam.length,
-                "length_of_each_edge_mm": [
-                    1e3 * float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
-                    for line in seam.lines
-                ],
-                "notches_mm": _mm(_notches(seam, options)),
-            }
-            for seam in seams
-        ],
+        "seams": [_seam(seam, made) for seam in made.seams],
         "sewing": [
             {"seam": step.seam, "kind": step.kind, "opening_mm": 1e3 * step.opening}
-            for step in order
+            for step in made.order
         ],
-        "bladder": _film(film),
-        "print": _print(printed, options),
+        "bladder": made.film
+        and {
+            "film_mm": _mm(made.film.size),
+            "sheets": [
+                {"name": one.name, "cut_size_mm": _size_of_cut(one)} for one in made.film.drawings
+            ],
+        },
+        "print": {
+            "height_mm": 1e3 * options.layer_height,
+            "height_from": height_from(inputs, options),
+            **_print(places.drawings, options),
+        },
         "options": options.as_dict(),
         "materials": {name: inputs[name] for name in MATERIALS if name in inputs},
         "pressure_pa": figures["pressure_pa"]["value"] if "pressure_pa" in figures else None,
-        "metrics": found,
+        "metrics": {key: row["value"] for key, row in figures.items() if row["target"] is not None},
         "versions": versions(),
     }
 
 
-def _sheet(
-    drawings: Sequence[PanelDrawing], size: tuple[float, float], options: ManufactureOptions
-) -> dict[str, Any]:
+def print_height(inputs: Mapping[str, Any]) -> tuple[float | None, str]:
+    """Return the height in m that a run's print is made in, and where it is from.
+
+    A material that is the printed layer alone has a height. Of another one only the thickness of
+    print and fabric as one sheet is known.
+
+    Args:
+        inputs: Inputs of the run.
+
+    Returns:
+        Height, and `MATERIAL` or `ONE_SHEET`; None and `OPTIONS` where the run says nothing.
+    """
+    if inputs.get("print_height") is not None:
+        return inputs["print_height"], MATERIAL
+    thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
+    return thickness, OPTIONS if thickness is None else ONE_SHEET
+
+
+def height_from(inputs: Mapping[str, Any], options: ManufactureOptions) -> str:
+    """Return where the height of the print in the settings is from, as `print_height` says it."""
+    height, source = print_height(inputs)
+    return source if options.layer_height == height else OPTIONS
+
+
+def _sheet(sheet: Sheet, options: ManufactureOptions) -> dict[str, Any]:
     return {
-        "size_mm": _mm(size),
-        "panels": [one.name for one in drawings],
-        "fabric_used": float(sum(one.cut.area for one in drawings) / np.prod(size)),
-        **_print(float(sum(one.printed.area for one in drawings)), options),
+        "size_mm": _mm(sheet.size),
+        "panels": [one.name for one in sheet.drawings],
+        "fabric_used": float(sum(one.cut.area for one in sheet.drawings) / np.prod(sheet.size)),
+        **_print(sheet.drawings, options),
     }
 
 
 def _panel(one: PanelDrawing, options: ManufactureOptions) -> dict[str, Any]:
-    low, high = np.reshape(one.cut.bounds, (2, 2))
     return {
         "name": one.name,
-        "cut_size_mm": _mm(high - low),
+        "cut_size_mm": _size_of_cut(one),
         "area_mm2": 1e6 * float(one.outline.area),
         "cut_area_mm2": 1e6 * float(one.cut.area),
         "seams": sorted({seam.number for seam in one.seams}),
         "notches": len(one.notches),
-        **_print(float(one.printed.area), options),
+        **_print([one], options),
     }
 
 
-def _film(film: Layout | None) -> dict[str, Any] | None:
-    if film is None:
-        return None
+def _seam(seam: SewnSeam, made: Manufacture) -> dict[str, Any]:
+    names, options = [one.name for one in made.layout.drawings], made.options
+    # Where the cut is the seam line there are no notches.
+    cut_on_line = options.seam_allowance is None
+    notches = () if cut_on_line else notch_arcs(seam.length, options.notch_distance)
     return {
-        "film_mm": _mm(film.sheet),
-        "sheets": [
-            {
-                "name": one.name,
-                "cut_size_mm": _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0)),
-            }
-            for one in film.drawings
-        ],
+        "number": seam.number,
+        "panels": [names[panel] for panel in seam.panels],
+        "length_mm": 1e3 * seam.length,
+        "length_of_each_edge_mm": [1e3 * shapely.LineString(line).length for line in seam.lines],
+        "notches_mm": _mm(notches),
     }
 
 
-def _print(area: float, options: ManufactureOptions) -> dict[str, float]:
-    """Return area, volume and mass of a print of an area in m²."""
+def _print(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> dict[str, float]:
+    """Return area, volume and mass of the print of some panels."""
+    area = float(sum(one.printed.area for one in drawings))
     volume = area * options.layer_height
     return {
         "print_area_mm2": 1e6 * area,
@@ -173,12 +190,9 @@ def _print(area: float, options: ManufactureOptions) -> dict[str, float]:
     }
 
 
-def _notches(seam: SewnSeam, options: ManufactureOptions) -> Floats:
-    """Return the places of notches along a seam in m; none where the cut is the seam line."""
-    if options.seam_allowance is None:
-        return np.empty(0)
-    return notch_arcs(seam.length, options.notch_distance)
+def _size_of_cut(one: PanelDrawing) -> list[float]:
+    return _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0))
 
 
-def _mm(lengths: Any) -> list[float]:
+def _mm(lengths: Iterable[float]) -> list[float]:
     return [1e3 * float(length) for length in lengths]

@@ -8,11 +8,13 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform, translate
+from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import MissingPackageError, SheetError
+from toros_fem.base.errors import SheetError
+from toros_fem.making.packages import required
+from toros_fem.meshes.affine import Affine
 
 # Direction of the grain on every sheet, in rad from x: along the roll.
 ROLL = np.pi / 2
@@ -42,22 +44,9 @@ class Placement:
     offset: tuple[float, float]
 
     @property
-    def turn(self) -> Floats:
-        """Rotation matrix, (2, 2)."""
-        return _turn(self.angle)
-
-    def points(self, points: Floats) -> Floats:
-        """Return points of the panel's chart, (…, 2), on the sheet, in m."""
-        return np.asarray(points) @ self.turn.T + self.offset
-
-    def region(self, region: BaseGeometry) -> BaseGeometry:
-        """Return a region of the panel's chart on the sheet, in m."""
-        return affine_transform(region, [*self.turn.ravel(), *self.offset])
-
-    def region_on_panel(self, region: BaseGeometry) -> BaseGeometry:
-        """Return a region of the sheet on the panel's chart, in m: the inverse of `region`."""
-        back = self.turn.T
-        return affine_transform(region, [*back.ravel(), *(-back @ self.offset)])
+    def to_sheet(self) -> Affine:
+        """Map from the panel's chart to the sheet."""
+        return Affine.turn(self.angle, self.offset)
 
 
 def nest(
@@ -66,7 +55,7 @@ def nest(
     *,
     gap: float,
     margin: float,
-    grain: Mapping[str, float | None] | float | None = None,
+    grain: float | None = None,
 ) -> list[Placement]:
     """Return a place for each panel on as few sheets as are found; the same in every run.
 
@@ -90,21 +79,13 @@ def nest(
         SheetError: A panel fits on no sheet.
         MissingPackageError: u-nesting is not installed, and panels must be nested.
     """
-    grains = grain if isinstance(grain, Mapping) else dict.fromkeys(outlines, grain)
     usable = np.array(size) - 2 * margin
-    turns = {name: _turns(shape, grains[name]) for name, shape in outlines.items()}
+    turns = {name: _turns(shape, grain) for name, shape in outlines.items()}
     for name, shape in outlines.items():
         _require_fit(name, shape, turns[name], usable, size)
-    kept = _kept(outlines, turns, usable, gap)
-    placed = kept or _nested(outlines, turns, usable, gap)
+    placed = _kept(outlines, turns, usable, gap) or _nested(outlines, turns, usable, gap)
     _check(outlines, placed, usable, gap)
     return [replace(p, offset=(p.offset[0] + margin, p.offset[1] + margin)) for p in placed]
-
-
-def _turn(angle: float) -> Floats:
-    # Quarter turns are exact, so that a panel that just fits still does.
-    c, s = (round(v) if abs(v - round(v)) < 1e-12 else v for v in (np.cos(angle), np.sin(angle)))
-    return np.array([[c, -s], [s, c]], dtype=np.float64)
 
 
 def _turns(shape: BaseGeometry, grain: float | None) -> list[float]:
@@ -122,7 +103,7 @@ def _turns(shape: BaseGeometry, grain: float | None) -> list[float]:
 
 def _box(shape: BaseGeometry, angle: float) -> tuple[Floats, Floats]:
     """Return lower left corner and size of a shape after a turn about the origin, in m."""
-    points = shapely.get_coordinates(shape) @ _turn(angle).T
+    points = Affine.turn(angle).points(shapely.get_coordinates(shape))
     return points.min(axis=0), np.ptp(points, axis=0)
 
 
@@ -171,9 +152,11 @@ def _kept(
         low, box = _box(whole, angle)
         common = all(any(np.isclose(angle, t) for t in allowed) for allowed in turns.values())
         if common and np.all(box <= usable + ROUNDING):
-            offsets = moves @ _turn(angle).T - low
-            pairs = zip(outlines, offsets.tolist(), strict=True)
-            return [Placement(name, 0, angle, (x, y)) for name, (x, y) in pairs]
+            offsets = Affine.turn(angle).vectors(moves) - low
+            return [
+                Placement(name, 0, angle, (float(x), float(y)))
+                for name, (x, y) in zip(outlines, offsets, strict=True)
+            ]
     return []
 
 
@@ -187,12 +170,7 @@ def _nested(
     usable: Floats,
     gap: float,
 ) -> list[Placement]:
-    try:
-        import u_nesting
-    except ImportError as missing:
-        raise MissingPackageError(
-            f"panels cannot be nested: {missing}; pip install toros_fem[manufacture]"
-        ) from None
+    nesting = required("u_nesting")
     names = list(outlines)
     parts = [
         {
@@ -205,7 +183,7 @@ def _nested(
     # Without a limit of time the result is that of the method alone.
     config = {"strategy": "nfp", "spacing": MM * gap, "time_limit_ms": 0, "multi_sheet": True}
     width, height = MM * (usable + ROUNDING)
-    answer = u_nesting.solve_2d(parts, {"width": width, "height": height}, config)
+    answer = nesting.solve_2d(parts, {"width": width, "height": height}, config)
     if not answer["success"] or not answer["all_placed"]:
         left = ", ".join(repr(names[int(k)]) for k in answer.get("unplaced", []))
         raise SheetError(
@@ -239,7 +217,7 @@ def _check(
     gap: float,
 ) -> None:
     """Check the places against the outlines themselves."""
-    regions = {place.panel: place.region(outlines[place.panel]) for place in placed}
+    regions = {place.panel: place.to_sheet.region(outlines[place.panel]) for place in placed}
     for name, region in regions.items():
         low, high = np.reshape(region.bounds, (2, 2))
         if np.any(low < -2 * ROUNDING) or np.any(high > usable + 2 * ROUNDING):

@@ -14,9 +14,10 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import MissingPackageError, PatternError
+from toros_fem.base.errors import PatternError
 from toros_fem.base.validation import require_between, require_positive
 from toros_fem.making.options import ManufactureOptions, options_or_default
+from toros_fem.making.packages import required
 from toros_fem.making.panels.marks import cross_shapes
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 
@@ -149,10 +150,7 @@ def threemf_of(bodies: Sequence[PrintBody]) -> bytes:
     Raises:
         MissingPackageError: lib3mf is not installed.
     """
-    try:
-        import lib3mf
-    except ImportError as missing:
-        raise MissingPackageError(f"{missing}; pip install toros_fem[manufacture]") from None
+    lib3mf = required("lib3mf")
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)

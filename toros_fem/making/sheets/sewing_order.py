@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from scipy.cluster.hierarchy import DisjointSet
+
 from toros_fem.making.panels.seam_lines import SewnSeam
 from toros_fem.meshes.pattern import Pattern
 
@@ -43,75 +45,39 @@ def sewing_order(
     bladder.
 
     Args:
-        pattern: The pattern.
         seams: Its seams, by `sewn_seams`.
         closing: Numbers of seams that should come last, those where the bladder's tube leaves for
             instance. Of a body without one the longest ring is the last, or the longest seam.
     """
-    bodies = _Groups(len(pattern.panel_names))
+    bodies = DisjointSet(range(len(pattern.panel_names)))
     for seam in seams:
-        bodies.join(*seam.panels)
+        bodies.merge(*seam.panels)
     steps = []
-    for body in bodies.groups():
+    for body in bodies.subsets():
         own = [seam for seam in seams if seam.panels[0] in body]
         if own:
-            steps += _body_order(pattern, own, closing)
+            steps += _body_order(own, closing)
     return steps
 
 
-def _body_order(
-    pattern: Pattern, seams: Sequence[SewnSeam], closing: Sequence[int]
-) -> list[SewingStep]:
-    vertices = {seam.number: _end_vertices(pattern, seam) for seam in seams}
-    rings = [seam for seam in seams if vertices[seam.number][0] == vertices[seam.number][1]]
+def _body_order(seams: Sequence[SewnSeam], closing: Sequence[int]) -> list[SewingStep]:
+    rings = [seam for seam in seams if seam.ring]
     wanted = [seam for seam in seams if seam.number in closing] or rings or list(seams)
     last = max(wanted, key=lambda seam: (round(seam.length, 9), -seam.number))
-    pieces = _Groups(len(pattern.panel_names))
-    steps = [SewingStep(seam.number, DART) for seam in seams if seam is not last and _dart(seam)]
-    rest = [seam for seam in seams if seam is not last and not _dart(seam)]
-    edges = []
+    rest = [seam for seam in seams if seam is not last]
+    kinds: dict[str, list[int]] = {kind: [] for kind in KINDS}
+    pieces = DisjointSet(panel for seam in seams for panel in seam.panels)
+    # The longest first: it joins pieces, and shorter ones are edges of the piece that it makes.
     for seam in sorted(rest, key=lambda seam: (-round(seam.length, 9), seam.number)):
-        if seam in rings:
-            continue
-        if pieces.join(*seam.panels):
-            steps.append(SewingStep(seam.number, FLAT))
+        if seam.dart or seam.ring:
+            kind = DART if seam.dart else RING
         else:
-            edges.append(SewingStep(seam.number, EDGE))
-    steps += sorted(edges, key=lambda step: step.seam)
-    steps += [SewingStep(seam.number, RING) for seam in rest if seam in rings]
+            kind = FLAT if pieces.merge(*seam.panels) else EDGE
+        kinds[kind].append(seam.number)
     opening = last.length if last.length < 1.5 * OPENING else OPENING
+    steps = [
+        SewingStep(number, kind)
+        for kind, found in kinds.items()
+        for number in (found if kind == FLAT else sorted(found))
+    ]
     return [*steps, SewingStep(last.number, CLOSING, opening)]
-
-
-def _end_vertices(pattern: Pattern, seam: SewnSeam) -> tuple[int, int]:
-    """Return the assembled vertices at both ends of a seam."""
-    cells = pattern.panel == seam.panels[0]
-    points = pattern.flat_triangles[cells].ravel()
-    places = {tuple(pattern.flat_points[point]): int(pattern.sewn[point]) for point in points}
-    first, last = (places[tuple(seam.lines[0, end])] for end in (0, -1))
-    return first, last
-
-
-def _dart(seam: SewnSeam) -> bool:
-    """Return whether a seam joins a panel to itself and its edges meet at one of its ends."""
-    meet = [bool((seam.lines[0, end] == seam.lines[1, end]).all()) for end in (0, -1)]
-    return seam.panels[0] == seam.panels[1] and any(meet)
-
-
-class _Groups:
-    """Panels that hang together."""
-
-    def __init__(self, count: int) -> None:
-        self._of = list(range(count))
-
-    def join(self, one: int, other: int) -> bool:
-        """Join two groups; return whether they were apart."""
-        a, b = self._of[one], self._of[other]
-        self._of = [a if group == b else group for group in self._of]
-        return a != b
-
-    def groups(self) -> list[set[int]]:
-        return [
-            {k for k, group in enumerate(self._of) if group == name}
-            for name in dict.fromkeys(self._of)
-        ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,22 +13,18 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import ManufactureFileError
 from toros_fem.base.files import replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.bladder import bladder_drawings, tab_seam
-from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.panels.printed_face import printed_face
-from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
-from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest
+from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest, print_height
+from toros_fem.making.sheets.manufacture import Manufacture, manufacture
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
 from toros_fem.making.sheets.print_bodies import print_bodies, stl_of, threemf_of
-from toros_fem.making.sheets.sewing_order import sewing_order
-from toros_fem.making.sheets.sheets import film_layout, layout
 from toros_fem.meshes.pattern import Pattern
 
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
-# Drawings of what is cut, by the endings of their files.
+# Files of what is printed and of what is cut, by their endings.
+PRINTS = {"3mf": threemf_of, "stl": stl_of}
 CUTS = {"svg": cut_svg, "dxf": cut_dxf}
 
 
@@ -45,7 +42,8 @@ def write_manufacture(
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
     first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
-    Files of an earlier call, which its manufacture.json lists, go; all others stay.
+    Files of an earlier call, which its manufacture.json lists, go if they are as they were
+    written; all others stay.
 
     Args:
         folder: The folder, made if missing.
@@ -60,88 +58,93 @@ def write_manufacture(
         The manifest, as in manufacture.json.
 
     Raises:
-        ManufactureFileError: A file of somebody else has the name of one that would be written.
+        ManufactureFileError: A file of somebody else, or one that was changed, has the name of one
+            that would be written.
         SheetError: A panel fits on no sheet.
         PatternError: The skin is moulded, so that it has no flat panels.
         MissingPackageError: A package of the extra `manufacture` is not installed.
     """
     folder = Path(folder)
     options = options or made_as(summary)
-    pattern, regions = printed_face(pattern, regions, options)
-    drawings = panel_drawings(pattern, regions, options)
-    places = layout(drawings, options)
-    seams = sewn_seams(pattern)
-    made: list[tuple[MadeFile, bytes]] = []
-    for bed, drawn in enumerate(places.beds, 1):
-        bodies = print_bodies(drawn, options)
-        if bodies:
-            text = f"print of bed {bed}, in mm"
-            for end, written in (("3mf", threemf_of), ("stl", stl_of)):
-                file = MadeFile(f"print_{bed}.{end}", "print", text, bed=bed)
-                made.append((file, written(bodies)))
-    for sheet, drawn in enumerate(places.sheets, 1):
-        text = f"cut of sheet {sheet}, in mm, in layers"
-        for end, cut in CUTS.items():
-            file = MadeFile(f"cut_{sheet}.{end}", "cut", text, sheet=sheet)
-            made.append((file, cut(drawn, places.sheet)))
-    sheets_of_film = bladder_drawings(pattern, options)
-    film = film_layout(sheets_of_film, options) if sheets_of_film else None
-    if film is not None:
-        text = f"cut of the bladder's {len(sheets_of_film)} sheets of film, in mm, in layers"
-        for end, cut in CUTS.items():
-            file = MadeFile(f"bladder.{end}", "bladder", text)
-            made.append((file, cut(film.sheets[0], film.sheet)))
-    at_tab = tab_seam(pattern, options)
-    order = sewing_order(pattern, seams, [] if at_tab is None else [at_tab])
-    files = [file for file, _ in made]
-    about = manifest(places, film, seams, order, options, files, summary, others)
-    name = title or folder.resolve().parent.name
-    contents = {file.name: content for file, content in made}
-    contents[PAGE] = page(about, places, film, name).encode()
+    made = manufacture(pattern, regions, options)
+    files = list(machine_files(made))
+    about = manifest(made, files, summary, others)
+    shown = page(made, about, title or folder.resolve().parent.name, summary)
+    contents = {**{file.name: file.content for file in files}, PAGE: shown.encode()}
     _make_room(folder, [NAME, *contents, *others])
     # First, so that after a kill the files are known as those of this package.
     write_json(folder / NAME, about)
-    for file_name, content in contents.items():
-        replace_file(folder / file_name, content)
+    for name, content in contents.items():
+        replace_file(folder / name, content)
     return about
 
 
-def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
-    """Return the settings that fit a run's summary: thickness and face of the print, grain.
+def machine_files(made: Manufacture) -> Iterator[MadeFile]:
+    """Yield each file for printer and cutter."""
+    for bed, sheet in enumerate(made.layout.beds, 1):
+        bodies = print_bodies(sheet.drawings, made.options)
+        for end, written in PRINTS.items() if bodies else ():
+            shows = f"print of bed {bed}, in mm"
+            yield MadeFile(f"print_{bed}.{end}", "print", shows, written(bodies), bed=bed)
+    for number, sheet in enumerate(made.layout.sheets, 1):
+        for end, cut in CUTS.items():
+            shows = f"cut of sheet {number}, in mm, in layers"
+            yield MadeFile(f"cut_{number}.{end}", "cut", shows, cut(sheet), sheet=number)
+    if made.film is not None:
+        for end, cut in CUTS.items():
+            count = len(made.film.drawings)
+            shows = f"cut of the bladder's {count} sheets of film, in mm, in layers"
+            yield MadeFile(f"bladder.{end}", "bladder", shows, cut(made.film))
 
-    The grain is that of the wales, across the courses of a knit.
+
+def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
+    """Return the settings that fit a run's summary: height and face of the print, grain.
+
+    The height is that of `print_height`. The grain is that of the wales, across the courses of a
+    knit.
 
     Args:
         summary: The run's summary; None takes the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
-    thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
-    known = {"layer_height": thickness, "print_side": inputs.get("print_side")}
+    known: dict[str, Any] = {"layer_height": print_height(inputs)[0]}
+    known["print_side"] = inputs.get("print_side")
     if inputs.get("knit_ratio") is not None:
         known["grain"] = 90.0 + inputs["grain_angle"]
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
 
 
 def _make_room(folder: Path, names: Sequence[str]) -> None:
-    """Remove the files that the folder's manifest lists, if nobody else's bar the way of new ones.
+    """Remove the files of an earlier call, if nobody else's bar the way of new ones.
 
     Raises:
         ManufactureFileError: Some do.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    digests: dict[str, str | None] = {}
     try:
         last = json.loads((folder / NAME).read_text(encoding="utf-8"))
         if last["format"] != FORMAT:
             raise ValueError("another's")
-        listed = [*(file["name"] for file in last["files"]), *last.get("others", ())]
-        ours = {NAME, PAGE, *(Path(name).name for name in listed)}
+        # Of these no digest is known.
+        digests = dict.fromkeys([NAME, PAGE, *last.get("others", ())])
+        digests |= {Path(file["name"]).name: file.get("sha256") for file in last["files"]}
     except (OSError, ValueError, KeyError, TypeError):
-        ours = set()
-    barred = [name for name in names if name not in ours and (folder / name).exists()]
+        digests = {}
+
+    def ours(name: str) -> bool:
+        digest = digests.get(name)
+        unknown = name in digests and digest is None
+        return unknown or sha256((folder / name).read_bytes()).hexdigest() == digest
+
+    there = {path.name for path in folder.iterdir()}
+    barred = [name for name in names if name in there and not ours(name)]
     if barred:
         raise ManufactureFileError(
             f"{folder} has {', '.join(barred)}, which {NAME} there does not list as made by "
-            "toros. Move such files, or choose another folder; nothing was changed."
+            "toros, or which changed since. Move such files, or choose another folder; nothing "
+            "was done to them."
         )
-    for name in ours - {NAME}:
-        (folder / name).unlink(missing_ok=True)
+    for name in sorted(there & (digests.keys() - {NAME})):
+        if ours(name):
+            (folder / name).unlink()

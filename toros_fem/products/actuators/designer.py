@@ -20,12 +20,8 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
-from toros_fem.making.as_printed.as_printed import (
-    PrintedDesign,
-    as_printed,
-    connect_islands,
-    remove_islands,
-)
+from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
+from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError

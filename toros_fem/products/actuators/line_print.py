@@ -13,8 +13,8 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.as_printed.printed_lines import clean_print, printed_lines
+from toros_fem.making.as_printed.as_printed import PrintedDesign, printed
+from toros_fem.making.as_printed.printed_lines import clean_print, state_near
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern
@@ -84,14 +84,12 @@ def print_of_lines(
     cleaned, regions = on_first_rank(job.comm, cleaning)
     fine = case.following(job.comm, regions)
     problem = job.problem(fine, level)
-    printed = printed_lines(
+    made = printed(
         problem,
-        part,
-        regions,
+        lambda: cleaned,
         printer.limits,
-        cleaned=cleaned,
-        near=near,
+        start=state_near(problem, *near),
         pressure=pressures,
         journal=job.journal,
     )
-    return LinePrint(fine, regions, problem, printed)
+    return LinePrint(fine, regions, problem, made)

@@ -48,6 +48,11 @@ class Sheets(Table):
     reinforcement_thickness: Length | None = key(
         None, "thickness of the reinforced fabric; none takes that of the fabric"
     )
+    print_height: Length | None = key(
+        None,
+        "height of the printed layer on the fabric, for the machine files; none takes the "
+        "thickness of the reinforced fabric",
+    )
     reinforcement_c1: Stretch | None = key(
         None, "bound on a principal stretch of the reinforced fabric; none takes that of the fabric"
     )

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
-from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
@@ -131,7 +130,6 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
     """
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
     printed, tile, skin = made.printed, case.tile, made.problem.skin
-    config = made.simulation.config
     summary = found.summary()
     fields = {
         "rho": skin.gather_cells(made.result.density),
@@ -149,11 +147,9 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
         cloth, region = swatch(tile, printed.regions[0])
-        high = ManufactureOptions(layer_height=config.material.composite.reinforcement.thickness)
         place = folder / FOLDER
         if_possible(
-            "machine files",
-            lambda: write_manufacture(place, cloth, [region], high, summary=summary),
+            "machine files", lambda: write_manufacture(place, cloth, [region], summary=summary)
         )
 
     def draw() -> None:

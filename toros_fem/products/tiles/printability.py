@@ -8,7 +8,7 @@ from typing import Any, override
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform, translate
+from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
@@ -17,6 +17,7 @@ from toros_fem.making.print.islands import PrintedPiece
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import with_more
 from toros_fem.making.print.widths import Widths, measure_widths
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.triangles import edges_of, following, linked
 
@@ -95,9 +96,9 @@ class RepeatedTile(Panels):
         self._sides = sides = np.diagonal(tile.lattice)
         self._operations = SYMMETRIES[symmetry]
         # Its images are the tile: all of it, a quarter, or an eighth.
-        self._part = shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)
+        self.parts = [shapely.box(*(0 * sides if symmetry == "none" else sides / 2), *sides)]
         if symmetry == "tetragonal":
-            self._part = shapely.Polygon([sides / 2, sides * [1, 0.5], sides])
+            self.parts = [shapely.Polygon([sides / 2, sides * [1, 0.5], sides])]
         self.outlines = [shapely.box(0, 0, *(SIDE * sides))]
 
     @override
@@ -122,19 +123,24 @@ class RepeatedTile(Panels):
         return shapely.union_all([translate(shape, *step) for step in steps])
 
     @override
-    def cut(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
         shift = SIDE // 2 * self._sides
         one = translate(laid[0], *-shift) & shapely.box(0, 0, *self._sides)
-        own = one & self._part
+        (kept,) = self.parts
+        own = one & kept
         for operation in self._operations[1:]:
-            own = with_more(own, self._image(one, operation), self._part, detail)
-        images = [self._image(own, operation) for operation in self._operations]
+            own = with_more(own, self._image(one, operation), kept, detail)
+        return [own]
+
+    @override
+    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+        images = [self._image(own[0], operation) for operation in self._operations]
         return [shapely.union_all(images, grid_size=SNAP * float(self._sides.max()))]
 
     def _image(self, shape: BaseGeometry, operation: Ints) -> BaseGeometry:
         """Return a shape turned or mirrored about the tile's middle."""
         offset = self._sides / 2 - operation @ (self._sides / 2)
-        return affine_transform(shape, [*operation.ravel(), *offset])
+        return Affine(operation.astype(np.float64), offset).region(shape)
 
 
 def _steps(along: int, across: int) -> Ints:

@@ -23,7 +23,6 @@ from mpi4py import MPI
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
-from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import Figure
@@ -128,11 +127,11 @@ class TileSheetScene(Scene):
             write_svg(folder / "pattern.svg", cloth, regions)
             write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
             if_plotting(draw)
-            high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
+            thickness = design.composite.reinforcement.thickness
+            known = {**summary, "inputs": {**inputs, "reinforcement_thickness": thickness}}
             place = folder / FOLDER
             if_possible(
-                "machine files",
-                lambda: write_manufacture(place, cloth, regions, high, summary=summary),
+                "machine files", lambda: write_manufacture(place, cloth, regions, summary=known)
             )
 
         guarded(comm, folder, write)

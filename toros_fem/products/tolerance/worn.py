@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Ints
-from toros_fem.making.print.widths import fabric_of
+from toros_fem.making.print.polygons import fabric_of
 from toros_fem.meshes.pattern import Pattern
 
 

@@ -17,7 +17,8 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.making.panels.seam_lines import sewn_seams
 from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
-from toros_fem.meshes.panels import Place, panel_places
+from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.pictures.style import (
     ACCENT,
@@ -56,7 +57,7 @@ def draw_panels(
     regions: Sequence[BaseGeometry] | None,
     *,
     names: bool = True,
-) -> tuple[Axes, list[Place]]:
+) -> tuple[Axes, list[Affine]]:
     """Draw the panels as large as they fit into a part of a page, with a bar of their scale.
 
     Args:
@@ -171,7 +172,7 @@ def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
     return faults
 
 
-def _grouped(faults: Sequence[_Fault], places: Sequence[Place], near: float) -> list[list[_Fault]]:
+def _grouped(faults: Sequence[_Fault], places: Sequence[Affine], near: float) -> list[list[_Fault]]:
     """Return faults that share a number: of one kind, within a distance in mm of the first one."""
     groups: list[list[_Fault]] = []
     for fault in faults:
@@ -187,7 +188,7 @@ def _grouped(faults: Sequence[_Fault], places: Sequence[Place], near: float) -> 
     return groups
 
 
-def _mark(axes: Axes, fault: _Fault, place: Place) -> None:
+def _mark(axes: Axes, fault: _Fault, place: Affine) -> None:
     shape = place.region(fault.shape)
     if shape.geom_type == "LineString":
         axes.plot(*(1e3 * shapely.get_coordinates(shape).T), color=ACCENT, lw=2, zorder=5)
@@ -233,7 +234,7 @@ def _list(
         axes.text(0.08, height, told, color=INK if mark else colour, va="top")
 
 
-def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Place]) -> None:
+def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Affine]) -> None:
     """Write the number of each seam beside both of its sides, outside of the panels."""
     for seam in sewn_seams(pattern):
         half = np.array([seam.length / 2])
@@ -241,7 +242,7 @@ def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Place]) -> None
         for side in (0, 1):
             place = places[seam.panels[side]]
             at = place.points(seam.at(side, half))[0]
-            out = place.vectors(seam.outward(side, half, reach))[0]
+            out = place.matrix @ seam.outward(side, half, reach)[0]
             axes.annotate(
                 f"{seam.number}", tuple(1e3 * at), tuple(8 * out), textcoords="offset points",
                 fontsize=8, color=SOFT, ha="center", va="center",
@@ -302,7 +303,7 @@ def draw_lines(
     draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
 
 
-def _marks(field: LineField, family: int, colour: str, places: Sequence[Place]) -> LineCollection:
+def _marks(field: LineField, family: int, colour: str, places: Sequence[Affine]) -> LineCollection:
     """Return the marks of one family, in mm."""
     pattern, shares = field.pattern, field.shares[:, family]
     angles = field.angles[:, family]
@@ -340,7 +341,7 @@ def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None
 
 
 def _strokes(
-    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Place]
+    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Affine]
 ) -> LineCollection:
     """Return strokes through the centroids, in mm, by half of each, (t, 2), in m; none of 0."""
     ends = np.stack([pattern.centroids - along, pattern.centroids + along], axis=1)
@@ -348,7 +349,7 @@ def _strokes(
     return LineCollection(list(1e3 * ends[along.any(axis=1)]), colors=colour, lw=width)
 
 
-def _placed(pattern: Pattern, points: Floats, places: Sequence[Place]) -> Floats:
+def _placed(pattern: Pattern, points: Floats, places: Sequence[Affine]) -> Floats:
     """Return points of each triangle, (t, k, 2), at the places of their panels."""
     placed = np.array(points)
     for panel, place in enumerate(places):

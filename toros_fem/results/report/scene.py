@@ -12,7 +12,7 @@ import numpy.typing as npt
 from shapely.affinity import scale
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.svg import path_data
+from toros_fem.making.panels.svg import region_data
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.measures.rotation import polar_rotation
 from toros_fem.meshes.panels import panel_places
@@ -165,8 +165,8 @@ class FlatPatterns:
                 "name": name,
                 "x": float(x),
                 "y": height - float(y),
-                "cut": path_data(scale(pattern.outline(k), 1e3, 1e3, origin=(0, 0))),
-                "print": path_data(scale(skin.regions[k], 1e3, 1e3, origin=(0, 0))),
+                "cut": region_data(scale(pattern.outline(k), 1e3, 1e3, origin=(0, 0))),
+                "print": region_data(scale(skin.regions[k], 1e3, 1e3, origin=(0, 0))),
             }
             for k, (name, (x, y)) in enumerate(zip(pattern.panel_names, origins, strict=True))
         ]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.sheets.placement import Placement, nest
+from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.meshes.affine import Affine
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +38,17 @@ class Layout:
     sheet: tuple[float, float]
     grid: tuple[int, int]
 
-    @property
-    def beds(self) -> list[list[PanelDrawing]]:
-        """The drawings at their places, for each bed."""
-        return _placed(self.drawings, self.placements)
+    @cached_property
+    def beds(self) -> list[Sheet]:
+        """Each bed with the panels on it."""
+        return self._placed(self.bed, self.placements)
 
-    @property
-    def sheets(self) -> list[list[PanelDrawing]]:
-        """The drawings at their places, for each sheet."""
-        return _placed(self.drawings, self.on_sheets)
+    @cached_property
+    def sheets(self) -> list[Sheet]:
+        """Each sheet with the panels on it."""
+        return self._placed(self.sheet, self.on_sheets)
 
-    @property
+    @cached_property
     def on_sheets(self) -> list[Placement]:
         """The places of the panels on the sheets."""
         found = []
@@ -53,6 +57,12 @@ class Layout:
             moved = place.offset[0] + x, place.offset[1] + y
             found.append(Placement(place.panel, sheet, place.angle, moved))
         return found
+
+    def _placed(self, size: tuple[float, float], placements: Sequence[Placement]) -> list[Sheet]:
+        found: list[list[PanelDrawing]] = [[] for _ in range(1 + max(p.sheet for p in placements))]
+        for drawing, place in zip(self.drawings, placements, strict=True):
+            found[place.sheet].append(drawing.moved(place.to_sheet))
+        return [Sheet(size, drawings) for drawings in found]
 
     def bed_on_sheet(self, bed: int) -> tuple[int, tuple[float, float]]:
         """Return the sheet that a bed lies on, from 0, and the bed's lower left corner in m."""
@@ -91,33 +101,17 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None 
     return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))
 
 
-def film_layout(
-    drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None
-) -> Layout:
-    """Return the places of a bladder's sheets on one piece of film that holds them all.
+def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> Sheet:
+    """Return one piece of film that holds the sheets of a bladder side by side.
 
     Args:
         drawings: The sheets in their own coordinates.
-        options: Gap and margin; None takes the defaults.
+        options: Gap and margin.
     """
-    options = options or ManufactureOptions()
-    gap, margin = options.panel_gap, options.sheet_margin
-    boxes = [np.reshape(one.footprint.bounds, (2, 2)) for one in drawings]
-    sizes = np.array([high - low for low, high in boxes])
-    ends = np.cumsum(sizes[:, 0] + gap)
-    starts = ends - sizes[:, 0] - gap + margin
-    film = (float(ends[-1] - gap + 2 * margin), float(sizes[:, 1].max() + 2 * margin))
-    placements = [
-        Placement(one.name, 0, 0.0, (float(start - low[0]), float(margin - low[1])))
-        for one, start, (low, _) in zip(drawings, starts, boxes, strict=True)
-    ]
-    return Layout(tuple(drawings), tuple(placements), film, film, (1, 1))
-
-
-def _placed(
-    drawings: Sequence[PanelDrawing], placements: Sequence[Placement]
-) -> list[list[PanelDrawing]]:
-    found: list[list[PanelDrawing]] = [[] for _ in range(1 + max(p.sheet for p in placements))]
-    for drawing, place in zip(drawings, placements, strict=True):
-        found[place.sheet].append(drawing.moved(place.angle, np.array(place.offset)))
-    return found
+    left, placed = options.sheet_margin, []
+    for one in drawings:
+        corner = np.array(one.footprint.bounds[:2])
+        placed.append(one.moved(Affine.shift([left, options.sheet_margin] - corner)))
+        left = placed[-1].footprint.bounds[2] + options.panel_gap
+    wide, high = shapely.total_bounds([one.footprint for one in placed])[2:]
+    return Sheet((float(wide) + options.sheet_margin, float(high) + options.sheet_margin), placed)

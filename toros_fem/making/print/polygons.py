@@ -1,0 +1,127 @@
+"""Small operations on polygons that several steps of a print share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+
+# Two borders closer than this fraction of the resolution are the same.
+TOUCHING = 1e-3
+# Corners of a quarter of a circle.
+QUARTER = 10
+
+# A change of a part of a border, points (n, 2), that is a whole ring or a run between fixed ends.
+Change = Callable[[Floats, bool], Floats]
+
+
+def polygons_of(shape: BaseGeometry) -> npt.NDArray[np.object_]:
+    """Return the polygons of a shape, without its lines and points."""
+    parts = shapely.get_parts(shape)
+    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
+
+
+def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the polygons of a shape without slivers of rounding.
+
+    Args:
+        shape: A region, in m, and lines and points that are left out.
+        resolution: Distance in m of the samples that widths are measured by.
+    """
+    apart = TOUCHING * resolution
+    thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
+    return shapely.MultiPolygon(list(polygons_of(shape.intersection(thick))))
+
+
+def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the part of a panel that is not printed, without slivers of rounding.
+
+    Args:
+        region: Printed region, polygons in m.
+        outline: Outline of the panel.
+        resolution: Distance in m of the samples that widths are measured by.
+    """
+    return solid(outline.difference(region), resolution)
+
+
+def opened(region: BaseGeometry, radius: float) -> BaseGeometry:
+    """Return the union of all discs of a radius that lie in a region."""
+    return region.buffer(-radius, quad_segs=QUARTER).buffer(radius, quad_segs=QUARTER)
+
+
+def pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
+    """Return the number of pieces of a region, and of all their holes."""
+    pieces = [piece for piece in shapely.get_parts(region) if not piece.is_empty]
+    return len(pieces), sum(len(piece.interiors) for piece in pieces)
+
+
+def even_odd(rings: Iterable[Floats]) -> BaseGeometry:
+    """Return the region inside an odd number of rings, points (n, 2) each."""
+    shapes = [shapely.make_valid(shapely.Polygon(ring), method="structure") for ring in rings]
+    return reduce(shapely.symmetric_difference, shapes, shapely.Polygon())
+
+
+def changed_border(
+    region: BaseGeometry, outline: BaseGeometry, near: float, change: Change
+) -> BaseGeometry:
+    """Return a region with another border, but where that is the border of its panel.
+
+    Args:
+        region: Polygons in m, inside the panel.
+        outline: Outline of the panel.
+        near: Points closer than this to the outline lie on it, in m.
+        change: Returns the new points of a ring, or of a run whose ends it must keep.
+    """
+    cut = outline.boundary
+    shapely.prepare(cut)
+    rings = shapely.get_rings(shapely.get_parts(region))
+    return even_odd(
+        _changed_ring(shapely.get_coordinates(ring)[:-1], cut, near, change) for ring in rings
+    )
+
+
+def simplified(
+    region: BaseGeometry, outline: BaseGeometry, near: float, distance: float
+) -> BaseGeometry:
+    """Return a region with fewer corners; those on the border of its panel stay.
+
+    Args:
+        region: Polygons in m, inside the panel.
+        outline: Outline of the panel.
+        near: As of `changed_border`.
+        distance: Farthest that the border may move, in m.
+    """
+
+    def change(points: Floats, closed: bool) -> Floats:
+        line = shapely.LinearRing(points) if closed else shapely.LineString(points)
+        found = shapely.get_coordinates(line.simplify(distance))
+        return found[:-1] if closed else found
+
+    return changed_border(region, outline, near, change)
+
+
+def _changed_ring(points: Floats, cut: BaseGeometry, near: float, change: Change) -> Floats:
+    """Return the points of a ring (n, 2), changed where it is off the cut."""
+    free = ~shapely.dwithin(cut, shapely.points(points), near)
+    if free.all():
+        return change(points, True)
+    begin = int(np.argmin(free))
+    closed = np.roll(points, -begin, axis=0)
+    closed = np.concatenate([closed, closed[:1]])
+    # Runs between two points on the cut, each with both of these.
+    stops = np.append(np.flatnonzero(~np.roll(free, -begin)), len(points))
+    pieces = []
+    for a, b in pairwise(stops):
+        run = closed[a : b + 1]
+        # A single edge lies on the cut, or leads across the panel.
+        if b > a + 1 or not shapely.dwithin(cut, shapely.Point(run.mean(axis=0)), near):
+            run = change(run, False)
+        pieces.append(run[:-1])
+    return np.concatenate(pieces)
