@@ -96,9 +96,9 @@ def test_the_target_lies_over_the_skin(
 def test_an_aligned_shape_is_moved_onto_its_target(pattern: Pattern) -> None:
     target, moved = bent(pattern, 1.0), bent(pattern, 1.0) + [0.02, 0.01, 0.0]
     skin = ShownSkin(pattern, target, compared=ALL)
-    free = DrawnSkin(replace(skin, aligned=True))
+    free = replace(skin, aligned=True)
     assert free.placed(moved) == pytest.approx(target, abs=1e-9)
-    assert DrawnSkin(skin).placed(moved) is moved
+    assert skin.placed(moved) is moved
 
 
 def test_a_miss_is_measured_by_sections(pattern: Pattern) -> None:

@@ -19,7 +19,7 @@ from toros_fem.results.report import scene as scene_module
 from toros_fem.results.report.run_folder import read_run
 from toros_fem.results.report.scene import (
     FlatPatterns,
-    best_direction,
+    eye,
     packed_scene,
     principal_stretches,
 )
@@ -105,7 +105,7 @@ def test_copies_of_a_skin_share_its_drawing(run: Path, pattern: Pattern) -> None
 
 def test_the_best_view_shows_the_print(pattern: Pattern) -> None:
     """The stripe lies at one side of the tube."""
-    x, y, z = best_direction(ShownSkin(pattern, regions=regions_of(pattern)), None, pattern.points)
+    x, y, z = eye(ShownSkin(pattern, regions=regions_of(pattern)), None, pattern.points)
     stripe = printed_cells(pattern, [STRIPE, shapely.Polygon(), shapely.Polygon()])
     middle = pattern.points[pattern.triangles[stripe]].mean(axis=(0, 1)) - pattern.points.mean(
         axis=0

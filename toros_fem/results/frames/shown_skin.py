@@ -14,6 +14,8 @@ from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
 from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
+from toros_fem.measures.rotation import polar_rotation
+from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.results.frames.files import REMEDY
@@ -54,6 +56,29 @@ class ShownSkin:
         """Height in m of the level ground; None without one."""
         grounds = () if self.grounds is None else self.grounds
         return next((float(point[2]) for point, normal in grounds if normal[2] > LEVEL), None)
+
+    def placed(self, positions: Floats) -> Floats:
+        """Return positions, moved rigidly onto the target where the design compares them so.
+
+        Positions are those of all vertices, (n, 3), in m.
+        """
+        if not self.aligned or self.target is None:
+            return positions
+        weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
+        centre, goal = weights @ positions, weights @ self.target
+        moment = ((self.target - goal) * weights[:, None]).T @ (positions - centre)
+        rotation, _ = polar_rotation(moment)
+        return np.asarray((positions - centre) @ rotation.T + goal)
+
+    def print_share(self, density: Floats | None = None) -> Floats:
+        """Return the printed fraction of each triangle, (t,); without a print it is the density."""
+        if self.regions is not None:
+            cut = cut_triangles(self.pattern, self.regions)
+            printed = np.bincount(cut.cell, cut.inside * cut.areas, len(self.pattern.triangles))
+            return np.asarray(printed / self.pattern.areas)
+        if density is None:
+            return np.zeros(len(self.pattern.triangles))
+        return np.clip(np.nan_to_num(density), 0, 1)
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:

@@ -149,7 +149,7 @@ def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Im
             stage = Stage(figure, (0.01, 0.01, 0.98, 0.86), view, np.concatenate([places, *others]))
             if series == "gait" or drawn.skin.ground is not None:
                 stage.ground(float(places[:, 2].min()), places)
-            positions = drawn.placed(scene.positions)
+            positions = drawn.skin.placed(scene.positions)
             stage.draw(drawn.surfaces(positions))
             if drawn.skin.target is not None and series != "gait":
                 stage.outline(drawn, drawn.skin.target)

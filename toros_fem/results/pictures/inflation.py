@@ -65,7 +65,7 @@ def draw_inflation(
         states: For each state its name and positions of all vertices, (n, 3), in m; the last one
             is that of the target.
     """
-    names, placed = [name for name, _ in states], [drawn.placed(x) for _, x in states]
+    names, placed = [name for name, _ in states], [drawn.skin.placed(x) for _, x in states]
     view = inflation_view(drawn, placed[-1])
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
     tip = moves >= np.quantile(moves, TIP)

@@ -115,7 +115,7 @@ def draw_shape(
         figures: The figures to tell, those with a target first.
         warning: What is not as usual, such as that the print has no equilibrium; empty for nothing.
     """
-    positions, target = drawn.placed(positions), drawn.skin.target
+    positions, target = drawn.skin.placed(positions), drawn.skin.target
     side, oblique = drawn.views(positions)
     framed = framed_with(drawn, positions, [] if target is None else [target])
     for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
@@ -202,7 +202,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
         drawn: The skin, with a target.
         positions: Positions of all vertices, (n, 3), in m.
     """
-    positions, target = drawn.placed(positions), drawn.skin.target
+    positions, target = drawn.skin.placed(positions), drawn.skin.target
     miss = _miss(drawn, positions)
     assert miss is not None
     assert target is not None

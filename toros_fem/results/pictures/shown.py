@@ -9,13 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.measures.rotation import polar_rotation
-from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
 from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
-from toros_fem.results.pictures.view import View, oblique_view, side_view
+from toros_fem.results.pictures.view import View, views_of
 
 # Lines on a skin: fractions of the width of its largest panel.
 LINES = (0.25, 0.5, 0.75)
@@ -53,7 +51,7 @@ class DrawnSkin:
 
     def __init__(self, skin: ShownSkin, density: Floats | None = None) -> None:
         self.skin, self.pattern = skin, skin.pattern
-        self._density = density if skin.regions is None else None
+        self._density = density
         self._closed = len(skin.pattern.free_edges) == 0
 
     @cached_property
@@ -65,12 +63,7 @@ class DrawnSkin:
     @cached_property
     def print_share(self) -> Floats:
         """Printed fraction of each triangle, (t,)."""
-        if self.skin.regions is not None:
-            cut = cut_triangles(self.pattern, self.skin.regions)
-            printed = np.bincount(cut.cell, cut.inside * cut.areas, len(self.pattern.triangles))
-            return np.asarray(printed / self.pattern.areas)
-        none = np.zeros(len(self.pattern.triangles))
-        return none if self._density is None else np.clip(np.nan_to_num(self._density), 0, 1)
+        return self.skin.print_share(self._density)
 
     @cached_property
     def lines(self) -> Sequence[MaterialLine]:
@@ -95,22 +88,9 @@ class DrawnSkin:
             drawn.append(Surface(triangles, points, BODY, closed=True))
         return drawn
 
-    def placed(self, positions: Floats) -> Floats:
-        """Return positions, moved rigidly onto the target where the design compares them so."""
-        target = self.skin.target
-        if not self.skin.aligned or target is None:
-            return positions
-        weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
-        centre, goal = weights @ positions, weights @ target
-        moment = ((target - goal) * weights[:, None]).T @ (positions - centre)
-        rotation, _ = polar_rotation(moment)
-        return np.asarray((positions - centre) @ rotation.T + goal)
-
     def views(self, positions: Floats) -> tuple[View, View]:
         """Return the side view and the oblique view of a state."""
-        target = self.skin.target
-        side = side_view(positions if target is None else target)
-        return side, oblique_view(self.pattern.triangles, positions, self.print_share, side)
+        return views_of(self.pattern.triangles, positions, self.print_share, self.skin.target)
 
 
 def material_lines(pattern: Pattern) -> list[MaterialLine]:

@@ -13,12 +13,11 @@ from shapely.affinity import scale
 
 from toros_fem.base.array_types import Floats
 from toros_fem.making.panels.svg import region_data
-from toros_fem.making.print.printability import printed_cells
-from toros_fem.measures.rotation import polar_rotation
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.pictures.view import views_of
 from toros_fem.results.report.run_folder import Run
 
 # Positions of all frames together take at most so many bytes before they are compressed.
@@ -29,14 +28,8 @@ STRETCH_STEP = 0.01
 STEPS = 2**16 - 1
 # Gap between panels, and margin around them, in mm.
 GAP, MARGIN = 10.0, 5.0
-# Directions that a skin may be shown from: never along an axis of symmetry, which hides depth.
-TURNS = (np.arange(16) + 0.5) / 16 * 2 * np.pi
-DIRECTIONS = np.array([[np.cos(t), np.sin(t), up] for up in (0.35, -0.3) for t in TURNS])
-DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 # Half the side of a ground over the size of all that is shown.
 GROUND = 0.75
-# A view from above counts so many times more than the same from below.
-FROM_ABOVE = 1.15
 
 
 def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
@@ -47,7 +40,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
     """
     chosen = {name: _chosen(frames, len(run.series)) for name, frames in run.series.items()}
     shapes = {
-        name: [_placed(run.skins[frame.skin], frame.positions) for frame in frames]
+        name: [run.skins[frame.skin].placed(frame.positions) for frame in frames]
         for name, frames in chosen.items()
     }
     used = dict.fromkeys(frame.skin for frames in chosen.values() for frame in frames)
@@ -65,7 +58,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
             for name, frames in chosen.items()
         },
         "from": {
-            name: best_direction(skins[frames[-1].skin], frames[-1].density, shapes[name][-1])
+            name: eye(skins[frames[-1].skin], frames[-1].density, shapes[name][-1])
             for name, frames in chosen.items()
         },
         "left_out": {name: len(run.series[name]) - len(frames) for name, frames in chosen.items()},
@@ -189,28 +182,17 @@ def principal_stretches(pattern: Pattern, positions: Floats) -> Floats:
     return np.asarray(np.linalg.svd(gradient, compute_uv=False)[:, ::-1])
 
 
-def best_direction(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
-    """Return the unit vector to an eye that sees most of the print and of the shape.
+def eye(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
+    """Return the unit vector to the eye of the oblique view, which pictures and films have too.
 
     Args:
         skin: The skin.
         density: Density of all triangles, (t,); None takes the print.
         positions: Positions of all vertices, (n, 3), in m.
     """
-    ink: Floats = np.zeros(len(skin.pattern.triangles))
-    if density is not None:
-        ink = density
-    elif skin.regions is not None:
-        ink = printed_cells(skin.pattern, skin.regions).astype(np.float64)
-    a, b, c = np.moveaxis(positions[skin.pattern.triangles], 1, 0)
-    seen = (0.3 + ink) @ np.maximum(np.cross(b - a, c - a) @ DIRECTIONS.T, 0)
-    right = np.cross([0, 0, 1], DIRECTIONS)
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    up = np.cross(DIRECTIONS, right)
-    size = np.ptp(positions @ right.T, axis=0) * np.ptp(positions @ up.T, axis=0)
-    below = 1.0 if skin.grounds is None else 0.0  # the ground hides what stands on it
-    score = seen * np.sqrt(size) * np.where(DIRECTIONS[:, 2] > 0, FROM_ABOVE, below)
-    return [float(x) for x in DIRECTIONS[np.argmax(score)]]
+    share = skin.print_share(density)
+    _, oblique = views_of(skin.pattern.triangles, positions, share, skin.target)
+    return [float(x) for x in oblique.directions[2]]
 
 
 def _chosen(frames: Sequence[Frame], series: int) -> Sequence[Frame]:
@@ -220,16 +202,6 @@ def _chosen(frames: Sequence[Frame], series: int) -> Sequence[Frame]:
         distance *= 2
         chosen = [*frames[:-1:distance], frames[-1]]
     return chosen
-
-
-def _placed(skin: ShownSkin, positions: Floats) -> Floats:
-    """Return positions, moved rigidly onto the target where the design compares them so."""
-    if not skin.aligned or skin.target is None:
-        return positions
-    weights = skin.pattern.vertex_areas / skin.pattern.vertex_areas.sum()
-    centre, goal = weights @ positions, weights @ skin.target
-    rotation, _ = polar_rotation(((skin.target - goal) * weights[:, None]).T @ (positions - centre))
-    return np.asarray((positions - centre) @ rotation.T + goal)
 
 
 def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dict[str, Any]:
