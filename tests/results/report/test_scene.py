@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import shapely
 from helpers.runs import STRIPE, bent, regions_of, tube
 
@@ -113,6 +114,28 @@ def test_the_best_view_shows_the_print(pattern: Pattern) -> None:
     assert np.isclose(np.hypot(np.hypot(x, y), z), 1)
     assert (middle[0] * x + middle[1] * y) / np.hypot(*middle[:2]) > 0.8
     assert z > 0
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.6, 0.0, 0.8)])
+def test_a_ground_is_two_triangles_that_face_outwards(
+    tmp_path: Path, pattern: Pattern, normal: tuple[float, float, float]
+) -> None:
+    """They lie in its plane, around the middle of what is shown; it is looked at from above."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    point = (0.3, 0.0, -0.01)
+    name = write_skin(frames, ShownSkin(pattern, grounds=np.array([(point, normal)])))
+    write_frame(frames, Frame("gait", 0, name, pattern.points, None, {}))
+    scene, _, _ = packed_scene(read_run(tmp_path))
+    corners = np.reshape(scene["skins"][name]["grounds"], (-1, 3, 3)) / 1e3 + scene["low"]
+    assert np.abs((corners - point) @ normal).max() < 1e-9
+    for a, b, c in corners:
+        face = np.cross(b - a, c - a)
+        assert np.allclose(face / np.linalg.norm(face), normal)
+    size = 65535 * scene["step"]
+    middle = np.array(scene["low"]) + size / 2
+    assert np.linalg.norm(np.cross(corners.mean(axis=(0, 1)) - middle, normal)) < 0.1 * size
+    assert scene["from"]["gait"][2] > 0
 
 
 def test_stretches_of_an_affine_map(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ class Frame:
         number: Place in the series; of a design its iteration.
         skin: Name of the file of its skin.
         positions: Positions of all vertices, (n, 3), in m.
-        density: Density of all triangles, (t,); None where the skin has a print.
+        density: Density of all triangles, (t,); None where the skin's print is shown.
         values: Numbers by name, their units at the end of the names as in the tables.
         note: What is not as usual in this equilibrium, as sentences; empty where all is.
     """

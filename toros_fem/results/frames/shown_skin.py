@@ -36,7 +36,7 @@ class ShownSkin:
         aligned: Whether shapes are compared with the target after the best rigid motion.
         passive: Prescribed density of all triangles, (t,), NaN where it is designed; None designs
             every triangle.
-        regions: Print on each panel, polygons in m; None where densities are shown instead.
+        regions: Print on each panel, polygons in m; None before there is one.
         body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
         grounds: A point of the surface, in m, and the normal of each ground, (g, 2, 3).
         compared: Whether the design compares positions with the target along x, y and z.
