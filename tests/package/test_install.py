@@ -21,7 +21,7 @@ def dotted(path: Path) -> str:
 
 FILES = [p for folder in ("toros_fem", "forms", "meshes") for p in (ROOT / folder).rglob("*.py")]
 DRAWS = re.compile(
-    r"^(from|import) (matplotlib|mpl_toolkits|toros_fem\.output\.drawing)", re.MULTILINE
+    r"^(from|import) (matplotlib|mpl_toolkits|toros_fem\.results\.pictures\.(?!view))", re.MULTILINE
 )
 PICTURES = sorted(dotted(p) for p in FILES if DRAWS.search(p.read_text(encoding="utf-8")))
 OTHERS = sorted({dotted(p) for p in FILES} - set(PICTURES))

@@ -45,7 +45,7 @@ def test_the_skin_inflates_and_empties(
 
 def test_scenes_are_at_equal_steps(run: Path) -> None:
     """Up to the design's pressure; frames that are far apart are not joined by made-up shapes."""
-    from toros_fem.results.report.run_folder import read_run
+    from toros_fem.results.runs.run_folder import read_run
 
     found = read_run(run)
     frames = found.series["pressure"]

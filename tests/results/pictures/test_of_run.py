@@ -13,7 +13,7 @@ from toros_fem.making.print.printability import PrintLimits
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.of_run import draw_run, facts_of, sentence
-from toros_fem.results.report.run_folder import read_run
+from toros_fem.results.runs.run_folder import read_run
 
 MOST = 500_000
 

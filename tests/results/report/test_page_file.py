@@ -13,7 +13,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.measures.figures import Figure
 from toros_fem.results.frames.files import read_frames, write_frame
 from toros_fem.results.report.page_file import write_report
-from toros_fem.results.report.run_folder import read_run
+from toros_fem.results.runs.run_folder import read_run
 
 
 def scene_of(page: str) -> dict:

@@ -17,13 +17,13 @@ from toros_fem.results.frames.files import Frame, write_frame
 from toros_fem.results.frames.record import repeated
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 from toros_fem.results.report import scene as scene_module
-from toros_fem.results.report.run_folder import read_run
 from toros_fem.results.report.scene import (
     FlatPatterns,
     eye,
     packed_scene,
     principal_stretches,
 )
+from toros_fem.results.runs.run_folder import read_run
 
 
 class Reader:

@@ -25,7 +25,7 @@ from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import DARK, LETTERS, SOFT, TITLE
 from toros_fem.results.pictures.view import View
-from toros_fem.results.report.run_folder import SERIES, Run, read_run
+from toros_fem.results.runs.run_folder import SERIES, Run, read_run
 
 # Width and height in inches, and pixels per inch: 720 × 405.
 SIZE, DPI = (7.2, 4.05), 100

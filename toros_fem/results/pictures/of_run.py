@@ -25,7 +25,7 @@ from toros_fem.results.pictures.progress import draw_progress
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import SIZE, STRIP, TALL, page
-from toros_fem.results.report.run_folder import Run, read_run
+from toros_fem.results.runs.run_folder import Run, read_run
 
 # Figures that every run has, told where it has no others.
 OF_THE_STATE = ("pressure", "volume", "stretch")

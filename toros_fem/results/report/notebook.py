@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from toros_fem.results.report.page_file import page_of
-from toros_fem.results.report.run_folder import read_run
+from toros_fem.results.runs.run_folder import read_run
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
 

@@ -15,9 +15,9 @@ from toros_fem.base.files import naming, replace_file
 from toros_fem.measures.figures import Figure, formatted
 from toros_fem.results.report import tables
 from toros_fem.results.report.charts import Chart, Line
-from toros_fem.results.report.run_folder import Run, read_run
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
+from toros_fem.results.runs.run_folder import Run, read_run
 
 NAME = "report.html"
 # Columns of the history that say how the design was found, and not what it is.

@@ -18,7 +18,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.view import views_of
-from toros_fem.results.report.run_folder import Run
+from toros_fem.results.runs.run_folder import Run
 
 # Positions of all frames together take at most so many bytes before they are compressed.
 MOST_BYTES = 6_000_000

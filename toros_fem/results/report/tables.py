@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from toros_fem.measures.figures import NONE, Figure, formatted, split_key, unit_of
-from toros_fem.results.report.run_folder import Run
+from toros_fem.results.runs.run_folder import Run
 from toros_fem.results.runs.summary_file import Summary
 
 # Units that metrics have, which a run that was stopped does not tell by its figures.
