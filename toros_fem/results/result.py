@@ -13,7 +13,7 @@ from toros_fem.base.files import guarded, write_json
 from toros_fem.base.versions import versions
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.results.report.notebook import View, view_of
+from toros_fem.results.report.notebook import EmbeddedPage, view_of
 from toros_fem.results.runs.files import SUMMARY
 from toros_fem.results.runs.summary_file import figures_html
 
@@ -52,7 +52,7 @@ class RunResult(ABC):
         """Return the content of summary.json: the list "figures", and further entries."""
         return {"figures": [figure.as_dict() for figure in self.figures], **self.entries()}
 
-    def show(self, height: int = 640) -> View:
+    def show(self, height: int = 640) -> EmbeddedPage:
         """Return the skin in space, which a notebook shows and a mouse turns (one rank).
 
         Args:

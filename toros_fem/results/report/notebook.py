@@ -12,7 +12,7 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 
 
 @dataclass(frozen=True)
-class View:
+class EmbeddedPage:
     """A page that a notebook shows in a frame of its own.
 
     Attributes:
@@ -43,7 +43,7 @@ class StoredRun(Summary):
 
     folder: Path
 
-    def show(self, height: int = 640) -> View:
+    def show(self, height: int = 640) -> EmbeddedPage:
         """Return the skin in space, which a notebook shows and a mouse turns (one rank).
 
         Args:
@@ -66,6 +66,6 @@ def read_summary(folder: Path | str) -> StoredRun:
     return StoredRun(found.figures, found.entries, Path(folder))
 
 
-def view_of(folder: Path, height: int) -> View:
+def view_of(folder: Path, height: int) -> EmbeddedPage:
     """Return the page of a run, with nothing but its skin in space."""
-    return View(page_of(read_run(folder), alone=True), height)
+    return EmbeddedPage(page_of(read_run(folder), alone=True), height)
