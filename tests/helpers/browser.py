@@ -56,17 +56,6 @@ def opened(
         driver.quit()
 
 
-def seconds_to_show(page: Path) -> float:
-    """Return the time in s until a page is drawn, the least of some: the machine may be busy."""
-    least = np.inf
-    for _ in range(5):
-        with opened(page) as found:
-            least = min(least, found.seconds)
-        if least < 2:
-            break
-    return float(least)
-
-
 class Page:
     """An open report.
 

@@ -33,7 +33,7 @@ def test_figures_of_one_unit_share_axes() -> None:
         "length (relative to rest)",
     ]
     told = words(figure)
-    assert {"angle", "twist", "length", "target 90°", "80.0 ± 3.0°", "20°", "1.4×"} <= set(told)
+    assert {"angle", "twist", "target 90°", "80.0 ± 3.0°", "20°", "1.4×"} <= set(told)
     bar = figure.axes[0].containers[0]
     (low, high) = bar[2][0].get_segments()[0][:, 1]
     assert (low, high) == (77.0, 83.0)

@@ -112,6 +112,8 @@ def test_silhouettes_follow_steps_of_the_depth() -> None:
     found = silhouettes(depth, 0.5)
     assert found[4, 10]
     assert found[5, 10]
+    assert found[14, 10]
+    assert found[15, 10]
     assert not found[10, 10]
     assert not silhouettes(depth, 2.0).any()
 

@@ -2,16 +2,39 @@
 
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import pytest
+from helpers.runs import change_summary, tube, write_run
 
-from toros_fem.results.report.charts import PRINT, Chart, Line
+from toros_fem.measures.figures import Figure
+from toros_fem.results.pictures.curves import Measured, draw_history, draw_over_pressure
+from toros_fem.results.report.charts import chart, over_iterations, over_pressure
+from toros_fem.results.runs.run_folder import read_run
 
-LINE = Line("angle", [0.0, 5.0, 10.0], [0.0, 30.0, 90.0])
+ANGLE = Figure("angle", "deg", 30.0)
 
 
-def chart(*lines: Line, **further: object) -> str:
-    return Chart("pressure", "pressure (kPa)", "angle (°)", lines or [LINE], **further).svg()  # type: ignore[arg-type]
+def curve(
+    figure: Figure = ANGLE, at: float | None = None, measured: Sequence[Measured] = ()
+) -> str:
+    rows = [{"pressure_pa": 1e3 * x, "angle_deg": y} for x, y in ((0, 0), (5, 30), (10, 90))]
+
+    def draw(axes: Any) -> None:
+        draw_over_pressure(axes, rows, [figure], at, measured)
+        axes.set_xlabel("pressure (kPa)")
+
+    return chart("pressure", draw).svg
+
+
+def history(values: Sequence[float], levels: Sequence[int] = ()) -> str:
+    rows = [
+        {"iteration": float(k), "objective": value, "level": float(level)}
+        for k, (value, level) in enumerate(zip(values, levels or [0] * len(values), strict=True))
+    ]
+    return chart("iteration", lambda axes: draw_history(axes, rows)).svg
 
 
 def texts(svg: str) -> list[str]:
@@ -33,7 +56,7 @@ def places_of_line(svg: str) -> list[tuple[float, float]]:
 
 
 def test_points_lie_between_their_marks() -> None:
-    svg = chart()
+    svg = curve()
     (left, low), (middle, half), (right, high) = places_of_line(svg)
     assert (left, right) == pytest.approx((data(svg, "left"), data(svg, "right")), abs=0.01)
     assert (data(svg, "low"), data(svg, "high")) == (0, 10)
@@ -43,38 +66,44 @@ def test_points_lie_between_their_marks() -> None:
 
 
 def test_targets_and_measured_values_are_inside() -> None:
-    svg = chart(target=(150.0, "target 150°"), points=[("paper & <b>co $x$", 20.0, -10.0)])
+    odd = Measured("angle_deg", 20e3, -10.0, None, "paper & <b>co $x$")
+    svg = curve(Figure("angle", "deg", 30.0, None, 150.0, 4.5), 5e3, [odd])
     assert (data(svg, "low"), data(svg, "high")) == (0, 20)
-    assert {"target 150°", "paper & <b>co $x$", "125"} <= {*texts(svg)}
-    assert "finer mesh" not in texts(svg)
-    assert "finer mesh" in texts(chart(breaks=[5.0]))
-    assert "at rest" in texts(chart(chosen=("at rest", 5.0, 30.0)))
+    assert {"target 150°", "-10° (paper & <b>co $x$)", "30°"} <= {*texts(svg)}
+    assert "30°" not in texts(curve(at=12e3)), "the curve ends before this pressure"
 
 
-def test_two_lines_are_named() -> None:
-    assert "angle" not in texts(chart()), "its axis says so"
-    assert {"angle", "other"} <= {*texts(chart(LINE, Line("other", LINE.x, LINE.x)))}
+def test_the_next_mesh_is_marked() -> None:
+    assert "finer mesh" not in texts(history([1.0, 0.5, 0.2]))
+    assert "finer mesh" in texts(history([1.0, 0.5, 0.2], [0, 1, 1]))
 
 
 @pytest.mark.parametrize("values", [[0.5, 1e-4, 2e-3], [0.0, 0.0, 0.0], [1e-9, 1e5, 1.0]])
 def test_logarithmic_axes(values: list[float]) -> None:
-    svg = chart(Line("T", [0, 1, 2], values), logarithmic=True)
+    svg = history(values)
     assert "nan" not in svg
     assert all(0 < y < 187.2 for _, y in places_of_line(svg))
     powers = [text for text in texts(svg) if re.fullmatch(r"0\.0*1|1e-\d+", text)]
     assert (len(powers) > 1) == (max(values) > 0)
 
 
-def test_a_constant_has_an_axis() -> None:
-    assert "nan" not in chart(Line("x", [0, 1], [7.0, 7.0]))
-    svg = chart(Line("x", [3.0], [7.0]))
-    assert data(svg, "low") < 3 < data(svg, "high"), "of one point too"
-
-
 def test_a_chart_has_the_same_bytes_again_and_fetches_nothing() -> None:
-    svg = chart()
-    assert svg == chart()
+    svg = curve()
+    assert svg == curve()
     assert "http" not in svg
-    assert PRINT not in svg, "colours are the page's, which has others in the dark"
+    assert "#1f3a5f" not in svg, "colours are the page's, which has others in the dark"
     names = re.findall(r'id="([^"]+)"', svg)
     assert not [name for name in names if not re.fullmatch(r"[mp][0-9a-f]{10}", name)]
+
+
+def test_a_run_has_charts_of_its_metrics(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", tube())
+    run = read_run(folder)
+    (one,), (other,) = over_pressure(run), over_iterations(run)
+    assert one.label == "angle (°) over pressure (kPa)"
+    assert other.label == "objective T over iteration"
+    assert {"70° (paper)", "88.2 ± 1.5°", "target 90°"} <= {*texts(one.svg)}
+    assert "angle (°)" in texts(other.svg)
+    change_summary(folder, figures=[])
+    (plain,) = over_iterations(read_run(folder))
+    assert "angle (°)" not in texts(plain.svg)

@@ -23,6 +23,8 @@ from toros_fem.results.pictures.style import (
     write_title,
 )
 
+PRESSURE = "pressure (kPa)"
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -61,34 +63,53 @@ def draw_curve(
         measured: Measured values, drawn with what ours is there.
         broken: Whether the curve ends for want of an equilibrium, at its lower and upper end.
     """
-    at = [1e-3 * row["pressure_pa"] for row in rows]
-    ends = [k for k, is_broken in zip((0, -1), broken, strict=True) if is_broken]
     units = list(dict.fromkeys(told.unit for told in figures))
     grid = figure.subplots(
         len(units), 1, sharex=True, squeeze=False,
         gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
     )[:, 0]  # fmt: skip
     for axes, unit in zip(grid, units, strict=True):
-        axes.grid(axis="y")
         shown = [told for told in figures if told.unit == unit]
-        factor = unit_of(unit).factor
-        for told, colour in zip(shown, (DARK, SECOND, SOFT, INK) * len(shown), strict=False):
-            values = [factor * row.get(told.key, np.nan) for row in rows]
-            axes.plot(at, values, "-", color=colour, lw=1.6)
-            _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
-            _design(axes, told, pressure, colour, factor)
-            _targets(axes, told, factor)
-            _beside(axes, told, [m for m in measured if m.key == told.key], factor)
-            for k in ends:
-                axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
-                axes.annotate(
-                    "no equilibrium beyond", (at[k], values[k]), (6, -12),
-                    textcoords="offset points", color=ACCENT, fontsize=8,
-                )  # fmt: skip
-        axes.set_ylabel(_axis_label(shown))
+        draw_over_pressure(axes, rows, shown, pressure, measured, broken)
         axes.margins(y=0.12)
-    grid[-1].set_xlabel("pressure (kPa)")
+    grid[-1].set_xlabel(PRESSURE)
     grid[-1].set_xlim(left=0)
+
+
+def draw_over_pressure(
+    axes: Axes,
+    rows: Sequence[Mapping[str, float]],
+    figures: Sequence[Told],
+    pressure: float | None,
+    measured: Sequence[Measured] = (),
+    broken: tuple[bool, bool] = (False, False),
+) -> None:
+    """Draw figures of one unit over the pressure in kPa, on the axes of a page.
+
+    Args:
+        axes: The axes.
+        rows, figures, pressure, measured, broken: As of `draw_curve`.
+    """
+    at = [1e-3 * row["pressure_pa"] for row in rows]
+    ends = [k for k, is_broken in zip((0, -1), broken, strict=True) if is_broken]
+    factor = unit_of(figures[0].unit).factor
+    axes.grid(axis="y")
+    for told, colour in zip(figures, (DARK, SECOND, SOFT, INK) * len(figures), strict=False):
+        values = [factor * row.get(told.key, np.nan) for row in rows]
+        axes.plot(at, values, "-", color=colour, lw=1.6)
+        if len(figures) > 1:
+            _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
+        if pressure is not None and at[0] <= 1e-3 * pressure <= at[-1]:
+            _design(axes, told, pressure, colour, factor)
+        _targets(axes, told, factor)
+        _beside(axes, told, [m for m in measured if m.key == told.key], factor)
+        for k in ends:
+            axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
+            axes.annotate(
+                "no equilibrium beyond", (at[k], values[k]), (6, -12),
+                textcoords="offset points", color=ACCENT, fontsize=8,
+            )  # fmt: skip
+    axes.set_ylabel(_axis_label(figures))
 
 
 def _axis_label(shown: Sequence[Told]) -> str:
@@ -103,9 +124,9 @@ def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
                   fontweight="bold", annotation_clip=False)  # fmt: skip
 
 
-def _design(axes: Axes, told: Told, pressure: float | None, colour: str, factor: float) -> None:
+def _design(axes: Axes, told: Told, pressure: float, colour: str, factor: float) -> None:
     """Draw the figure at the pressure of the design with its error."""
-    if pressure is None or told.value is None:
+    if told.value is None:
         return
     x, y = 1e-3 * pressure, factor * told.value
     if told.interval is not None:
@@ -130,7 +151,7 @@ def _beside(axes: Axes, told: Told, measured: Sequence[Measured], factor: float)
     """Draw measured values, with what ours is at the same pressure in words."""
     for one in measured:
         x, y = 1e-3 * one.pressure, factor * one.value
-        axes.plot(x, y, "D", color=INK, mfc="white", ms=7, zorder=5)
+        axes.plot(x, y, "D", color=INK, mfc="none", ms=7, zorder=5)
         words = f"{formatted(one.value, told.unit, 3)} ({one.source})"
         if one.simulated is not None:
             words += f",\n{formatted(one.simulated, told.unit, 3)} ours"
@@ -138,9 +159,7 @@ def _beside(axes: Axes, told: Told, measured: Sequence[Measured], factor: float)
         axes.annotate(words, (x, y), (8, -4), textcoords="offset points", fontsize=8, va="top")
 
 
-def draw_history(
-    axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None, *, named: bool = True
-) -> None:
+def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None = None) -> None:
     """Draw the objective over the iterations, and one figure at the right.
 
     Dotted lines mark where the next mesh begins.
@@ -149,16 +168,23 @@ def draw_history(
         axes: The axes.
         rows: Rows of the history.
         told: The figure; None for none.
-        named: Whether to name the horizontal axis.
     """
-    count = [row["iteration"] for row in rows]
-    axes.semilogy(count, [row["objective"] for row in rows], color=DARK, lw=1.4)
-    axes.set_ylabel("objective", color=DARK)
+    count, objective = zip(*((row["iteration"], row["objective"]) for row in rows), strict=True)
+    axes.plot(count, objective, color=DARK, lw=1.4)
+    if positive := [value for value in objective if value > 0]:
+        least, most = np.floor(np.log10(min(positive))), np.ceil(np.log10(max(positive)))
+        axes.set(yscale="log", ylim=(10.0**least, 10.0 ** max(most, least + 1)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+    axes.set_ylabel("objective T", color=DARK)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    if named:
-        axes.set_xlabel("iteration")
+    axes.set_xlabel("iteration")
     for begin in (b["iteration"] for a, b in pairwise(rows) if b.get("level") != a.get("level")):
         axes.axvline(begin, color=SOFT, ls=":", lw=0.8)
+        axes.annotate(
+            "finer mesh", (begin, 1), (3, -9), xycoords=("data", "axes fraction"),
+            textcoords="offset points", color=SOFT, fontsize=8,
+        )  # fmt: skip
     if told is None or told.key not in rows[-1]:
         return
     right, factor = axes.twinx(), unit_of(told.unit).factor

@@ -119,12 +119,8 @@ class _Pictures:
         figures = [told for told in self.figures if rows and told.key in rows[0]]
         if len(rows) < 2 or not figures:
             return
-        entries = self.run.summary.entries.get("curve") or {}
-        measured = [
-            Measured(m["metric"], m["pressure_pa"], m["measured"], m.get("simulated"), m["source"])
-            for m in entries.get("measured", ())
-        ]
-        broken = bool(entries.get("failure_below")), bool(entries.get("failure_above"))
+        found, broken = self.run.measured
+        measured = [Measured(**one) for one in found]
         at = None if self.state is None else self.state.values.get("pressure_pa")
         size = SIZE if len({told.unit for told in figures}) < 3 else TALL
         with self._page("curve.png", self.title, size) as figure:

@@ -56,6 +56,11 @@ LETTERS = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": False,
+    "axes.axisbelow": True,
+    # Names of users may hold dollars; equal charts have equal bytes.
+    "text.parse_math": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "toros_fem",
     "grid.color": GRID,
     "figure.facecolor": "white",
 }

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import MissingPackageError
 from toros_fem.base.files import naming, replace_file
-from toros_fem.measures.figures import Figure, formatted
 from toros_fem.results.report import tables
-from toros_fem.results.report.charts import Chart, Line
+from toros_fem.results.report.charts import over_iterations, over_pressure
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
 from toros_fem.results.runs.run_folder import Run, read_run
@@ -77,8 +75,8 @@ def page_of(run: Run, *, alone: bool = False) -> str:
         alone=alone,
         tables=tables,
         style=_text("report.css"),
-        curve=_curve(run),
-        convergence=_convergence(run),
+        curve=over_pressure(run),
+        convergence=over_iterations(run),
         patterns=patterns,
         files={n: text for n, text in FILES.items() if n != NAME and (run.folder / n).is_file()},
         scene=scene,
@@ -126,72 +124,3 @@ def _text(name: str) -> str:
 
 def _digest(script: str) -> str:
     return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-
-
-def _curve(run: Run) -> list[Chart]:
-    """Return the charts over the pressure, those with a target first."""
-    rows = run.curve
-    if len(rows) < 2:
-        return []
-    measured = (run.summary.entries.get("curve") or {}).get("measured") or []
-    at = run.summary.value("pressure_pa")
-    charts = []
-    for metric in _by_target(tables.metrics_of(run.summary, list(rows[0]))):
-        here = [row for row in rows if metric.key in row]
-        x = [row["pressure_pa"] / 1e3 for row in here]
-        points = [
-            (
-                f"{m['source']}: {formatted(m['measured'], metric.unit)}",
-                m["pressure_pa"] / 1e3,
-                m["measured"],
-            )
-            for m in measured
-            if m["metric"] == metric.key
-        ]
-        value, chosen = metric.value, None
-        if at and value is not None and x[0] <= at / 1e3 <= x[-1]:
-            chosen = (f"{formatted(value, metric.unit)} at {at / 1e3:.4g} kPa", at / 1e3, value)
-        charts.append(
-            Chart(
-                "pressure",
-                "pressure (kPa)",
-                tables.label(metric),
-                [Line(metric.name, x, [row[metric.key] for row in here])],
-                _target(metric),
-                points,
-                chosen,
-            )
-        )
-    return charts
-
-
-def _convergence(run: Run) -> list[Chart]:
-    """Return the charts over the iterations: objective, metrics with a target, grey level."""
-    rows = run.history
-    if len(rows) < 2:
-        return []
-    x = [row["iteration"] for row in rows]
-    breaks = [b["iteration"] for a, b in pairwise(rows) if a.get("level") != b.get("level")]
-
-    def chart(label: str, columns: Sequence[str], **further: Any) -> Chart:
-        lines = [Line(key.replace("_", " "), x, [row[key] for row in rows]) for key in columns]
-        return Chart("iteration", "iteration", label, lines, breaks=breaks, **further)
-
-    charts = [chart("objective T", ["objective"], logarithmic=True)]
-    charts += [
-        chart(tables.label(metric), [metric.key], target=_target(metric))
-        for metric in _by_target(tables.metrics_of(run.summary, list(rows[0])))
-        if metric.target is not None or not run.summary
-    ]
-    fractions = [name for name in ("volume_fraction", "grey_level") if name in rows[0]]
-    return charts + ([chart("fraction", fractions)] if fractions else [])
-
-
-def _target(metric: Figure) -> tuple[float, str] | None:
-    if metric.target is None:
-        return None
-    return metric.target, f"target {formatted(metric.target, metric.unit)}"
-
-
-def _by_target(metrics: Sequence[Figure]) -> list[Figure]:
-    return sorted(metrics, key=lambda metric: metric.target is None)

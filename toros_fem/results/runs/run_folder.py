@@ -47,6 +47,26 @@ class Run:
         """The folder's own name."""
         return self.folder.resolve().name
 
+    @property
+    def measured(self) -> tuple[list[dict[str, Any]], tuple[bool, bool]]:
+        """Measured values beside the curve, and whether it ends early, below and above.
+
+        A value has its "key", "pressure" in Pa, "value", "simulated", ours there or None, and
+        "source".
+        """
+        told = self.summary.entries.get("curve") or {}
+        found = [
+            {
+                "key": one["metric"],
+                "pressure": one["pressure_pa"],
+                "value": one["measured"],
+                "simulated": one.get("simulated"),
+                "source": one["source"],
+            }
+            for one in told.get("measured") or ()
+        ]
+        return found, (bool(told.get("failure_below")), bool(told.get("failure_above")))
+
 
 def read_run(folder: str | Path) -> Run:
     """Return the content of a run's folder.
