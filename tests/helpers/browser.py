@@ -47,10 +47,8 @@ def opened(
             wanted = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
             driver.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
         found = Page(driver)
-        begin = time.monotonic()
         driver.get(page.as_uri())
         found.wait_for("return document.documentElement.dataset.state")
-        found.seconds = time.monotonic() - begin
         yield found
     finally:
         driver.quit()
@@ -61,11 +59,10 @@ class Page:
 
     Attributes:
         driver: The browser.
-        seconds: Time in s from its address to its first picture.
     """
 
     def __init__(self, driver: Any) -> None:
-        self.driver, self.seconds = driver, 0.0
+        self.driver = driver
 
     def colour(self, selector: str, name: str) -> np.ndarray:
         """Return red, green and blue of a property of an element."""
