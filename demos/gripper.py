@@ -123,7 +123,7 @@ whole = mirrored(pattern, (1,))
 closed, lifted = (whole.at_vertices(point.positions) for point in (pull[0], end))
 shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
 rows = [(whole.at_cells(design.skin.gather_cells(made.projected)), shapes)]
-write_lift(comm, given.output, printed.pattern, rows, printed.regions, ball, FINGERS)
+told = f"The fingers bear {1e3 * mass:.0f} g at {result.pressure:.0f} Pa"
+write_lift(comm, given.output, printed.pattern, rows, printed.regions, ball, FINGERS, told)
 if comm.rank == 0:
-    told = f"the fingers bear {1e3 * mass:.0f} g at {result.pressure:.0f} Pa"
     print(f"{told}; see {given.output}/shape.png and {given.output}/lift.png")

@@ -24,6 +24,7 @@ import toros_fem as tf
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
+from toros_fem.results.writer import draw_pictures
 
 parser = argparse.ArgumentParser(description="Inflate a tube without reinforcement.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh and half the pressures")
@@ -75,13 +76,14 @@ for point in tf.trace(
 # %% [markdown]
 # ## Files
 #
-# `curve.csv` and `curve.png` have the curves, `shapes.png` shows four of the shapes, and `skin.vtu`
+# `curve.csv` and `curve.png` have the curves, `inflation.png` shows some of the shapes, and `skin.vtu`
 # the last one for ParaView.
 
 # %%
 path = PathResult(pattern, points, density, metrics, mirrored(pattern, planes), composite)
 write_pressure_path(comm, given.output, path)
 write_summary(comm, given.output, path)
+draw_pictures(comm, given.output)
 radii = {point.result.pressure: point.metrics["radius_percent"] for point in points}
 half, last = radii[SATURATED], radii[HIGHEST]
 if comm.rank == 0:

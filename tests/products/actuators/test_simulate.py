@@ -43,7 +43,7 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     written = json.loads((tmp_path / "bend" / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
     assert written["failure"] is None
-    for name in ("curve.csv", "curve.png", "shapes.png", "skin.vtu"):
+    for name in ("curve.csv", "curve.png", "inflation.png", "skin.vtu"):
         assert (tmp_path / "bend" / name).exists()
     assert found.sentence().endswith("at 5.00 kPa, plain skin")
 

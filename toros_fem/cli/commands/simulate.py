@@ -19,7 +19,7 @@ class Simulate(RunCommand):
     """Inflates a plain skin or a given pattern.
 
     The pressure rises to the scene's in curve_steps equal steps. The run's folder gets
-    summary.json, curve.csv, skin.vtu, curve.png and shapes.png.
+    summary.json, curve.csv, skin.vtu and pictures.
     """
 
     pattern: Path | None = key(
