@@ -76,8 +76,8 @@ for point in tf.trace(
 # %% [markdown]
 # ## Files
 #
-# `curve.csv` and `curve.png` have the curves, `inflation.png` shows some of the shapes, and `skin.vtu`
-# the last one for ParaView.
+# `curve.csv` and `curve.png` have the curves, `inflation.png` shows some of the shapes, and
+# `skin.vtu` the last one for ParaView.
 
 # %%
 path = PathResult(pattern, points, density, metrics, mirrored(pattern, planes), composite)
