@@ -37,8 +37,8 @@ STEP = 0.02
 LINE = 1.0
 # Texels along the longest side of the panels.
 TEXELS = 4096
-# Fragments that are computed at once, which bounds the memory.
-CHUNK = 2_000_000
+# Fragments that are computed at once: so few that their arrays stay in the processor's cache.
+CHUNK = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +193,11 @@ def render(surfaces: Sequence[Surface], view: View, window: Window, *, cut: bool
         for part in _parts(pixels, (width, height), surface.closed):
             place, triangle, weights = _fragments(pixels, part, (width, height))
             here = np.einsum("ki,ki->k", weights, away[triangle]).astype(np.float32)
-            order = np.argsort(here)  # of equal places the last one, the nearest, is kept
-            nearest = np.full(width * height, -1)
-            nearest[place[order]] = order
-            chosen = nearest[nearest >= 0]
-            chosen = chosen[here[chosen] > depth[place[chosen]]]
-            place, triangle, weights = place[chosen], triangle[chosen], weights[chosen]
-            depth[place] = here[chosen]
+            nearer = np.flatnonzero(here > depth[place])
+            nearer = nearer[np.argsort(here[nearer])]  # of equal places the last one is kept
+            depth[place[nearer]] = here[nearer]
+            seen = nearer[here[nearer] == depth[place[nearer]]]
+            place, triangle, weights = place[seen], triangle[seen], weights[seen]
             normal = np.einsum("ki,kic->kc", weights, normals[triangle])
             shade = 1 + surface.contrast * (_shade(normal, view) - 1)
             colours[place] = _inked(surface, triangle, weights) * shade[:, None]
