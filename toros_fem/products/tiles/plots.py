@@ -29,10 +29,9 @@ from toros_fem.results.pictures.style import (
     SEQUENTIAL,
     SOFT,
     TALL,
-    bar_length,
+    bar_below,
     fill,
     page,
-    scale_bar,
 )
 
 # Colour, line width and marker of each direction; both lines show where they cover each other.
@@ -154,7 +153,7 @@ def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None
         border = corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3
         axes.plot(*border.T, color=ACCENT, lw=1.2)
         _to_scale(axes)
-        scale_bar(axes, bar_length(float(np.ptp(axes.get_xlim()))), (0.0, 0.0))
+        bar_below(axes)
 
 
 def plot_deformed(
@@ -188,7 +187,7 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
             fill(axes, region_of_triangles(corners[printed]), PRINT)
             axes.set_title(name, color=SOFT)
             _to_scale(axes)
-        scale_bar(row[-1], bar_length(float(np.ptp(row[-1].get_xlim()))), (0.0, 0.0))
+        bar_below(row[-1])
 
 
 def _over_strain(figure: Figure, left: str, right: str, bottom: float = 0.12) -> tuple[Axes, Axes]:

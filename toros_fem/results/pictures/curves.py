@@ -216,14 +216,19 @@ def draw_tracks(
         figure,
         "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm",
     )
-    axes = figure.add_axes((0.09, 0.12, 0.88, 0.75))
+    axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
     colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
+    named: dict[tuple[float, float], tuple[list[str], str]] = {}
     for k, colour in zip(range(feet.shape[1]), colours, strict=False):
         x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
         axes.plot(x, z, color=colour)
         axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
         axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
-        _name(axes, (float(x.max()), float(z[x.argmax()])), f"foot {k}", colour)
+        place = (round(float(x.max()), 1), round(float(z[x.argmax()]), 1))
+        named.setdefault(place, ([], colour))[0].append(f"{k}")
+    for place, (feet_there, colour) in named.items():  # those of a mirror image coincide
+        word = "feet" if len(feet_there) > 1 else "foot"
+        _name(axes, place, f"{word} {', '.join(feet_there)}", colour)
     bars = [] if stride is None else [("simulated", stride, DARK)]
     bars += [] if measured is None else [(*measured, ACCENT)]
     low, high = axes.get_ylim()

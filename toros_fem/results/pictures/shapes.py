@@ -39,8 +39,8 @@ SIDE_BOX = (0.01, 0.02, 0.60, 0.87)
 OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
 NUMBERS_BOX = (0.62, 0.03, 0.375, 0.39)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
-# Columns of the numbers.
-COLUMNS = (0.0, 0.225, 0.645, 0.815)
+# Columns of the numbers, and the side that they are aligned at.
+COLUMNS = ((0.0, "left"), (0.225, "left"), (0.645, "left"), (1.0, "right"))
 # Figures that are told at most.
 MOST_FIGURES = 3
 # What colours of a miss mean: for all points, and beside the mean of cross-sections.
@@ -153,8 +153,8 @@ def _tell(figure: Figure, figures: Sequence[Told], miss: Miss | None, warning: s
             axes.text(0, top, found.reason, color=SOFT, va="top")
         top -= 0.15
     heads = ("", "as printed", "target" if asked else "", "miss" if asked else "")
-    for x, head in zip(COLUMNS, heads, strict=True):
-        axes.text(x, top, head, color=SOFT, fontsize=8, va="top")
+    for (x, side), head in zip(COLUMNS, heads, strict=True):
+        axes.text(x, top, head, color=SOFT, fontsize=8, va="top", ha=side)
     rows = [_row(told) for told in figures[:MOST_FIGURES]]
     if miss is not None:
         rows.append(
@@ -168,9 +168,10 @@ def _tell(figure: Figure, figures: Sequence[Told], miss: Miss | None, warning: s
         )
     for row in rows:
         top -= 0.13
-        for x, cell in zip(COLUMNS, (row.name, row.value, row.target, row.miss), strict=True):
+        cells = (row.name, row.value, row.target, row.miss)
+        for (x, side), cell in zip(COLUMNS, cells, strict=True):
             loud = row.is_off and cell is row.miss
-            axes.text(x, top, cell, color=ACCENT if loud else INK, va="top",
+            axes.text(x, top, cell, color=ACCENT if loud else INK, va="top", ha=side,
                       fontweight="bold" if loud or cell is row.value else "normal")  # fmt: skip
     if warning:
         axes.text(0, top - 0.15, warning, color=ACCENT, va="top", fontsize=8, wrap=True)

@@ -145,6 +145,13 @@ def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
     )
 
 
+def bar_below(axes: Axes) -> None:
+    """Draw a bar of the scale below what axes in mm show."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low - 0.12 * (high - low), high)
+    scale_bar(axes, bar_length(float(np.ptp(axes.get_xlim()))), (0.03, 0.02))
+
+
 def bar_length(span: float) -> float:
     """Return the length in mm of a bar beside something that is `span` mm large: 1, 2 or 5·10ⁿ."""
     wanted = 0.15 * span

@@ -13,7 +13,7 @@ from toros_fem.meshes.surfaces.unwrap import Unwrapped
 from toros_fem.results.pictures.raster import Image, Surface
 from toros_fem.results.pictures.shown import visible
 from toros_fem.results.pictures.stage import Stage
-from toros_fem.results.pictures.style import INK, SIGNED, bar_length, scale_bar, write_title
+from toros_fem.results.pictures.style import INK, SIGNED, bar_below, write_title
 from toros_fem.results.pictures.view import View
 
 # Colours span at least this deviation of the area ratio from 1.
@@ -61,7 +61,7 @@ def draw_unwrapped(figure: Figure, unwrapped: Unwrapped) -> None:
         axes.annotate(name, tuple(middle), ha="center", va="center", fontsize=8, rotation=upright)
     axes.set_aspect("equal")
     axes.autoscale_view()
-    scale_bar(axes, bar_length(float(np.ptp(axes.get_xlim()))), (0.0, 0.0))
+    bar_below(axes)
     bar = figure.colorbar(
         scale, cax=figure.add_axes((0.45, 0.09, 0.45, 0.025)), orientation="horizontal"
     )
