@@ -33,7 +33,7 @@ COPIES: Mapping[str, tuple[str, str]] = {
             ".png": "shape.png", "_hero.png": "hero.png", "_miss.png": "miss.png",
             "_inflation.png": "inflation.png", "_pattern.png": "pattern.png",
             "_curve.png": "curve.png", "_design.png": "design.png",
-            ".gif": "inflation.gif", ".apng": "inflation.apng",
+            ".gif": "inflation.gif",
         }.items()
         # Legs and fingers are not compared with a target point by point.
         if not (run in ("walker", "gripper") and file == "miss.png")
@@ -60,7 +60,7 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def with_facts(content: bytes, facts: Mapping[str, str]) -> bytes:
-    """Return a PNG, moving or not, that has these texts and no others."""
+    """Return a PNG that has these texts and no others."""
     chunks, at = [], len(SIGNATURE)
     while at < len(content):
         (length,) = struct.unpack(">I", content[at : at + 4])
@@ -97,6 +97,9 @@ def main() -> int:
             if not file.endswith(".gif"):
                 content = with_facts(content, facts)
             (PICTURES / picture).write_bytes(content)
+    for path in PICTURES.iterdir():
+        if path.name not in COPIES:
+            path.unlink()
     if missing:
         print(f"no runs of {', '.join(missing)}: python3 -m benchmarks figures makes them")
     return bool(missing)

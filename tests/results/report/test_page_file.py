@@ -139,3 +139,10 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     (tmp_path / "frames").mkdir()
     with pytest.raises(OutputError, match="holds neither frames"):
         write_report(tmp_path)
+
+
+def test_a_table_may_hold_the_direction_of_a_pull(run: Path) -> None:
+    """Of a sheet of tiles `toros view` failed: "could not convert string to float: 'x'"."""
+    (run / "curve.csv").write_text("direction,strain\nx,0.01\ny,0.02\n", encoding="utf-8")
+    assert read_run(run).curve == [{"strain": 0.01}, {"strain": 0.02}]
+    write_report(run)

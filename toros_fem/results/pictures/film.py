@@ -35,8 +35,8 @@ MOST, SHOWN, HELD = 24, 83, 1000
 JOINED = 0.12
 # A walker goes from left to right.
 WALKING = View(15.0, 15.0)
-# Colours of the palette of a GIF, and pictures that it is made of.
-COLOURS, SAMPLES = 128, 4
+# Colours of the palettes of an APNG and of a GIF, and pictures that they are made of.
+MANY, FEW, SAMPLES = 256, 128, 4
 
 
 def write_animation(folder: str | Path, series: str = "pressure") -> Path:
@@ -72,8 +72,8 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     if series == "pressure":  # back to rest
         pictures, times = pictures + pictures[-2:0:-1], times + [SHOWN] * (len(pictures) - 2)
     try:
-        replace_file(path.with_suffix(".apng"), _apng(pictures, times))
-        replace_file(path, _gif(pictures, times))
+        replace_file(path.with_suffix(".apng"), _moving(pictures, times, "PNG", MANY))
+        replace_file(path, _moving(pictures, times, "GIF", FEW))
     except OSError as caught:
         raise OutputError(f"{path} could not be written: {caught}. Free some space.") from None
     return path
@@ -181,26 +181,19 @@ def _words(series: str, scene: _Scene, figures: Sequence[Told]) -> tuple[str, st
     return sentence(rounded, scene.values.get("pressure_pa")), ", ".join(targets)
 
 
-def _apng(pictures: Sequence[Bitmap.Image], times: Sequence[int]) -> bytes:
-    stream = BytesIO()
-    pictures[0].save(
-        stream, format="PNG", save_all=True, append_images=pictures[1:], duration=list(times),
-        loop=0, optimize=True,
-    )  # fmt: skip
-    return stream.getvalue()
-
-
-def _gif(pictures: Sequence[Bitmap.Image], times: Sequence[int]) -> bytes:
-    """Return pictures as a GIF with one palette, of pictures from the first one to the last."""
+def _moving(
+    pictures: Sequence[Bitmap.Image], times: Sequence[int], kind: str, colours: int
+) -> bytes:
+    """Return pictures as a film with one palette, of pictures from the first one to the last."""
     chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, SAMPLES).astype(int)]
     width, height = pictures[0].size
     strip = Bitmap.new("RGB", (width, height * len(chosen)))
     for k, picture in enumerate(chosen):
         strip.paste(picture, (0, k * height))
-    palette = strip.quantize(COLOURS, dither=Bitmap.Dither.NONE)
+    palette = strip.quantize(colours, dither=Bitmap.Dither.NONE)
     frames = [picture.quantize(palette=palette, dither=Bitmap.Dither.NONE) for picture in pictures]
     stream = BytesIO()
     frames[0].save(
-        stream, format="GIF", save_all=True, append_images=frames[1:], duration=list(times), loop=0
+        stream, format=kind, save_all=True, append_images=frames[1:], duration=list(times), loop=0
     )
     return stream.getvalue()

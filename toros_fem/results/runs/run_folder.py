@@ -16,6 +16,8 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 
 # Series in the order of the page's sliders.
 SERIES = ("pressure", "iteration", "gait", "load")
+# Columns of tables that hold no numbers: a sheet of tiles is pulled along x and y.
+WORDS = {"direction"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +106,7 @@ def read_run(folder: str | Path) -> Run:
 
 
 def _read_table(path: Path) -> list[dict[str, float]]:
-    """Return the rows of a table of numbers; empty without the file.
+    """Return the rows of a table, its numbers alone; empty without the file.
 
     A last line that does not end was cut off by a kill, and is left out.
     """
@@ -114,7 +116,7 @@ def _read_table(path: Path) -> list[dict[str, float]]:
         text = path.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
         return [
-            {key: float(value) for key, value in row.items() if value not in (None, "")}
+            {k: float(v) for k, v in row.items() if v not in (None, "") and k not in WORDS}
             for row in csv.DictReader(whole.splitlines())
         ]
     except (OSError, ValueError, TypeError, AttributeError) as caught:
