@@ -122,3 +122,17 @@ def test_what_lies_outside_of_the_window_is_left_out() -> None:
     window = window_of(np.array([[1.0, 1.0], [1.01, 1.01]]), 1.0, 50)
     image = render([Surface(BALL.triangles, BALL.points, BODY)], View(), window)
     assert image.colours[..., 3].max() == 0
+
+
+def test_layers_of_one_surface_hide_each_other() -> None:
+    """Two sheets of one skin, the further one last and first."""
+    sheet = np.array([[0, 0, 0], [0.01, 0, 0], [0.01, 0, 0.01], [0, 0, 0.01]])
+    points = np.concatenate([sheet, sheet + [0, 0.01, 0]])  # the viewer is at −y
+    cells = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    colours = np.array([RED, RED, GREEN, GREEN])
+    window = window_of(View().project(sheet), 1.0, 60)
+    for order in ([0, 1, 2, 3], [2, 3, 0, 1]):
+        surface = Surface(cells[order], points, colours[order])
+        pixel = render([surface], View(), window).colours[30, 30, :3]
+        assert pixel[0] > 100
+        assert pixel[1] == 0

@@ -299,7 +299,7 @@ def draw_lines(
         axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
         if order < len(FAMILIES):
             share = float(area @ field.shares[:, family]) / float(area.sum())
-            figure.text(0.02 + 0.12 * order, 0.03, f"{share:.1%} of the area", color=colour)
+            figure.text(0.02 + 0.17 * order, 0.03, f"{share:.1%} of the area", color=colour)
     draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
 
 

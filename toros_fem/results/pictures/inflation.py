@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.raster import render, window_of
-from toros_fem.results.pictures.shapes import framed_with
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import INK, SOFT, TITLE
@@ -26,7 +26,9 @@ ABOVE, TURN = 12.0, -20.0
 TIP = 0.95
 # States stand side by side where the last one covers more than this part of the skin at rest, with
 # this distance over its width.
-COVERED, BESIDE = 0.6, 2.4
+COVERED, BESIDE = 0.6, 2.8
+# Skins that are so many times wider than high stand above each other, by this over their height.
+LYING, STACKED = 1.5, 1.2
 # Width in pixels of the picture that this is found by.
 ROUGH = 200
 
@@ -67,41 +69,54 @@ def draw_inflation(
     """
     names, placed = [name for name, _ in states], [drawn.skin.placed(x) for _, x in states]
     view = inflation_view(drawn, placed[-1])
+    way, step = _arrangement(drawn, placed[0], placed[-1], view)
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
     tip = moves >= np.quantile(moves, TIP)
-    sweeps = _covered(drawn, placed[0], placed[-1], view) <= COVERED
-    width = float(np.ptp(view.project(placed[0])[:, 0]))
-    step = np.zeros(3) if sweeps else BESIDE * width * view.directions[0]
-    placed = [x + k * step for k, x in enumerate(placed)]
+    placed, end = [x + k * step for k, x in enumerate(placed)], (len(placed) - 1) * step
     last, target = placed[-1], drawn.skin.target
-    target = None if target is None else target + (len(placed) - 1) * step
-    every = np.concatenate(placed)
+    skins = [drawn.surfaces(x) for x in placed]
+    beside = [replace(body, points=body.points + end) for body in skins[-1][1:]]
+    others = [body.points for body in beside] + ([] if target is None else [target + end])
     across, up = 72 * figure.get_size_inches() * box[2:]
     room = (2.2 * NAME / across, 2.2 * NAME / across, 0.03, 1.6 * NAME / up)
-    others = [] if target is None else [target]
-    stage = Stage(figure, box, view, framed_with(drawn, every, others), room)
-    fading = [*np.linspace(FIRST, BEFORE, len(placed) - 1), 1.0] if sweeps else [1.0] * len(placed)
-    for x, opacity in zip(placed, fading, strict=True):
-        surfaces = drawn.surfaces(x)
-        stage.draw(surfaces if x is last else surfaces[:1], float(opacity))
+    stage = Stage(figure, box, view, np.concatenate([*placed, *others]), room)
+    fading = [*np.linspace(FIRST, BEFORE, len(placed) - 1), 1.0]
+    for k, (skin, *_) in enumerate(skins):
+        surfaces = [skin, *beside] if k == len(skins) - 1 else [skin]
+        stage.draw(surfaces, float(fading[k]) if way == "over" else 1.0)
     if target is not None:
-        stage.outline(drawn, target)
+        stage.outline(drawn, target + end)
     stage.bar()
-    middle = view.project(every).mean(axis=0)
+    middle = view.project(np.concatenate(placed)).mean(axis=0)
     for name, x in zip(names, placed, strict=True):
-        flat = view.project(x)
-        if sweeps:
-            at = flat[tip].mean(axis=0)
-            away = at - middle
-        else:
-            at = np.array([flat[:, 0].mean(), flat[:, 1].max()])
-            away = np.array([0.0, 0.5])
-        away = away / max(float(np.linalg.norm(away)), 1e-9) * (NAME if sweeps else NAME / 2)
+        at, away = _name_place(way, view.project(x), tip, middle)
         stage.axes.annotate(
             name, tuple(1e3 * at), tuple(away), textcoords="offset points", ha="center",
             va="center", color=INK if x is last else SOFT, zorder=5,
             fontweight="bold" if x is last else "normal",
         )  # fmt: skip
+
+
+def _arrangement(drawn: DrawnSkin, rest: Floats, last: Floats, view: View) -> tuple[str, Floats]:
+    """Return whether states are drawn "over" each other, "beside" or "below", and the step."""
+    right, up, _ = view.directions
+    if _covered(drawn, rest, last, view) <= COVERED:
+        return "over", np.zeros(3)
+    across, height = np.ptp(view.project(np.concatenate([rest, last])), axis=0)
+    if across > LYING * height:
+        return "below", -STACKED * height * up
+    return "beside", BESIDE * float(np.ptp(view.project(rest)[:, 0])) * right
+
+
+def _name_place(way: str, flat: Floats, tip: Bools, middle: Floats) -> tuple[Floats, Floats]:
+    """Return the place of a state's name on the picture, in m, and its offset in points."""
+    if way == "below":
+        return np.array([flat[:, 0].max(), flat[:, 1].mean()]), np.array([NAME, 0.0])
+    if way == "beside":
+        return np.array([flat[:, 0].mean(), flat[:, 1].max()]), np.array([0.0, NAME / 2])
+    at = flat[tip].mean(axis=0)
+    away = at - middle
+    return at, NAME * away / max(float(np.linalg.norm(away)), 1e-9)
 
 
 def _covered(drawn: DrawnSkin, rest: Floats, last: Floats, view: View) -> float:

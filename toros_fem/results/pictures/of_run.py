@@ -32,6 +32,8 @@ OF_THE_STATE = ("pressure", "volume", "stretch")
 # Parts of the way from rest to the design's state that are shown between them, and how near a
 # frame must be.
 BETWEEN, NEAR = (0.25, 0.5, 0.75), 0.12
+# Letters of the sentence of a hero.
+LONGEST = 68
 # Iterations that are shown, besides the last one.
 ITERATIONS = (1, 5, 20)
 
@@ -100,11 +102,13 @@ class _Pictures:
         with self._page("inflation.png", self.title) as figure:
             draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), self.drawn, states)
         if self.drawn.skin.regions is not None:
-            told = ", ".join(f"{f.name.replace('_', ' ')} {f.shown}" for f in self.figures[:2])
             dashed = " (dashed: target)" if self.drawn.skin.target is not None else ""
+            does = f"inflate it to {states[-1][0]}"
+            for k, told in enumerate(self.figures):
+                further = f"{does}{', ' if k else ': '}{told.name.replace('_', ' ')} {told.shown}"
+                does = further if len(further) + len(dashed) < LONGEST else does
             with self._page("hero.png", size=STRIP) as figure:
-                does = f"inflate it to {states[-1][0]}: {told}{dashed}"
-                draw_hero(figure, self.drawn, states, does)
+                draw_hero(figure, self.drawn, states, does + dashed)
 
     def _pattern(self) -> None:
         folder = self.run.folder
@@ -209,7 +213,7 @@ def states_of(frames: Sequence[Frame], state: Frame, drawn: DrawnSkin) -> list[t
 
 
 def _kilopascal(pressure: float) -> str:
-    return f"{pressure / 1e3:.3g} kPa"
+    return f"{pressure / 1e3:.{2 if pressure < 1e4 else 3}g} kPa"
 
 
 def _some(frames: Sequence[Frame]) -> list[Frame]:
