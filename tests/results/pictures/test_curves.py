@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure as Page
+from matplotlib.text import Annotation
 
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures.curves import Measured, draw_curve, draw_history, draw_tracks
@@ -63,7 +64,7 @@ def test_units_are_those_of_readers() -> None:
     figure = Page(figsize=(8, 4.5))
     rows = [{"pressure_pa": 1e3, "mass_kg": 0.01}, {"pressure_pa": 2e3, "mass_kg": 0.05}]
     draw_curve(figure, rows, [Figure("mass", "kg", 0.05)], 2e3)
-    assert figure.axes[0].lines[0].get_ydata()[-1] == pytest.approx(50.0)
+    assert np.asarray(figure.axes[0].lines[0].get_ydata())[-1] == pytest.approx(50.0)
 
 
 def test_history_marks_the_next_mesh() -> None:
@@ -74,7 +75,7 @@ def test_history_marks_the_next_mesh() -> None:
     figure = Page(figsize=(8, 3))
     axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
     draw_history(axes, rows, ANGLE)
-    assert [line.get_xdata()[0] for line in axes.lines[1:]] == [3]
+    assert [np.asarray(line.get_xdata())[0] for line in axes.lines[1:]] == [3]
     assert len(figure.axes) == 2
     bare = Page(figsize=(8, 3))
     draw_history(bare.add_axes((0.1, 0.1, 0.8, 0.8)), rows, TWIST)
@@ -90,11 +91,10 @@ def test_tracks_show_the_stride_to_scale(tmp_path: Path) -> None:
         draw_tracks(figure, feet, 3, 0.02, ("measured", 0.015))
         told = words(figure)
         (axes,) = figure.axes
-        ends = [
-            (text.xy[0], text.xyann[0])
-            for text in axes.texts
-            if text.get_text() == "" and hasattr(text, "xyann")
+        arrows = [
+            text for text in axes.texts if isinstance(text, Annotation) and not text.get_text()
         ]
+        ends = [(arrow.xy[0], arrow.xyann[0]) for arrow in arrows]
     assert "simulated: 20 mm" in told
     assert "measured: 15 mm" in told
     assert [a - b for a, b in ends] == pytest.approx([20.0, 15.0])

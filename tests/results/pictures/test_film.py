@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.runs import change_summary
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.results.pictures import film
@@ -16,9 +16,8 @@ from toros_fem.results.pictures.film import write_animation
 def pictures(path: Path) -> list[np.ndarray]:
     found = []
     with Image.open(path) as moving:
-        for k in range(moving.n_frames):
-            moving.seek(k)
-            found.append(np.asarray(moving.convert("RGB")).astype(int))
+        for picture in ImageSequence.Iterator(moving):
+            found.append(np.asarray(picture.convert("RGB")).astype(int))
     return found
 
 

@@ -176,9 +176,9 @@ def test_an_unwrapped_surface(alone: MPI.Comm, tmp_path: Path) -> None:
         *spaces, flat, _ = figure.axes
         for axes in spaces:
             assert len(axes.images) == 1
-            seam = axes.lines[0].get_xydata()
+            seam = np.asarray(axes.lines[0].get_xydata())
             assert 0 < np.isfinite(seam[:, 0]).sum() // 2 <= len(unwrapped.seams)
-        closed = [line for line in flat.lines if len(line.get_xydata()) > 3]
+        closed = [line for line in flat.lines if len(np.asarray(line.get_xydata())) > 3]
         outlines = [shapely.Polygon(line.get_xydata()) for line in closed]
         assert sum(o.area for o in outlines) == pytest.approx(1e6 * pattern.areas.sum())
     assert f"{len(pattern.panel_names)} flat panels" in words[0]

@@ -8,6 +8,7 @@ from helpers.runs import bent, regions_of
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.raster import (
+    Image,
     Surface,
     ink_of,
     render,
@@ -21,7 +22,7 @@ BALL = rigid_sphere("ball", 0.01)
 RED, GREEN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
-def area(image, scale: float) -> float:
+def area(image: Image, scale: float) -> float:
     """The covered area in m²."""
     return float(image.colours[..., 3].sum() / 255 / scale**2)
 
