@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations_with_replacement
 from typing import Any
 
 import ufl
 
 from toros_fem.forms.bending import Edges, edge_angles
-from toros_fem.forms.jets import Jet, Scalar, by_vectors, compose, total
+from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, minus, total
 from toros_fem.forms.kinematics import CELL, Strain, Triangle, edge_products
 from toros_fem.forms.lines import Lines
 from toros_fem.forms.membrane import Logarithm, log1p, plain_log
+from toros_fem.forms.smoothing import Smoothing
+
+# Metric of a part of a triangle as a function of vectors, and these between its nodes.
+Metric = Callable[..., list[Jet]]
+Part = tuple[Metric, Sequence[Vector]]
 
 
 class EnergyTerm:
@@ -21,9 +27,11 @@ class EnergyTerm:
 
     Attributes:
         edges: Constants of the triangles' edges, of the term by which the sheet bends.
+        smoothing: Constants of the triangles around, of the sheet; None: strains are not smoothed.
     """
 
     edges: Edges | None = None
+    smoothing: Smoothing | None = None
 
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:
         """Return the nodes that a triangle sees from the parts of a patch, or of a variation."""
@@ -69,7 +77,7 @@ class SkinForms:
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivities: ∂(residual · adjoint) by each coefficient of the design, as linear forms on
-            their spaces, in J.
+            their spaces, in J; with smoothed strains last by the densities around.
         loads: Forms of each term; None for one that is no load.
     """
 
@@ -117,7 +125,9 @@ def skin_forms(
     density, lines = design
     t = Triangle(seen(q), ufl.Jacobian(domain), density, lines)
     variation, adjoint_parts = seen(ufl.TestFunction(space)), seen(adjoint)
-    whole, loads = _stored(t, terms, geometric), [term.of_place(t) for term in terms]
+    smoothing = next((term.smoothing for term in terms if term.smoothing is not None), None)
+    metrics = _metrics(t, smoothing)
+    whole, loads = _stored(t, metrics, terms, geometric), [term.of_place(t) for term in terms]
     for load in loads:
         if load is not None:
             whole = whole + load.scaled_hessian(geometric)
@@ -126,13 +136,16 @@ def skin_forms(
     numbers = enumerate(combinations_with_replacement(range(size), 2))
     values = [whole.hessian[pair] * entries[n] for n, pair in numbers if pair in whole.hessian]
     along_adjoint = _first(whole, adjoint_parts) * dx
+    designed = [density] if lines is None else [density, lines.state]
+    if smoothing is not None:
+        designed.append(smoothing.around)
     return SkinForms(
         energy=whole.value * dx,
         residual=_first(whole, variation) * dx,
         tangent=total(values) * dx,
         sensitivities=[
             ufl.derivative(along_adjoint, by, ufl.TestFunction(by.ufl_function_space()))
-            for by in ([density] if lines is None else [density, lines.state])
+            for by in designed
         ],
         loads=[
             None if load is None else LoadForms(load.value * dx, _first(load, variation) * dx)
@@ -146,23 +159,28 @@ def _first(jet: Jet, variation: Sequence[Any]) -> Any:
     return total(slope * variation[i // 3][i % 3] for i, slope in jet.gradient.items())
 
 
-def _stored(t: Triangle, terms: Sequence[EnergyTerm], geometric: Any) -> Jet:
+def _stored(
+    t: Triangle, metrics: Sequence[Part], terms: Sequence[EnergyTerm], geometric: Any
+) -> Jet:
     """Return the energy of strain and curvature; its value keeps the digits of small strains."""
 
     def of_strain(log: Logarithm, *of: Scalar) -> Scalar:
         e = t.strain(of)
         return total(term.of_strain(t, e, log) for term in terms)
 
-    def strained(*edges: Any) -> Jet:
-        return compose(
-            lambda *of: of_strain(plain_log, *of),
-            edge_products(edges),
-            lambda first: _positive(first, geometric),
-        )
+    part = 1 / len(metrics)
+    jet, value = Jet(0), 0
+    for metric, vectors in metrics:
 
-    measures = edge_products(t.edges)
-    jet = by_vectors(strained, *t.edges)
-    value = of_strain(log1p, *(measure.value for measure in measures))
+        def strained(*given: Vector, metric: Metric = metric) -> Jet:
+            return compose(
+                lambda *of: of_strain(plain_log, *of),
+                metric(*given),
+                lambda first: _positive(first, geometric),
+            )
+
+        jet = jet + by_vectors(strained, *vectors) * part
+        value = value + part * of_strain(log1p, *(one.value for one in metric(*vectors)))
     edges = next((term.edges for term in terms if term.edges is not None), None)
     if edges is None:
         return Jet(value, jet.gradient, jet.hessian)
@@ -178,12 +196,23 @@ def _stored(t: Triangle, terms: Sequence[EnergyTerm], geometric: Any) -> Jet:
     angles = edge_angles(t, edges)
     bent = compose(of_curvature, angles, lambda first: [geometric * d for d in first])
     jet, value = jet + bent, value + bent.value
-    given = [*measures, *angles]
-    coupled = of_both(*(one.value for one in given))
-    if not isinstance(coupled, int):  # some term has such a law
-        both = compose(of_both, given)
-        jet, value = jet + both.scaled_hessian(geometric), value + both.value
+    for metric, vectors in metrics:
+        given = [*metric(*vectors), *angles]
+        coupled = of_both(*(one.value for one in given))
+        if not isinstance(coupled, int):  # some term has such a law
+            both = compose(of_both, given) * part
+            jet, value = jet + both.scaled_hessian(geometric), value + both.value
     return Jet(value, jet.gradient, jet.hessian)
+
+
+def _metrics(t: Triangle, smoothing: Smoothing | None) -> list[Part]:
+    """Return (e₁·e₁, e₂·e₂, e₁·e₂) of equal parts of a triangle, each as a function of vectors."""
+    if smoothing is None:
+        return [(lambda *edges: edge_products((edges[0], edges[1])), t.edges)]
+    return [
+        (partial(smoothing.metric, t, k), (*t.edges, minus(t.nodes[3 + k], t.nodes[0])))
+        for k in range(3)
+    ]
 
 
 def _positive(first: Sequence[Scalar], geometric: Any) -> list[Scalar]:

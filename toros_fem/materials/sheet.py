@@ -18,6 +18,7 @@ SEAMS = ("continuous", "hinged")
 RESTS = ("flat", "assembled")
 PRINT_SIDES = ("outside", "inside")
 WRINKLINGS = ("tension-field",)
+STRAINS = ("constant", "smoothed")
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,11 @@ class Bending(Table):
 
 @dataclass(frozen=True)
 class Membrane(Table):
-    """Stretching of a sheet: whether it takes compression, eq. (1), or wrinkles.
+    """Stretching of a sheet: its strains, and whether it takes compression, eq. (1), or wrinkles.
+
+    Triangles of constant strain are too stiff where a printed line bends in its plane and has few
+    of them across. Smoothed strains are means over the two triangles of an edge, at the same cost;
+    they take half of that error away (docs/accuracy.md).
 
     A tension field lets the sheet wrinkle finely without resistance, so that it carries no
     compression (Pipkin 1986). Without any residual stiffness the equilibrium of a slack sheet is
@@ -124,6 +129,14 @@ class Membrane(Table):
     residual_stiffness: Annotated[float, In(at_least=1e-9, at_most=1e-2)] = key(
         1e-5, "fraction of the stiffness that a tension field keeps against compression"
     )
+    strain: Annotated[str, OneOf(STRAINS)] = key(
+        "constant", "whether each triangle has a strain of its own, or edges smooth them"
+    )
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether strains are smoothed over the two triangles of each edge."""
+        return self.strain == "smoothed"
 
     @property
     def relaxed(self) -> bool:
@@ -242,6 +255,11 @@ class Composite(Table):
                 f"c2 = {c2} must be at least c1 = {c1} for {wrinkling}: a narrow bound on the sum "
                 "would hold the width.",
             )
+        yield (
+            self.membrane.smoothed and self.bending is None,
+            "strain = 'smoothed', but bending = None: only a sheet that bends sees the triangles "
+            "around. Give a Bending, or strain = 'constant'.",
+        )
         yield (
             sided and self.bending is None,
             f"print_side = {self.print_side!r}, but bending = None: a print on one face acts by "

@@ -15,6 +15,7 @@ from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
+from toros_fem.mechanics.skin.flaps import find_flaps
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
@@ -87,16 +88,20 @@ def make_model(
     make_design = further.get("design")
     if make_design is not None:
         require_callable("design", make_design, "a function of skin and composite, or None")
-    design = Densities(skin) if make_design is None else make_design(skin, composite)
-    if isinstance(design, LineDesign) and contact is not None:
-        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
+    flaps = find_flaps(skin, supports) if composite.membrane.smoothed else None
+    if make_design is None:
+        design = Densities(skin, None if flaps is None else flaps.neighbour)
+    else:
+        design = make_design(skin, composite)
+    if isinstance(design, LineDesign):
+        _require_known(composite, contact)
     pattern, bending = skin.pattern, composite.bending
     if periodic is None and (contact is None or not contact.holds):
         supports.require_no_rigid_motion(pattern, bends=bending is not None)
     planes = Planes(pattern, supports)
 
     sheet = TensionSheet if composite.membrane.relaxed else Sheet
-    terms: list[Term] = [sheet(skin, composite, design)]
+    terms: list[Term] = [sheet(skin, composite, design, flaps)]
     if composite.bladder is not None:
         terms.append(RubberLayer(skin, composite.bladder))
     if isinstance(design, LineDesign):
@@ -120,3 +125,14 @@ def make_model(
         sizes = contact.sizes(composite)
         terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes.of_symmetry()))
     return SkinModel(skin, composite, supports, terms, design)
+
+
+def _require_known(composite: Composite, contact: Contact | None) -> None:
+    """Check that relaxed designs know what the skin has."""
+    if contact is not None:
+        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
+    if composite.membrane.smoothed:
+        raise ParameterError(
+            "strain = 'smoothed': the lines of a relaxed design differ from triangle to triangle. "
+            'Use Membrane(strain="constant") for it, and smoothed strains for its print.'
+        )

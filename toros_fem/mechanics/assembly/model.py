@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -140,11 +141,15 @@ class SkinModel:
         ]
 
     @cached_property
-    def _by_density(self) -> tuple[Any, fem.Function]:
-        """Compiled derivative of the residual along a change of ρ̄, and this change."""
-        density = self.design.density
+    def _by_density(self) -> tuple[Any, fem.Function, fem.Function | None]:
+        """Compiled derivative of the residual along a change of ρ̄, this change, that around."""
+        density, around = self.design.density, self.design.around
         change = fem.Function(density.function_space)
-        return compiled(ufl.derivative(self.forms.residual, density, change)), change
+        form = ufl.derivative(self.forms.residual, density, change)
+        if around is None:
+            return compiled(form), change, None
+        beside = fem.Function(around.function_space)
+        return compiled(form + ufl.derivative(self.forms.residual, around, beside)), change, beside
 
     @property
     def assembled(self) -> Floats:
@@ -200,9 +205,12 @@ class SkinModel:
         self.q.x.scatter_forward()
 
     def corners(self, state: Floats) -> Floats:
-        """Return corner positions (n, 3, 3) of the owned triangles; also sets the state."""
+        """Return the positions by which bounds test owned triangles; also sets the state.
+
+        They are those of the corners, (n, 3, 3), or of corners and flaps, (n, 6, 3).
+        """
         self.set_state(state)
-        return self._seen(3)
+        return self._seen(self.bounds.nodes)
 
     def _seen(self, nodes: int) -> Floats:
         """Positions of the first corners and flaps of owned triangles where these see them."""
@@ -239,6 +247,13 @@ class SkinModel:
     def residual(self, state: Floats) -> Floats:
         """Return the first variation of E in N, zero at fixed components."""
         return self.variation(state) * self.free
+
+    def unsmoothed_residual(self, state: Floats) -> Floats:
+        """Return the residual of the sheet whose triangles have strains of their own, in N."""
+        with ExitStack() as stack:
+            for term in self.terms:
+                stack.enter_context(term.unsmoothed())
+            return self.residual(state)
 
     def reaction(self, state: Floats) -> Floats:
         """Return the force in N by which the supports pull at the skin, zero at free components."""
@@ -362,7 +377,10 @@ class SkinModel:
         dofs = self._dofs.reshape(owned, -1)
         present = np.ones(dofs.shape, dtype=bool)
         if self._bend is not None:
-            present[:, 9:18] = np.repeat(self._bend.hinges.has_moment[:owned], 3, axis=1)
+            seen = self._bend.hinges.has_moment[:owned]
+            if self.design.around is not None:  # across hinged seams too
+                seen = np.ones_like(seen)
+            present[:, 9:18] = np.repeat(seen, 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 
     def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
@@ -401,10 +419,12 @@ class SkinModel:
             state: Owned unknowns.
             change: Change of ρ̄; the density that is set may leave [0, 1] by it.
         """
-        form, along = self._by_density
+        form, along, beside = self._by_density
         self.set_state(state)
         along.x.array[: len(change)] = change
         along.x.scatter_forward()
+        if beside is not None:
+            self.design.set_around(along, beside)
         return assembled(form, self._buffer) * self.free
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:

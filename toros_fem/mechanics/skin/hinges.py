@@ -66,17 +66,17 @@ def find_hinges(
     neighbour, opposite = neighbours(skin)
     alone = neighbour == np.arange(len(corner))[:, None]
     flap = np.where(alone, corner, corner[neighbour, opposite])
-    normals, mirrored = _mirrors(skin, corner, supports)
+    normals, mirrored = guided_edges(skin, corner, supports)
     mirrored &= alone
     mirror = normals * mirrored[:, :, None]
     has_moment = ~alone | mirrored
     if bending.seams == "hinged":
         has_moment &= ~_on_seam(skin, corner)
-    flat = _flat_corners(skin)
+    flat = flat_corners(skin)
     average = _average(flat)
     angles: Floats = np.asarray(np.linalg.inv(average))
     if bending.curvature == "quadratic":
-        fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite))
+        fitted = _quadratic_angles(flat, unfolded(flat, corner, neighbour, opposite))
         smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
         angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
     rotation: Floats = np.zeros(alone.shape)
@@ -141,7 +141,7 @@ def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
     return np.take_along_axis(pattern.seam_edges[original], place, axis=1)
 
 
-def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats, Bools]:
+def guided_edges(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats, Bools]:
     """Unit normals of the mirrors at the edges of local triangles, and whether there is one."""
     normals = np.zeros((*corner.shape, 3))
     if not len(supports.guided):
@@ -173,7 +173,7 @@ def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
     return np.asarray(np.arctan2(sine, np.einsum("cij,cij->ci", one, two)))
 
 
-def _flat_corners(skin: Skin) -> Floats:
+def flat_corners(skin: Skin) -> Floats:
     """Flat corners of the local triangles, shape (cells, 3, 2)."""
     count = len(skin.position_space.dofmap.list)
     return skin.mesh.geometry.x[: 3 * count].reshape(count, 3, 3)[:, :, :2]
@@ -199,7 +199,7 @@ def _average(flat: Floats) -> Floats:
     return np.asarray(parts * (length / (2 * area[:, None]))[:, None, :])
 
 
-def _unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: LocalInts) -> Floats:
+def unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: LocalInts) -> Floats:
     """Flat positions of the flaps, unfolded into the triangle's own chart, (cells, 3, 2).
 
     Without a neighbour the triangle itself is mirrored.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from toros_fem.base.compiled_forms import assembled, compiled
 from toros_fem.base.mpi import largest, smallest
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.flaps import Flaps
 
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6
@@ -26,15 +28,27 @@ OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
 SHORTEST = 1 / 16
 
 
-def singular_values(edges: Floats) -> tuple[Floats, Floats]:
-    """Return the larger and the smaller singular value of 3×2 matrices, shape (n, 3, 2)."""
-    (a, b, c), (d, e, f) = edges.T
-    uu, vv, uv = a * a + b * b + c * c, d * d + e * e + f * f, a * d + b * e + c * f
-    p = np.sqrt((b * f - c * e) ** 2 + (c * d - a * f) ** 2 + (a * e - b * d) ** 2)
+def singular_values(matrices: Floats) -> tuple[Floats, Floats]:
+    """Return the larger and the smaller singular value of k×2 matrices, shape (n, k, 2)."""
+    u, v = matrices.T
+    uu, vv, uv = (u * u).sum(axis=0), (v * v).sum(axis=0), (u * v).sum(axis=0)
+    # λ₁ λ₂ by all minors (Cauchy-Binet): uu vv − uv² would cancel.
+    rows = combinations(range(len(u)), 2)
+    p = np.sqrt(sum((u[i] * v[j] - u[j] * v[i]) ** 2 for i, j in rows))
     s = np.sqrt(uu + vv + 2 * p)
     # λ₁ − λ₂ = (λ₁² − λ₂²)/s: the difference tr C − 2p would cancel.
     difference = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
     return (s + difference) / 2, (s - difference) / 2
+
+
+def _product(u: Floats, v: Floats, matrix: Floats) -> Floats:
+    """Return the columns of (u, v) times 2×2 matrices, (2, 3, n)."""
+    (a, b), (c, d) = matrix
+    return np.stack([u * a + v * c, u * b + v * d])
+
+
+def _times(factors: Floats, matrices: Floats) -> Floats:
+    return factors.reshape(-1, *(1,) * (matrices.ndim - 1)) * matrices
 
 
 class StretchBounds:
@@ -43,33 +57,66 @@ class StretchBounds:
     The sign of the logarithm's argument is no test: it turns positive again far outside the bounds.
     Where a sheet wrinkles instead of taking compression, only the upper bounds count: the natural
     width keeps the other ones by itself. Corners are those of the owned triangles, (n, 3, 3), in m,
-    and `flat` their places on the flat panels, (n, 3, 2). All methods are collective.
+    and `flat` their places on the flat panels, (n, 3, 2). Where strains are smoothed by `flaps`,
+    those of owned triangles, the three flaps follow the corners, (n, 6, 3), and each third of a
+    triangle is tested. All methods are collective.
+
+    Attributes:
+        nodes: Number of nodes that are given of each triangle, 3 or 6.
     """
 
     def __init__(
-        self, comm: MPI.Comm, flat: Floats, c1: float, c2: float, *, wrinkles: bool = False
+        self,
+        comm: MPI.Comm,
+        flat: Floats,
+        c1: float,
+        c2: float,
+        *,
+        wrinkles: bool = False,
+        flaps: Flaps | None = None,
     ) -> None:
-        self._comm = comm
+        self._comm, self.nodes = comm, 3 if flaps is None else 6
+        if flaps is not None:
+            self._across = np.ascontiguousarray(np.moveaxis(flaps.across[: len(flat)], 0, -1))
+            self.set_shares(flaps.share[: len(flat)])
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
         # Largest |λᵢ − 1| and |λ₁ + λ₂ − 2| of each triangle, (2, n).
         self._room = np.repeat([[c1 - 1], [c2 - 1]], len(flat), axis=1)
         self._least = 0.0 if wrinkles else -np.inf
 
+    def set_shares(self, shares: Floats) -> None:
+        """Take the weights of the triangles across the edges in the smoothed strain, (n, 3)."""
+        self._roots = np.sqrt(np.stack([1 - shares, shares], axis=1)).transpose(2, 1, 0)
+
     def gradient(self, corners: Floats) -> Floats:
         """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
         # Components first: each is then one array without gaps.
-        first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
-        (a, b), (c, d) = self._inverse_chart
-        u, v = second - first, third - first
-        return np.stack([u * a + v * c, u * b + v * d]).T
+        first, second, third = np.ascontiguousarray(corners[:, :3].transpose(1, 2, 0))
+        return _product(second - first, third - first, self._inverse_chart).T
+
+    def _factors(self, nodes: Floats) -> Floats:
+        """Matrices A, linear in the nodes, with AᵀA = C, (n, 3, 2), or (n, 3, 6, 2) of thirds."""
+        own = self.gradient(nodes)
+        if self.nodes == 3:
+            return own
+        at, parts = np.ascontiguousarray(nodes.transpose(1, 2, 0)), []
+        for k, (mine, other) in enumerate(self._roots):
+            start, end = at[(k + 1) % 3], at[(k + 2) % 3]
+            there = _product(end - start, at[3 + k] - start, self._across[k])
+            parts.append(np.concatenate([mine * own.T, other * there], axis=1))
+        return np.stack(parts, axis=2).T
 
     def _strains(self, F: Floats) -> tuple[Floats, Bools]:
         """What is bounded, max |λᵢ − 1| and |λ₁ + λ₂ − 2|, (2, n); and what has collapsed."""
         big, small = singular_values(F)
         strains = (np.maximum(strain, self._least) for strain in (big - 1, small - 1))
         joint = np.maximum(big + small - 2, self._least)
-        return np.stack([np.maximum(*map(np.abs, strains)), np.abs(joint)]), ~(small > COLLAPSED)
+        found = np.stack([np.maximum(*map(np.abs, strains)), np.abs(joint)])
+        collapsed = ~(small > COLLAPSED)
+        if F.ndim == 3:
+            return found, collapsed
+        return found.max(axis=1), collapsed.any(axis=0)  # of all thirds
 
     def _use(self, F: Floats, room: Floats | None = None) -> Floats:
         """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
@@ -79,7 +126,7 @@ class StretchBounds:
 
     def use(self, corners: Floats) -> Floats:
         """Return the fraction of the bounds that each triangle uses."""
-        return self._use(self.gradient(corners))
+        return self._use(self._factors(corners))
 
     def worst(self, corners: Floats) -> float:
         """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
@@ -100,7 +147,7 @@ class StretchBounds:
         upper bounds are convex in x, so that they also hold during the step. The lower ones are
         tested at its end only, and the energy there decides.
         """
-        F, G = self.gradient(corners), self.gradient(direction)
+        F, G = self._factors(corners), self._factors(direction)
         use = self._use(F)
         limit = use + fraction * (1 - use)
         beyond = np.flatnonzero(~(self._use(F + G) <= limit))
@@ -111,7 +158,7 @@ class StretchBounds:
             outside: Floats = np.ones(len(beyond))
             for _ in range(20):
                 middle = (inside + outside) / 2
-                good = self._use(F + middle[:, None, None] * G, room) <= limit
+                good = self._use(F + _times(middle, G), room) <= limit
                 inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
             step = float(inside.min())
         return smallest(self._comm, step)
@@ -124,11 +171,18 @@ class MixedBounds(StretchBounds):
     bounds of its triangles until it lies inside; `narrow` narrows them again.
     """
 
-    def __init__(self, density: fem.Function, flat: Floats, composite: Composite) -> None:
+    def __init__(
+        self,
+        density: fem.Function,
+        flat: Floats,
+        composite: Composite,
+        flaps: Flaps | None = None,
+    ) -> None:
         space = density.function_space
         domain = space.mesh
         wrinkles = composite.membrane.relaxed
-        super().__init__(domain.comm, flat, *composite.widest_bounds, wrinkles=wrinkles)
+        widest = composite.widest_bounds
+        super().__init__(domain.comm, flat, *widest, wrinkles=wrinkles, flaps=flaps)
         self._density, self._widest = density, self._room
         self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
         self._ends = list(zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True))
@@ -192,14 +246,15 @@ class MixedBounds(StretchBounds):
         """
         fraction = 0.0 if motion is None else self._follow(corners, motion)
         if fraction == 0:
-            strains, _ = self._strains(self.gradient(corners))
+            strains, _ = self._strains(self._factors(corners))
             near = strains + KEPT * (self._room - strains)
             self._set(np.maximum(self._true, np.minimum(self._room, near)))
         return fraction
 
     def _follow(self, corners: Floats, motion: Floats) -> float:
         """Narrow loosened bounds with a motion, as far as all triangles stay inside; 0 if not."""
-        F, G, whole = self.gradient(corners), self.gradient(motion), self._true - self._room
+        F, G = self._factors(corners), self._factors(motion)
+        whole = self._true - self._room
         limit = 1 - KEPT * (1 - self._use(F))
         fraction = 1.0
         while fraction >= SHORTEST:
@@ -218,14 +273,14 @@ class MixedBounds(StretchBounds):
 
     def worst_of_start(self, corners: Floats) -> float:
         """Return the largest fraction of the wider bounds of the two materials that is used."""
-        return self._worst(self._use(self.gradient(corners), self._widest))
+        return self._worst(self._use(self._factors(corners), self._widest))
 
     def loosen(self, corners: Floats, *, everywhere: bool = False) -> bool:
         """Widen the bounds of triangles outside of them; return whether there are any.
 
         With `everywhere` all bounds are widened first to those of the wider material.
         """
-        strains, _ = self._strains(self.gradient(corners))
+        strains, _ = self._strains(self._factors(corners))
         if everywhere:
             self._set(self._widest)
         outside = ~(strains < OUTSIDE * self._room)

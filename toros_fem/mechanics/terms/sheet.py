@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, override
 
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats
 from toros_fem.forms.energy import LoadForms, SkinForms
+from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
+from toros_fem.forms.smoothing import Smoothing, likeness
 from toros_fem.forms.tension_field import relaxed
 from toros_fem.materials.sheet import Bladder, Composite
+from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
 from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.skin.flaps import Flaps
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
@@ -21,11 +27,23 @@ from toros_fem.meshes.skin import Skin
 
 
 class Sheet(Term):
-    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds."""
+    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
+
+    With `flaps` strains are smoothed over the two triangles of each edge.
+    """
 
     bounds: StretchBounds
 
-    def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
+    def __init__(
+        self, skin: Skin, composite: Composite, design: Densities, flaps: Flaps | None = None
+    ) -> None:
+        self._design, self._flaps = design, flaps
+        if flaps is not None:
+            self._stiffnesses = tuple(
+                sheet.membrane_stiffness for sheet in (composite.fabric, composite.reinforcement)
+            )
+            self._shares = cell_function(cell_space(skin, 3), flaps.share)
+            self.smoothing = _smoothing(skin, flaps, self._shares, design, self._stiffnesses)
         thicknesses = composite.fabric.thickness, composite.reinforcement.thickness
         self._mu, self._lam = lame_constants(skin, composite, thicknesses)
         # Owned triangles come first in the mesh, each with flat corners of its own.
@@ -34,11 +52,11 @@ class Sheet(Term):
         self._limits: tuple[Any, Any]
         if composite.shares_bounds:
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
-            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
+            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles, flaps=flaps)
             c1, c2 = constants(skin, *shared)
             self._limits = c1, c2
         else:
-            self.bounds = MixedBounds(design.density, flat, composite)
+            self.bounds = MixedBounds(design.density, flat, composite, flaps)
             self._limits = self.bounds.coefficients
 
     def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
@@ -58,6 +76,36 @@ class Sheet(Term):
     def after_design(self) -> None:
         if isinstance(self.bounds, MixedBounds):
             self.bounds.update()
+        if self._flaps is not None:
+            self._share_bounds(self._flaps.share)
+
+    def _share_bounds(self, shares: Floats) -> None:
+        """Let the bounds take the shares of the triangles around, where they are alike."""
+        design, around = self._design, self._design.around
+        assert around is not None
+        owned = len(design.owned)
+        place = around.function_space.dofmap.list[:owned, 0]
+        rows = design.density.function_space.dofmap.list[:owned]
+        own = interpolate(design.density.x.array[rows], *self._stiffnesses)
+        other = interpolate(around.x.array.reshape(-1, 3)[place], *self._stiffnesses)
+        self.bounds.set_shares(shares[:owned] * likeness(own, other))
+
+    @override
+    @contextmanager
+    def unsmoothed(self) -> Iterator[None]:
+        if self._flaps is None:
+            yield
+            return
+        shares = self._flaps.share
+        self._share(0 * shares)
+        try:
+            yield
+        finally:
+            self._share(shares)
+
+    def _share(self, shares: Floats) -> None:
+        set_cells(self._shares, shares)
+        self._share_bounds(shares)
 
     @override
     def moduli(self, design: Densities) -> Floats | float:
@@ -68,8 +116,10 @@ class Sheet(Term):
 class TensionSheet(Sheet):
     """The same sheet where it wrinkles instead of taking compression."""
 
-    def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
-        super().__init__(skin, composite, design)
+    def __init__(
+        self, skin: Skin, composite: Composite, design: Densities, flaps: Flaps | None = None
+    ) -> None:
+        super().__init__(skin, composite, design, flaps)
         self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
 
     @override
@@ -91,3 +141,17 @@ class RubberLayer(Term):
     @override
     def moduli(self, design: Densities) -> Floats | float:
         return 4 / 3 * self._stiffness  # μ = E/3, λ = 2 μ
+
+
+def _smoothing(
+    skin: Skin,
+    flaps: Flaps,
+    shares: fem.Function,
+    design: Densities,
+    stiffnesses: Sequence[float],
+) -> Smoothing:
+    """Return the constants of the flaps as coefficients."""
+    space, (fabric, print_) = cell_space(skin, 4), stiffnesses
+    charts = [cell_function(space, flaps.chart[:, k].reshape(-1, 4)) for k in range(3)]
+    both = fem.Constant(skin.mesh, fabric), fem.Constant(skin.mesh, print_)
+    return Smoothing(charts, shares, design.around, both)

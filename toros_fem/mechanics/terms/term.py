@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, override
 
@@ -88,6 +89,10 @@ class Term(EnergyTerm):
     def refusal(self, x: Floats) -> str | None:
         """Return why a state can be no start, as a sentence; None where it can."""
         return None
+
+    def unsmoothed(self) -> AbstractContextManager[None]:
+        """Let triangles have strains of their own within a `with`, where they are smoothed."""
+        return nullcontext()
 
     def moduli(self, design: Densities) -> Floats | float:
         """Return its part of h (2μ + λ), of the owned triangles or of all, in N/m."""

@@ -1,0 +1,48 @@
+"""Flaps: the triangles across the edges of each triangle, in its own flat chart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats, LocalInts
+from toros_fem.mechanics.skin.hinges import flat_corners, guided_edges, neighbours, unfolded
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.skin import Skin
+
+
+@dataclass(frozen=True, eq=False)
+class Flaps:
+    """What the local triangles see across their edges; of owned ones it is complete.
+
+    Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
+
+    Attributes:
+        neighbour: Local triangle across each edge, (cells, 3); at a free border and at a plane of
+            symmetry, which mirrors it, the triangle itself.
+        share: Area of that triangle over that of both, (cells, 3); 0 at a free border.
+        across: Inverse of the matrix whose columns are the edge and the vector from its start to
+            the flap in the own flat chart, (cells, 3, 2, 2), in 1/m.
+        chart: The matrix B of `forms.smoothing.Smoothing` at each edge, (cells, 3, 2, 2).
+    """
+
+    neighbour: LocalInts
+    share: Floats
+    across: Floats
+    chart: Floats
+
+
+def find_flaps(skin: Skin, supports: Supports) -> Flaps:
+    """Return the flaps of the triangles of a skin with planes of symmetry."""
+    corner, flat = skin.position_space.dofmap.list, flat_corners(skin)
+    neighbour, opposite = neighbours(skin)
+    alone = neighbour == np.arange(len(corner))[:, None]
+    _, mirrored = guided_edges(skin, corner, supports)
+    own = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+    area = np.abs(np.linalg.det(own)) / 2
+    share = area[neighbour] / (area[:, None] + area[neighbour])
+    start, end = np.roll(flat, -1, axis=1), np.roll(flat, -2, axis=1)
+    flap = unfolded(flat, corner, neighbour, opposite)
+    across = np.linalg.inv(np.stack([end - start, flap - start], axis=3))
+    return Flaps(neighbour, np.where(alone & ~mirrored, 0.0, share), across, across @ own[:, None])
