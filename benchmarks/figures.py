@@ -58,16 +58,17 @@ class Demo:
 LEGS, GRIP = ("angle_deg", "stride_mm"), ("gap_mm", "angle_deg", "held_mass_kg", INITIAL)
 ALONG = ("stiffness_along_x_n_per_m", "stiffness_along_x_predicted_n_per_m")
 STIFF = ("stiffness_at_0_deg_n_per_m", "stiffness_at_90_deg_n_per_m")
+SHAPE = ("shape_distance_percent", "tip_direction_deg")
 DEMOS = (
     Demo("inflate", "Fig. 8a: swells, lengthens, saturates above about 10 kPa", (
         "radius_when_saturated_percent", "length_when_saturated_percent",
         "radius_percent", "length_percent",
     )),
-    Demo("bend", "Fig. 8b: 180° (5 kPa)", ("angle_deg",)),
-    Demo("contract", "Fig. 8c: 8 % (10 kPa)", ("shortening_percent",)),
-    Demo("twist", "Fig. 8d: 300° (15 kPa)", ("twist_deg", "length_ratio")),
-    Demo("twist", "", ("twist_deg", "length_ratio"), ("keep_length=true",)),
-    Demo("bend_twist", "our own combination", ("angle_deg", "twist_deg")),
+    Demo("bend", "Fig. 8b: 180° (5 kPa)", ("angle_deg", *SHAPE)),
+    Demo("contract", "Fig. 8c: 8 % (10 kPa)", ("shortening_percent", *SHAPE)),
+    Demo("twist", "Fig. 8d: 300° (15 kPa)", ("twist_deg", "length_ratio", *SHAPE)),
+    Demo("twist", "", ("twist_deg", "length_ratio", *SHAPE), ("keep_length=true",)),
+    Demo("bend_twist", "our own combination", ("angle_deg", "twist_deg", *SHAPE)),
     Demo("walker", "Fig. 9: legs by 90° (20 kPa)", LEGS),
     Demo("walker", "Fig. 10: crawls", LEGS, ("motion=crawl",)),
     Demo("gripper", "Fig. 1: grips", GRIP),
@@ -78,7 +79,7 @@ DEMOS = (
     Demo("tile", "Fig. 7", STIFF, ("target=anisotropic",)),
     Demo("tile", "Fig. 7", ("contraction_at_0_deg_fraction",), ("target=auxetic",)),
     Demo("tile_sheet", "section 4.3: as its tile predicts", ALONG),
-    Demo("own_design", "", ("distance_mm",)),
+    Demo("own_design", "", ("distance_mm", *SHAPE)),
 )  # fmt: skip
 
 
@@ -103,7 +104,7 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
     for key, figure in found.figures.items():
         width = "" if figure.interval is None else f"± {figure.interval!r}"
-        told = "" if figure.target is None else f", reached: {REACHED[figure.reached]}"
+        told = "" if figure.state is None else f", reached: {REACHED[figure.reached]}"
         note = (width + told).removeprefix(", ")
         yield Row(*place, key, figure.value, figure.unit, figure.target, seconds, note=note)
     # Beside laid lines there is no design by densities.

@@ -140,10 +140,14 @@ def kept_meshes(request: pytest.FixtureRequest) -> Generator[None]:
 
 @pytest.fixture(scope="module")
 def without_pictures() -> Generator[None]:
-    """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run."""
+    """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run.
+
+    The charts of reports are drawn.
+    """
+    pictures = {path.stem for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py")}
     with pytest.MonkeyPatch.context() as patch:
-        for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py"):
-            patch.setitem(sys.modules, f"toros_fem.results.pictures.{path.stem}", None)
+        for name in pictures - {"curves", "style"}:
+            patch.setitem(sys.modules, f"toros_fem.results.pictures.{name}", None)
         yield
 
 

@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import shapely
 from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.measures.figures import Figure
+from toros_fem.making.print.islands import Hole
+from toros_fem.measures.figures import Figure, Tolerances
 from toros_fem.products.tables.steps import Filtering
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.summary_file import summary_of
+from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import (
     PrintedResult,
     level_figures,
@@ -106,4 +109,65 @@ def test_figures_are_those_of_the_print(
     assert summary["linear_solver"].startswith("CHOLMOD on ")
     assert summary["parts_by_symmetry"] == 1
     designed = f"({last.metrics['angle_deg']:.3g}° as designed)"
-    assert found.sentence().startswith(f"angle {angle:.1f} ± 1.5° of 60° {designed} as printed at ")
+    assert f". angle {angle:.1f} ± 1.5° of 60° {designed}" in found.sentence()
+    assert "as printed at " in found.sentence()
+
+
+def test_a_miss_is_said(result: DesignResult, printed: PrintedDesign) -> None:
+    """In the last line and the summary: by how much, and what binds."""
+    problem, made = shape_problem(result), printed.evaluation
+    assert made is not None
+    shape = shape_of(problem, made)
+    assert shape["shape_distance_percent"] > 3
+    assert {"tip_distance_mm", "tip_lean_deg", "largest_distance_mm"} < shape.keys()
+    widths = {"angle_deg": 0.1, **dict.fromkeys(shape, 0.01)}
+    found = dataclasses.replace(of(result, printed), intervals=widths, shape=shape)
+    figures = {figure.key: figure for figure in found.figures}
+    assert figures["shape_distance_percent"].state == figures["angle_deg"].state == "missed"
+    assert figures["tip_direction_deg"].interval == 0.01
+    summary, said = found.summary()["verdict"], found.sentence()
+    assert summary["state"] == "missed"
+    assert said.startswith(f"{summary['words']}. What binds: ")
+    assert figures["angle_deg"].why in said
+    assert figures["shape_distance_percent"].why in said
+    assert "tip direction" in said
+    (iterations,) = [text for text in summary["binding"] if text.startswith("iterations")]
+    assert iterations == "iterations: all 1 iterations are done"
+    for text in summary["binding"]:
+        assert text in said
+    lax = Tolerances(figure=2.0, shape=2.0, direction=170.0)
+    good = dataclasses.replace(found, tolerances=lax)
+    assert good.summary()["verdict"] == {"state": "reached", "words": "Reached", "binding": []}
+    assert good.sentence().startswith("Reached. angle ")
+    unknown = dataclasses.replace(good, intervals={})
+    assert unknown.summary()["verdict"]["binding"][-1] == "error by the mesh: it is not estimated"
+    assert unknown.sentence().startswith("Not certain: ")
+
+
+def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
+    """Pressure at its bound, used-up stretch bounds, and what cleaning changed."""
+    found, made = of(result, printed), printed.evaluation
+    assert made is not None
+    pressure = made.equilibrium.pressure
+    free, tight = (
+        dataclasses.replace(
+            result,
+            problem=shape_problem(result).changed(
+                physics=dataclasses.replace(shape_problem(result).physics, pressure_bounds=bounds)
+            ),
+        )
+        for bounds in ((0.5 * pressure, 2 * pressure), (0.5 * pressure, pressure))
+    )
+    at_bound = f"pressure at its bound, {pressure / 1e3:g} kPa"
+    assert at_bound not in dataclasses.replace(found, design=free).binding
+    assert at_bound in dataclasses.replace(found, design=tight).binding
+    stretched = dataclasses.replace(made.equilibrium, stretch_use=0.98)
+    full = dataclasses.replace(
+        printed, evaluation=dataclasses.replace(made, responses=(stretched,))
+    )
+    assert "98% of the stretch bounds are used" in dataclasses.replace(found, printed=full).binding
+    hole = Hole(0, shapely.box(0.0, 0.0, 1e-3, 1e-3))
+    cut = dataclasses.replace(printed.cleaned, filled=(*printed.cleaned.filled, hole))
+    filled = dataclasses.replace(printed, cleaned=cut)
+    told = dataclasses.replace(found, printed=filled).binding
+    assert any(f"{len(cut.filled)} holes filled" in text for text in told)

@@ -256,11 +256,6 @@ class Composite(Table):
                 "would hold the width.",
             )
         yield (
-            self.membrane.smoothed and self.bending is None,
-            "strain = 'smoothed', but bending = None: only a sheet that bends sees the triangles "
-            "around. Give a Bending, or strain = 'constant'.",
-        )
-        yield (
             sided and self.bending is None,
             f"print_side = {self.print_side!r}, but bending = None: a print on one face acts by "
             "bending the sheet. Give a Bending, or print_side = None.",

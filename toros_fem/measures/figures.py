@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
-# Part of its target that a figure may miss it by; of the size of the metric where the target is 0.
+# Part of its target that a figure may miss it by.
 TOLERANCE = 0.03
+# Figures that a sentence tells at most.
+MOST_TOLD = 3
 # What stands for a value that is missing.
 NONE = "–"
 
@@ -53,6 +56,32 @@ def split_key(key: str) -> tuple[str, str] | None:
     return None
 
 
+class State(StrEnum):
+    """Whether a target is reached."""
+
+    REACHED = "reached"
+    MISSED = "missed"
+    NOT_CERTAIN = "not certain"
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How far results may be from what was asked for, and still count as reached.
+
+    Attributes:
+        figure: Part of its target that a figure may be off by.
+        shape: Part of the skin's length that a shape may be off by, as root mean square.
+        direction: Angle in degrees that the direction of a tip may be off by.
+    """
+
+    figure: float = TOLERANCE
+    shape: float = TOLERANCE
+    direction: float = 5.0
+
+
+DEFAULT = Tolerances()
+
+
 @dataclass(frozen=True)
 class Figure:
     """A number that a run tells.
@@ -63,7 +92,7 @@ class Figure:
         value: Its value; None where there is no equilibrium.
         interval: Half-width of the interval that holds the true value; None if it is unknown.
         target: Value that was asked for; None if none was.
-        tolerance: Distance from the target that counts as reached; None without a target.
+        tolerance: Distance from the target that counts as reached; None where nothing decides.
     """
 
     name: str
@@ -79,59 +108,157 @@ class Figure:
         return f"{self.name}_{self.unit}"
 
     @property
+    def label(self) -> str:
+        """Name in words."""
+        return self.name.replace("_", " ")
+
+    @property
     def miss(self) -> float | None:
         """Value minus target; None where one of them is missing."""
         return None if self.value is None or self.target is None else self.value - self.target
 
     @property
-    def misses(self) -> bool:
-        """Whether the value, as it is, is further from its target than the tolerance."""
-        return (
-            self.miss is not None and self.tolerance is not None and abs(self.miss) > self.tolerance
-        )
+    def state(self) -> State | None:
+        """Whether the target is reached; None without a target or a tolerance.
 
-    @property
-    def reached(self) -> bool | None:
-        """Whether the target is reached, whatever the true value in the interval is.
-
-        None without a target, without an interval, and where some values of the interval are within
-        the tolerance and others are not. Without an equilibrium it is False.
+        It is reached if all values of the interval are within the tolerance, missed if none is, or
+        without an equilibrium, else not certain. Nothing whose error is unknown is reached: it is
+        missed if the value is outside.
         """
         if self.target is None or self.tolerance is None:
             return None
         if self.value is None:
-            return False
-        if self.interval is None:
-            return None
-        missed = abs(self.value - self.target)
-        if missed + self.interval <= self.tolerance:
-            return True
-        return False if missed - self.interval > self.tolerance else None
+            return State.MISSED
+        off = abs(self.value - self.target)
+        if off - (self.interval or 0.0) > self.tolerance:
+            return State.MISSED
+        if self.interval is not None and off + self.interval <= self.tolerance:
+            return State.REACHED
+        return State.NOT_CERTAIN
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether its state is reached; None where it is not certain, or has no state."""
+        return {State.REACHED: True, State.MISSED: False}.get(self.state)  # type: ignore[arg-type]
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it."""
-        return {**asdict(self), "reached": self.reached}
+        return {**asdict(self), "state": self.state, "reached": self.reached}
+
+    def rounded(self, value: float, *, sign: bool = False, unit: bool = True) -> str:
+        """Return a value, or a change of it, with no more digits than the error supports.
+
+        Where the error is unknown, they are those that the tolerance needs.
+        """
+        factor, width = unit_of(self.unit).factor, self.interval
+        if width is None:
+            if self.tolerance is not None:
+                value = round(factor * value, _digits(factor * self.tolerance)) / factor
+            return formatted(value, self.unit, sign=sign)
+        digits = _digits(factor * width)
+        text = f"{round(factor * value, digits) + 0.0:{'+' * sign}.{digits}f}"
+        return f"{text}{unit_of(self.unit).sign * unit}".replace("-", "−" if sign else "-")
 
     @property
     def shown(self) -> str:
         """Value and interval with their unit, such as "178.81 ± 0.47°"."""
         if self.value is None:
             return "no equilibrium"
-        unit = unit_of(self.unit)
-        value = unit.factor * self.value
         if self.interval is None:
-            return formatted(self.value, self.unit)
-        width = unit.factor * self.interval
-        digits = max(0, 1 - int(np.floor(np.log10(width)))) if width > 0 else 3
-        digits = min(digits, 4)
-        return f"{value:.{digits}f} ± {width:.{digits}f}{unit.sign}"
+            return self.rounded(self.value)
+        width = self.rounded(self.interval)
+        return f"{self.rounded(self.value, unit=False)} ± {width}"
+
+    @property
+    def asked(self) -> str:
+        """Target and tolerance with their unit, such as "180 ± 5.4°"; empty without a target."""
+        if self.target is None:
+            return ""
+        if self.tolerance is None:
+            return formatted(self.target, self.unit)
+        within = self.allowed
+        if self.target == 0:
+            return f"at most {within}"
+        target = formatted(self.target, self.unit).removesuffix(unit_of(self.unit).sign)
+        return f"{target} ± {within}"
+
+    @property
+    def allowed(self) -> str:
+        """The tolerance with its unit."""
+        return formatted(self.tolerance, self.unit, 2)
+
+    @property
+    def off(self) -> str:
+        """How far the value is from the target in words, such as "5.9° short of 180°"."""
+        if self.miss is None or self.target is None:
+            return self.shown
+        if self.target == 0:
+            return self.rounded(abs(self.miss))
+        less = abs(self.value or 0.0) < abs(self.target)
+        side = "short of" if less else "beyond"
+        far = self.rounded(abs(self.miss)).replace(" %", " percentage points")
+        return f"{far} {side} {formatted(self.target, self.unit)}"
+
+    @property
+    def why(self) -> str:
+        """Why its state is what it is, such as "angle 5.9° short of 180° (± 1.1°, …)"."""
+        if self.value is None or self.tolerance is None:
+            return f"{self.label}: {self.shown}"
+        width = self.interval
+        known = "its error is unknown" if width is None else f"± {self.rounded(width)}"
+        return f"{self.label} {self.off} ({known}; within {self.allowed} is reached)"
 
     @property
     def words(self) -> str:
-        """Name, value and target, such as "angle 178.81 ± 0.47° of 180°"."""
-        name = self.name.replace("_", " ")
+        """Name, value and target, such as "angle 178.81 ± 0.47° of 180°"; of 0, its tolerance."""
         of = "" if self.target is None else f" of {formatted(self.target, self.unit)}"
-        return f"{name} {self.shown}{of}"
+        if self.target == 0:
+            of = "" if self.tolerance is None else f" ({self.asked})"
+        return f"{self.label} {self.shown}{of}"
+
+
+def _digits(width: float) -> int:
+    """Return the decimals that two digits of an error need, 4 at most."""
+    digits = max(0, 1 - int(np.floor(np.log10(width)))) if width > 0 else 3
+    return min(digits, 4)
+
+
+def overall(figures: Iterable[Figure]) -> State | None:
+    """Return the state of all figures together: the worst; None if none has one."""
+    states = {figure.state for figure in figures}
+    for state in (State.MISSED, State.NOT_CERTAIN, State.REACHED):
+        if state in states:
+            return state
+    return None
+
+
+def verdict_of(figures: Sequence[Figure]) -> str:
+    """Return in a sentence whether all targets are reached, and the worst; empty without any."""
+    state = overall(figures)
+    if state is None:
+        return ""
+    if state is State.MISSED and any(f.value is None and f.state for f in figures):
+        return "Missed: the print has no equilibrium"
+    if state is State.REACHED:
+        return "Reached"
+    found = sorted((f for f in figures if f.state is state), key=_badness, reverse=True)
+    told = "; ".join(figure.why for figure in found[:MOST_TOLD])
+    more = len(found) - MOST_TOLD
+    return f"{state.capitalize()}: {told}{f'; and {more} more' if more > 0 else ''}"
+
+
+def worst_of(figures: Sequence[Figure]) -> Figure | None:
+    """Return the figure that decides: of the worst state, and furthest off; None without any."""
+    state = overall(figures)
+    found = [figure for figure in figures if state is not None and figure.state is state]
+    return max(found, key=_badness, default=None)
+
+
+def _badness(figure: Figure) -> float:
+    """Return how far a figure is off, over its tolerance."""
+    if figure.miss is None:
+        return np.inf
+    return abs(figure.miss) / (figure.tolerance or 1.0)
 
 
 def formatted(value: float | None, unit: str, digits: int = 4, *, sign: bool = False) -> str:

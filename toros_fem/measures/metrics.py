@@ -55,6 +55,12 @@ RESERVED = frozenset(
     )
 )
 
+# Size of a metric whose target is 0 and that has no scale, by unit: a right angle, and the whole.
+# A length has none: it depends on the skin.
+SCALES = {"deg": 90.0, "percent": 100.0, "ratio": 1.0}
+# A target below this part of its metric's scale counts as 0.
+TINY = 0.01
+
 MetricFunction = Callable[[Pattern, Floats], float]
 """Function of a pattern and the deformed positions, (n, 3), of all its vertices in m."""
 
@@ -136,12 +142,23 @@ class Metric:
         """Return a value with its unit, as the function `formatted` does."""
         return formatted(value, self.unit, digits, sign=sign)
 
-    def figure(self, value: float | None, interval: float | None = None) -> Figure:
-        """Return the figure of a value, within `TOLERANCE` of the target if it is reached."""
-        tolerance = None
+    def figure(
+        self, value: float | None, interval: float | None = None, tolerance: float = TOLERANCE
+    ) -> Figure:
+        """Return the figure of a value.
+
+        Args:
+            value: In the metric's unit; None without an equilibrium.
+            interval: Half-width of its interval; None if it is unknown.
+            tolerance: Part of the target that counts as reached. Where the target is 0, or less
+                than `TINY` of the scale, it is that part of the scale.
+        """
+        allowed = None
         if self.target is not None:
-            tolerance = TOLERANCE * (abs(self.target) or self.scale or 1.0)
-        return Figure(self.name, self.unit, value, interval, self.target, tolerance)
+            scale = self.scale or SCALES.get(self.unit, 0.0)
+            size = abs(self.target) if abs(self.target) > TINY * scale else scale
+            allowed = tolerance * size or None
+        return Figure(self.name, self.unit, value, interval, self.target, allowed)
 
 
 def check_metrics(metrics: Sequence[Metric]) -> None:

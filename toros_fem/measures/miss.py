@@ -1,18 +1,73 @@
-"""How far a shape is from its target, as a person sees it: by points, and by cross-sections."""
+"""How far a shape is from its target, as a person sees it: by points, sections, and its tip."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats, Ints
-from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
-from toros_fem.measures.figures import TOLERANCE
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.cross_sections import (
+    CrossSectionObjective,
+    label_cross_sections,
+    section_vertices,
+)
+from toros_fem.measures.figures import DEFAULT, Figure, Tolerances
+from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.rotation import best_rotation
+from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.meshes.pattern import Pattern
 
 # A body is slender if it is this many times longer than wide; so many cross-sections are compared.
 SLENDER, SECTIONS = 1.8, 12
+# Vertices this near to an end, over the length, lie in it; a flat end has so many on its border.
+END, LEAST_OF_RING = 1e-9, 6
+# A body whose centre line stays this near to a line, over the length, has no plane of its bend.
+STRAIGHT = 1e-3
+# Names and units of the figures of a shape. Two of them decide whether it is reached.
+DISTANCE, DIRECTION = ("shape_distance", "percent"), ("tip_direction", "deg")
+SHAPE_FIGURES = (
+    DISTANCE,
+    DIRECTION,
+    ("shape_distance", "mm"),
+    ("largest_distance", "mm"),
+    ("tip_distance", "mm"),
+    ("tip_direction_in_plane", "deg"),
+    ("tip_lean", "deg"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Tip:
+    """The far end of a slender body, and where it should be.
+
+    Attributes:
+        at, asked: Its centre, and that of the target, (3,), in m.
+        along, asked_along: Unit vectors along the body there, (3,).
+        in_plane: Angle in rad from the target's direction to this one in the plane of the target's
+            bend, positive where it bends more; None for a straight target.
+        lean: The angle out of that plane in rad; None for a straight target.
+    """
+
+    at: Floats
+    asked: Floats
+    along: Floats
+    asked_along: Floats
+    in_plane: float | None
+    lean: float | None
+
+    @property
+    def distance(self) -> float:
+        """Distance of the centres in m."""
+        return float(np.linalg.norm(self.at - self.asked))
+
+    @property
+    def direction(self) -> float:
+        """Angle between the directions in rad."""
+        across = np.linalg.norm(np.cross(self.along, self.asked_along))
+        return float(np.arctan2(across, self.along @ self.asked_along))
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,22 +75,84 @@ class Miss:
     """How far a shape is from its target.
 
     Attributes:
-        each: Distance of each vertex from its target, (n,), in m.
-        rms: Root mean square distance in m: of the centres of 12 cross-sections along a slender
-            body, which may swell freely, else of all points by their area.
+        asked: Target positions of all vertices, (n, 3), in m, moved with the shape along axes that
+            do not count.
+        each: Distance of each vertex from these, (n,), in m.
+        rms, largest: Root mean square and largest distance in m: of the centres of 12
+            cross-sections along a slender body, which may swell freely, and of its tip; else of
+            all points, by their area.
         length: Largest extent of the assembled skin in m.
-        by_sections: Whether cross-sections are compared.
+        tip: The far end of a slender body; None of another.
     """
 
+    asked: Floats
     each: Floats
     rms: float
+    largest: float
     length: float
-    by_sections: bool
+    tip: Tip | None
 
     @property
-    def reached(self) -> bool:
-        """Whether the distance is at most `TOLERANCE` of the length."""
-        return self.rms <= TOLERANCE * self.length
+    def by_sections(self) -> bool:
+        """Whether cross-sections are compared."""
+        return self.tip is not None
+
+    def values(self) -> dict[str, float]:
+        """Return the values of the figures of the shape, by key."""
+        tip = self.tip
+        found = {
+            "shape_distance_percent": 100 * self.rms / self.length,
+            "tip_direction_deg": None if tip is None else np.degrees(tip.direction),
+            "shape_distance_mm": 1e3 * self.rms,
+            "largest_distance_mm": 1e3 * self.largest,
+            "tip_distance_mm": None if tip is None else 1e3 * tip.distance,
+        }
+        if tip is not None and tip.in_plane is not None and tip.lean is not None:
+            found["tip_direction_in_plane_deg"] = np.degrees(tip.in_plane)
+            found["tip_lean_deg"] = np.degrees(tip.lean)
+        return {key: float(value) for key, value in found.items() if value is not None}
+
+
+def compared_axes(objective: Objective) -> tuple[bool, bool, bool]:
+    """Return whether an objective compares positions with the target along x, y and z."""
+    if isinstance(objective, AlignedObjective | MirroredObjective):
+        return compared_axes(objective.objective)
+    if isinstance(objective, SumObjective):
+        found = np.any([compared_axes(part) for part in objective.parts], axis=0)
+    elif isinstance(objective, ShapeObjective | CrossSectionObjective):
+        found = objective.compared
+    else:
+        return False, False, False
+    x, y, z = (bool(one) for one in found)
+    return x, y, z
+
+
+def shape_figures(
+    values: Mapping[str, float],
+    intervals: Mapping[str, float] | None = None,
+    tolerances: Tolerances = DEFAULT,
+) -> tuple[Figure, ...]:
+    """Return the figures of a shape, whose targets are 0.
+
+    The root mean square distance over the length and the direction of the tip have a tolerance:
+    they decide. The others tell more.
+
+    Args:
+        values: As of `Miss.values`; empty for none.
+        intervals: Half-width of the interval of each, by key, as far as they are known.
+        tolerances: Of the scene.
+    """
+    known = {DISTANCE: 100 * tolerances.shape, DIRECTION: tolerances.direction}
+    return tuple(
+        Figure(*one, values[key], (intervals or {}).get(key), 0.0, known.get(one))
+        for one in SHAPE_FIGURES
+        if (key := "_".join(one)) in values
+    )
+
+
+def is_of_shape(figure: Figure) -> bool:
+    """Return whether a figure is one of a shape."""
+    return (figure.name, figure.unit) in SHAPE_FIGURES
 
 
 def miss_of(
@@ -49,23 +166,88 @@ def miss_of(
     Args:
         pattern: The whole pattern.
         positions, target: Positions of all vertices, (n, 3), in m, in the same place.
-        compared: Whether distances along x, y and z count: a skin that is to twist may lengthen.
+        compared: Whether distances along x, y and z count. Along others the target moves with the
+            shape: a skin that is to twist may lengthen.
     """
-    away = (positions - target) * compared
-    each = np.linalg.norm(away, axis=1)
     extents = np.ptp(pattern.points, axis=0)
-    along = int(np.argmax(extents))
-    slender = extents[along] > SLENDER * np.sort(extents)[1]
-    everywhere = np.arange(len(pattern.points))
-    groups: list[Ints] = [everywhere]
-    areas = pattern.vertex_areas
-    if slender:
-        labels = label_cross_sections(pattern, everywhere, np.eye(3)[along], SECTIONS, border=False)
-        groups = section_vertices(labels)
-    centres = np.array([areas[group] @ away[group] / areas[group].sum() for group in groups])
-    rms = (
-        np.sqrt((centres**2).sum(axis=1).mean())
-        if slender
-        else np.sqrt(areas @ each**2 / areas.sum())
+    axis = int(np.argmax(extents))
+    length, areas = float(extents[axis]), pattern.vertex_areas
+    if length <= SLENDER * np.sort(extents)[1]:
+        away = (positions - target) * compared
+        each = np.linalg.norm(away, axis=1)
+        rms = float(np.sqrt(areas @ each**2 / areas.sum()))
+        asked = np.where(compared, target, positions)
+        return Miss(asked, each, rms, float(each.max()), length, None)
+    wall = np.unique(pattern.triangles[~_in_ends(pattern, axis).all(axis=1)])
+    labels = label_cross_sections(pattern, wall, np.eye(3)[axis], SECTIONS, border=False)
+    sections = section_vertices(labels)
+
+    def centres(points: Floats) -> Floats:
+        return np.array([areas[one] @ points[one] / areas[one].sum() for one in sections])
+
+    height = pattern.points[:, axis]
+    drift = (centres(positions) - centres(target)) * ~np.asarray(compared)
+    at = centres(pattern.points)[:, axis]
+    asked = target + np.stack([_along(height, at, values) for values in drift.T], axis=1)
+    gaps = np.linalg.norm(centres(positions) - centres(asked), axis=1)
+    each = np.linalg.norm(positions - asked, axis=1)
+    tip = _tip(pattern, positions, asked, axis, centres(asked), sections[-1])
+    rms, largest = float(np.sqrt((gaps**2).mean())), max(float(gaps.max()), tip.distance)
+    return Miss(asked, each, rms, largest, length, tip)
+
+
+def _in_ends(pattern: Pattern, axis: int) -> Bools:
+    """Return whether each corner of each triangle, (t, 3), lies in one end of the body."""
+    height = pattern.points[:, axis]
+    room = END * float(np.ptp(height))
+    ends = height < height.min() + room, height > height.max() - room
+    corners = [end[pattern.triangles] for end in ends]
+    return np.where(corners[0].all(axis=1, keepdims=True), corners[0], corners[1])
+
+
+def _along(height: Floats, at: Floats, values: Floats) -> Floats:
+    """Return values between those at some heights, and on straight lines beyond them."""
+    found = np.interp(height, at, values)
+    for beyond, k, j in ((height < at[0], 0, 1), (height > at[-1], -1, -2)):
+        slope = (values[k] - values[j]) / (at[k] - at[j])
+        found = np.where(beyond, values[k] + slope * (height - at[k]), found)
+    return found
+
+
+def _tip(
+    pattern: Pattern, positions: Floats, asked: Floats, axis: int, line: Floats, last: Ints
+) -> Tip:
+    """Return the far end of a slender body: the border of a flat end, else its last section.
+
+    Args:
+        pattern: The whole pattern.
+        positions, asked: Positions of all vertices, and those of the target, (n, 3), in m.
+        axis: Axis that the assembled body is longest along.
+        line: Centres of the target's cross-sections, (12, 3), in m.
+        last: Vertices of the last cross-section.
+    """
+    height, along = pattern.points[:, axis], np.eye(3)[axis]
+    end = height[last] > height.max() - END * float(np.ptp(height))
+    ring = last[end] if end.sum() >= LEAST_OF_RING else last
+    areas = pattern.vertex_areas[ring]
+    at, goal = (areas @ points[ring] / areas.sum() for points in (positions, asked))
+    n, m = (
+        best_rotation(pattern.points[ring], points[ring]) @ along for points in (positions, asked)
     )
-    return Miss(each, float(rms), float(extents[along]), bool(slender))
+    # The plane of the target's bend holds the body's axis at rest and the middle of its target.
+    line = np.vstack([line, goal])
+    side = line - line[0]
+    side -= np.outer(side @ along, along)
+    far = side[np.argmax(np.linalg.norm(side, axis=1))]
+    width = float(np.linalg.norm(far))
+    if width < STRAIGHT * float(np.ptp(height)):
+        return Tip(at, goal, n, m, None, None)
+    toward = far / width
+    across = np.cross(along, toward)
+
+    def turned(direction: Floats) -> float:
+        return float(np.arctan2(direction @ toward, direction @ along))
+
+    in_plane = (turned(n) - turned(m) + np.pi) % (2 * np.pi) - np.pi
+    lean = float(np.arcsin(np.clip(n @ across, -1, 1)) - np.arcsin(np.clip(m @ across, -1, 1)))
+    return Tip(at, goal, n, m, in_plane, lean)

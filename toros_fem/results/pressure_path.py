@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, write_table
 from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.figures import Figure
+from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
@@ -40,6 +40,7 @@ class PathResult(RunResult):
             fields and pictures. None adds nothing.
         config: Configuration of the run; None if it has none.
         seconds: Wall times in s.
+        tolerance: Part of its target that a metric may be off by and count as reached.
     """
 
     pattern: Pattern
@@ -50,6 +51,7 @@ class PathResult(RunResult):
     composite: Composite | None = None
     config: Scene | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    tolerance: float = TOLERANCE
 
     @property
     def parts(self) -> int:
@@ -69,7 +71,10 @@ class PathResult(RunResult):
         """
         last = self.points[-1]
         return (
-            *(m.figure(last.metrics[m.key], intervals.get(m.key)) for m in self.metrics),
+            *(
+                m.figure(last.metrics[m.key], intervals.get(m.key), self.tolerance)
+                for m in self.metrics
+            ),
             *state_figures(last.result.pressure, last.result, self.parts),
         )
 

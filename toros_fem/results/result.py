@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import guarded, write_json
 from toros_fem.base.versions import versions
-from toros_fem.measures.figures import Figure
+from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.report.notebook import EmbeddedPage, view_of
 from toros_fem.results.runs.files import SUMMARY
@@ -83,6 +84,18 @@ def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tup
         Figure("volume", "m3", None if state is None else parts * state.volume),
         Figure("stretch", "use", None if state is None else state.stretch_use),
     )
+
+
+def verdict_entry(figures: Sequence[Figure], binding: Sequence[str] = ()) -> dict[str, Any]:
+    """Return whether all targets are reached, in words, and what binds, as summaries hold it."""
+    words = verdict_of(figures) or None
+    return {"state": overall(figures), "words": words, "binding": list(binding)}
+
+
+def sentence_of(figures: Sequence[Figure], binding: Sequence[str], told: str) -> str:
+    """Return the last line of a run: whether all targets are reached, what binds, and the rest."""
+    verdict, binds = verdict_of(figures), "; ".join(binding)
+    return ". ".join(filter(None, (verdict, binds and f"What binds: {binds}", told)))
 
 
 def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict[str, Any]:

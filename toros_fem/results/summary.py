@@ -16,8 +16,9 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.measures.figures import Figure
-from toros_fem.results.result import RunResult, state_figures
+from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall
+from toros_fem.measures.miss import shape_figures
+from toros_fem.results.result import RunResult, sentence_of, state_figures, verdict_entry
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
@@ -54,6 +55,10 @@ def level_figures(history: Sequence[Iteration]) -> list[dict[str, float]]:
     return figures
 
 
+# A pressure this near to its bound, over it, is at it; so much of the stretch bounds is nearly all.
+NEAR_BOUND, STRETCHED = 1e-3, 0.97
+
+
 @dataclass(frozen=True, eq=False)
 class PrintedResult(RunResult):
     """The design of a shape and its print: what `write_results` writes.
@@ -65,6 +70,9 @@ class PrintedResult(RunResult):
         intervals: Half-width of the interval of each metric, by key, as far as they are known.
         config: Configuration of the run; None if it has none.
         seconds: Wall times in s.
+        shape: How far its shape is from the target, as of `Miss.values`; empty if the design
+            compares no positions, and without an equilibrium.
+        tolerances: What counts as reached.
     """
 
     design: DesignResult
@@ -73,6 +81,8 @@ class PrintedResult(RunResult):
     intervals: Mapping[str, float] = field(default_factory=dict)
     config: Scene | Table | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict)
+    tolerances: Tolerances = DEFAULT
 
     @property
     def problem(self) -> ShapeProblem:
@@ -81,18 +91,39 @@ class PrintedResult(RunResult):
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """Metrics, pressure and volume of the print."""
+        """Metrics, miss of the shape, pressure and volume of the print."""
         made, pressure = self.printed.evaluation, self.design.final.equilibrium.pressure
         state = None if made is None else made.equilibrium
-        return (*self.metric_figures, *state_figures(pressure, state, self.problem.parts))
+        shape = shape_figures(self.shape, self.intervals, self.tolerances)
+        of_state = state_figures(pressure, state, self.problem.parts)
+        return (*self.metric_figures, *shape, *of_state)
 
     @property
     def metric_figures(self) -> tuple[Figure, ...]:
         """The metrics of the print."""
         return tuple(
-            metric.figure(self.metrics.get(metric.key), self.intervals.get(metric.key))
+            metric.figure(
+                self.metrics.get(metric.key),
+                self.intervals.get(metric.key),
+                self.tolerances.figure,
+            )
             for metric in self.problem.metrics
         )
+
+    @property
+    def binding(self) -> tuple[str, ...]:
+        """What keeps the print from its targets, as far as it is known."""
+        state = overall(self.figures)
+        if state in (None, State.REACHED):
+            return ()
+        found = [*self._pressures_at_bounds(), *self._stretched(), *self._cleaned_away()]
+        if self.design.reason.startswith("All "):
+            found.append(f"iterations: {self.design.reason[0].lower()}{self.design.reason[1:-1]}")
+        if state is State.NOT_CERTAIN:
+            known = all(figure.interval is not None for figure in self.figures if figure.state)
+            error = "its interval reaches over the tolerance" if known else "it is not estimated"
+            found.append(f"error by the mesh: {error}")
+        return tuple(found)
 
     @property
     def shown_metrics(self) -> Mapping[str, float]:
@@ -108,6 +139,7 @@ class PrintedResult(RunResult):
             "equilibrium": simulated and simulated.equilibrium.reason,
             "printed_objective": simulated and simulated.shape,
             "printed_failure": self.printed.failure or None,
+            "verdict": verdict_entry(self.figures, self.binding),
             **self._designed(),
             **self._cleaned(),
             **self._cost(),
@@ -116,6 +148,10 @@ class PrintedResult(RunResult):
         }
 
     def sentence(self) -> str:
+        """Return whether targets are reached, metrics, pressure and cost in a sentence."""
+        return sentence_of(self.figures, self.binding, self.description())
+
+    def description(self) -> str:
         """Return metrics, pressure and cost in a sentence."""
         first, last = (self.design.history[k].objective for k in (0, -1))
         designed = self.design.history[-1].metrics
@@ -129,11 +165,42 @@ class PrintedResult(RunResult):
     def told(self, metrics: Sequence[str], steps: str) -> str:
         """Return a sentence of what is said of the metrics and of the steps of the design."""
         pressure = self.design.final.equilibrium.pressure
+        shape = shape_figures(self.shape, self.intervals, self.tolerances)
+        said = [*metrics, *(figure.words for figure in shape if figure.state)]
         return (
-            f"{', '.join(metrics)} as printed at {pressure / 1e3:.2f} kPa, {steps}, "
+            f"{', '.join(said)} as printed at {pressure / 1e3:.2f} kPa, {steps}, "
             f"{self.printed.after.summary()['islands']} islands, "
             f"{self.seconds.get('total', 0.0):.0f} s"
         )
+
+    def _pressures_at_bounds(self) -> list[str]:
+        final = self.design.final.equilibrium.pressures
+        ranges = self.problem.physics.pressure_ranges
+        return [
+            f"pressure at its bound, {bound / 1e3:g} kPa"
+            for pressure, bounds in zip(final, ranges, strict=True)
+            for bound in bounds or ()
+            if abs(pressure - bound) < NEAR_BOUND * bound
+        ]
+
+    def _stretched(self) -> list[str]:
+        made = self.printed.evaluation
+        if made is None or made.equilibrium.stretch_use < STRETCHED:
+            return []
+        return [f"{made.equilibrium.stretch_use:.0%} of the stretch bounds are used"]
+
+    def _cleaned_away(self) -> list[str]:
+        """Return how cleaning changed the print."""
+        cleaned, before, after = self.printed.cleaned, self.printed.before, self.printed.after
+        counts = {
+            "islands removed": len(cleaned.dropped),
+            "islands joined": len(cleaned.bridged),
+            "holes filled": len(cleaned.filled),
+            "narrow lines widened": len(before.narrow_lines) - len(after.narrow_lines),
+            "narrow gaps changed": len(before.narrow_gaps) - len(after.narrow_gaps),
+        }
+        told = [f"{count} {what}" for what, count in counts.items() if count > 0]
+        return [f"print limits: {', '.join(told)}"] if told else []
 
     def _designed(self) -> dict[str, Any]:
         """Return what is known of the design with its grey borders."""

@@ -28,6 +28,7 @@ from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
+from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
 
 
@@ -63,7 +64,12 @@ def write_results(
     shape_problem(result)
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
     made = PrintedResult(
-        result, printed, printed_metrics(result, printed), {}, config, seconds or {}
+        result,
+        printed,
+        printed_metrics(result, printed),
+        config=config,
+        seconds=seconds or {},
+        shape=shape_of(shape_problem(result), printed.evaluation),
     )
     write_design(folder, made)
     summary = write_summary(made.problem.comm, folder, made)

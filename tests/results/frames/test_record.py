@@ -14,11 +14,12 @@ from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.miss import compared_axes
 from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
 from toros_fem.results.frames.files import read_frames
-from toros_fem.results.frames.record import _compared, repeated
+from toros_fem.results.frames.record import repeated
 from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.reporter import DesignReporter
 
@@ -85,4 +86,4 @@ def test_what_a_design_compares_is_known(comm: MPI.Comm, tube: Skin) -> None:
         (parts, (True, True, True)),
         (GapObjective(tube, Body("sphere", 0.01, (0, 0, 0.1)), np.ones(count)), (False,) * 3),
     ):
-        assert _compared(objective) == found
+        assert compared_axes(objective) == found

@@ -15,7 +15,7 @@ from toros_fem.results.report.page_file import write_report
 
 def test_a_run_is_a_table_of_its_figures(run: Path) -> None:
     table = read_summary(run)._repr_html_()
-    assert "<td>angle</td><td>88.2 ± 1.5°</td><td>90°</td>" in table
+    assert "<td>angle</td><td>88.2 ± 1.5°</td><td>90 ± 2.7°</td><td>not certain" in table
     change_summary(run, figures=[Figure("<b>", "deg", None).as_dict()])
     assert "&lt;b&gt;</td><td>no equilibrium" in read_summary(run)._repr_html_()
 

@@ -77,6 +77,34 @@ def test_what_is_unusual_is_told(run: Path) -> None:
         assert text in page
 
 
+def test_the_page_says_what_was_missed(run: Path) -> None:
+    """By how much, what binds, and the state of each figure, those of the shape too."""
+    figures = [
+        Figure("angle", "deg", 80.0, 1.5, 90.0, 2.7),
+        Figure("shape_distance", "percent", 2.0, 0.5, 0.0, 3.0),
+        Figure("tip_distance", "mm", 4.0, 0.5, 0.0),
+    ]
+    change_summary(
+        run,
+        figures=[figure.as_dict() for figure in figures],
+        verdict={"state": "missed", "words": "", "binding": ["pressure at its bound, 5 kPa"]},
+    )
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
+    for text in (
+        '<section id="verdict"><h2>Missed</h2>',
+        "<p>Angle 10.0° short of 90° (± 1.5°; within 2.7° is reached).</p>",
+        "<p>What binds: pressure at its bound, 5 kPa.</p>",
+        "<td>90 ± 2.7°</td>",
+        ">shape distance</t",
+        ">tip distance</t",
+        "<td>reached</td>",
+        "<td>missed</td>",
+    ):
+        assert text in page
+    change_summary(run, figures=[Figure("angle", "deg", 80.0).as_dict()], verdict=None)
+    assert 'id="verdict"' not in write_report(run).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", ["history.csv", "curve.csv"])
 def test_a_row_that_a_kill_cut_off_is_left_out(run: Path, name: str) -> None:
     whole = (run / name).read_bytes()

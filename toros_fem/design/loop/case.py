@@ -110,7 +110,9 @@ class Case:
             goal = target(pattern.points) if callable(target) else np.asarray(target)
             return 1e3 * distance(pattern, positions, goal)
 
-        return (Metric("distance", "mm", 0.0, measure),)
+        whole = self.pattern if self.whole is None else self.whole.pattern
+        length = 1e3 * float(np.ptp(whole.points, axis=0).max())
+        return (Metric("distance", "mm", 0.0, measure, length),)
 
     def objective(self, skin: Skin) -> Objective:
         """Return the objective on the sewn skin, the sum of its parts (collective).

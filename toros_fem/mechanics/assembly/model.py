@@ -28,6 +28,7 @@ from toros_fem.mechanics.terms.bend import Bend
 from toros_fem.mechanics.terms.dead_loads import OwnWeight
 from toros_fem.mechanics.terms.images import Images
 from toros_fem.mechanics.terms.pressure import Pressure
+from toros_fem.mechanics.terms.sheet import Sheet
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
@@ -85,7 +86,10 @@ class SkinModel:
             raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
         self.bounds: StretchBounds = bounds[0]
 
+        around = self._of(Sheet)
         flaps = None if self._bend is None else self._bend.hinges.flap
+        if around is not None and around.flaps is not None:
+            flaps = around.flaps.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
         self.patch = make_patch(skin, flaps, unknowns)
         dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
@@ -376,10 +380,8 @@ class SkinModel:
         owned = len(self._dofs)
         dofs = self._dofs.reshape(owned, -1)
         present = np.ones(dofs.shape, dtype=bool)
-        if self._bend is not None:
+        if self._bend is not None and self.design.around is None:  # smoothed: all are
             seen = self._bend.hinges.has_moment[:owned]
-            if self.design.around is not None:  # across hinged seams too
-                seen = np.ones_like(seen)
             present[:, 9:18] = np.repeat(seen, 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 

@@ -19,6 +19,7 @@ class Flaps:
     Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
 
     Attributes:
+        flap: Node of the position space across each edge, (cells, 3), as of `Hinges`.
         neighbour: Local triangle across each edge, (cells, 3); at a free border and at a plane of
             symmetry, which mirrors it, the triangle itself.
         share: Area of that triangle over that of both, (cells, 3); 0 at a free border.
@@ -27,6 +28,7 @@ class Flaps:
         chart: The matrix B of `forms.smoothing.Smoothing` at each edge, (cells, 3, 2, 2).
     """
 
+    flap: LocalInts
     neighbour: LocalInts
     share: Floats
     across: Floats
@@ -43,6 +45,7 @@ def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     area = np.abs(np.linalg.det(own)) / 2
     share = area[neighbour] / (area[:, None] + area[neighbour])
     start, end = np.roll(flat, -1, axis=1), np.roll(flat, -2, axis=1)
-    flap = unfolded(flat, corner, neighbour, opposite)
-    across = np.linalg.inv(np.stack([end - start, flap - start], axis=3))
+    there = unfolded(flat, corner, neighbour, opposite)
+    across = np.linalg.inv(np.stack([end - start, there - start], axis=3))
+    flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
     return Flaps(neighbour, np.where(alone & ~mirrored, 0.0, share), across, across @ own[:, None])

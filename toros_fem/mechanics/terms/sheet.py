@@ -29,7 +29,8 @@ from toros_fem.meshes.skin import Skin
 class Sheet(Term):
     """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
 
-    With `flaps` strains are smoothed over the two triangles of each edge.
+    Attributes:
+        flaps: The triangles around, over which strains are smoothed; None: they are not.
     """
 
     bounds: StretchBounds
@@ -37,7 +38,7 @@ class Sheet(Term):
     def __init__(
         self, skin: Skin, composite: Composite, design: Densities, flaps: Flaps | None = None
     ) -> None:
-        self._design, self._flaps = design, flaps
+        self._design, self.flaps = design, flaps
         if flaps is not None:
             self._stiffnesses = tuple(
                 sheet.membrane_stiffness for sheet in (composite.fabric, composite.reinforcement)
@@ -76,8 +77,8 @@ class Sheet(Term):
     def after_design(self) -> None:
         if isinstance(self.bounds, MixedBounds):
             self.bounds.update()
-        if self._flaps is not None:
-            self._share_bounds(self._flaps.share)
+        if self.flaps is not None:
+            self._share_bounds(self.flaps.share)
 
     def _share_bounds(self, shares: Floats) -> None:
         """Let the bounds take the shares of the triangles around, where they are alike."""
@@ -93,10 +94,10 @@ class Sheet(Term):
     @override
     @contextmanager
     def unsmoothed(self) -> Iterator[None]:
-        if self._flaps is None:
+        if self.flaps is None:
             yield
             return
-        shares = self._flaps.share
+        shares = self.flaps.share
         self._share(0 * shares)
         try:
             yield

@@ -46,6 +46,7 @@ from toros_fem.products.actuators.space_mapping import (
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import journal_of, run_of
+from toros_fem.results.shape_miss import quantities_of, shape_of
 from toros_fem.results.summary import PrintedResult, printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
@@ -325,8 +326,15 @@ class Designer(Job):
         """
         scene, folder = self.scene, Path(self.output)
         metrics = printed_metrics(result, printed)
-        made = PrintedResult(result, printed, metrics, config=scene)
-        found = self._write(ActuatorResult(made, search))
+        made = PrintedResult(
+            result,
+            printed,
+            metrics,
+            config=scene,
+            shape=shape_of(_problem(result), printed.evaluation),
+            tolerances=scene.results.tolerances,
+        )
+        found = self._write(ActuatorResult(made, search, corrections=scene.design.corrections))
         write_summary(self.comm, folder, found)
         if scene.results.estimate_error:
             self._check()
@@ -368,10 +376,12 @@ class Designer(Job):
         """Return the errors of the metrics of a print; None without an equilibrium."""
         problem, made, lines = found.made.problem, found.made.printed.evaluation, found.search.lines
         if found.search.laid and lines is not None:
-            return errors_of_lines(self, lines)
+            return errors_of_lines(self, lines, found.made.shape)
         if made is None:
             return None
-        return errors_by_refinement(problem.solver, made.equilibrium, problem.metrics)
+        more = list(found.made.shape)
+        measures = dict(zip(more, quantities_of(problem, more), strict=True))
+        return errors_by_refinement(problem.solver, made.equilibrium, problem.metrics, measures)
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:

@@ -7,14 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from toros_fem.base.errors import ParameterError
-from toros_fem.measures.metrics import Metric
+from toros_fem.measures.metrics import Metric, MetricFunction
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import print_of_lines
+from toros_fem.results.shape_miss import shape_of
 
 # Order of convergence that the errors of laid lines are estimated with. On the nets and twisting
 # lines of docs/manufacture.md, edges twice as long changed a figure by 3 to 18 times its error.
@@ -55,6 +58,7 @@ def errors_by_refinement(
     solver: EquilibriumSolver,
     result: Equilibrium,
     metrics: Sequence[Metric],
+    more: Mapping[str, MetricFunction] | None = None,
 ) -> MetricErrors:
     """Return the errors of metrics, from a refined mesh (collective).
 
@@ -62,29 +66,39 @@ def errors_by_refinement(
         solver: The solver on the given mesh.
         result: The equilibrium.
         metrics: The metrics.
+        more: Further numbers by key.
     """
-    if not metrics:
+    measures = {**{metric.key: metric.measure for metric in metrics}, **(more or {})}
+    if not measures:
         return MetricErrors("refined")
     try:
-        found = estimate_error(solver, result, [m.measure for m in metrics], direct=True)
+        found = estimate_error(solver, result, list(measures.values()), direct=True)
     except EquilibriumError as caught:  # raised by all ranks or by none
         return MetricErrors("refined", failure=str(caught))
-    keys = [metric.key for metric in metrics]
+    known = {key: one for key, one in zip(measures, found, strict=True) if np.isfinite(one.error)}
     return MetricErrors(
         "refined",
-        dict(zip(keys, (one.refined for one in found), strict=True)),
-        dict(zip(keys, (one.error for one in found), strict=True)),
+        {key: one.refined for key, one in known.items()},
+        {key: one.error for key, one in known.items()},
         seconds=found[0].seconds,
     )
 
 
-def errors_of_lines(job: Job, found: Discovery) -> MetricErrors:
+def errors_of_lines(
+    job: Job, found: Discovery, shape: Mapping[str, float] | None = None
+) -> MetricErrors:
     """Return the errors of the metrics of laid lines, from a coarser mesh (collective).
 
     The mesh of a print of lines is so fine already that a refined one would take longer than the
     design.
+
+    Args:
+        job: What was designed.
+        found: Its lines.
+        shape: How far their shape is from the target, as of `Miss.values`; None for nothing.
     """
-    begin, fine, made = time.perf_counter(), found.best.metrics, found.made.printed.evaluation
+    begin, made = time.perf_counter(), found.made.printed.evaluation
+    fine = {**found.best.metrics, **(shape or {})}
     assert made is not None
     once = replace(job, journal=None, verbose=False)
     try:
@@ -93,9 +107,11 @@ def errors_of_lines(job: Job, found: Discovery) -> MetricErrors:
         other = print_of_lines(once, level, plain, found.best.laid, found.made.shape, pressures)
     except ParameterError as caught:  # there is no coarser mesh
         return MetricErrors("coarser", failure=str(caught))
-    coarse = other.metrics
+    coarse = {**other.metrics, **shape_of(other.problem, other.printed.evaluation)}
     if not coarse:
         return MetricErrors("coarser", failure=other.printed.failure)
     caution = 1 / (ratio**ORDER_OF_LINES - 1)
-    errors = {key: caution * abs(value - coarse[key]) for key, value in fine.items()}
+    errors = {
+        key: caution * abs(value - coarse[key]) for key, value in fine.items() if key in coarse
+    }
     return MetricErrors("coarser", coarse, errors, seconds=time.perf_counter() - begin)

@@ -11,11 +11,11 @@ import numpy as np
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.measures.figures import Figure
+from toros_fem.measures.figures import Figure, State, overall
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.estimates import MetricErrors
 from toros_fem.products.actuators.pressure_curve import CurveFigures
-from toros_fem.results.result import RunResult
+from toros_fem.results.result import RunResult, sentence_of, verdict_entry
 from toros_fem.results.summary import PrintedResult
 
 
@@ -87,6 +87,7 @@ class ActuatorResult(RunResult):
         errors: Errors of its metrics; None if they were not estimated.
         curve: What the print does over the pressure; None if this was left out.
         trial: What it was simulated at besides, of a walker or a gripper for instance.
+        corrections: How often it could be asked again for what its print missed.
     """
 
     made: PrintedResult
@@ -94,6 +95,7 @@ class ActuatorResult(RunResult):
     errors: MetricErrors | None = None
     curve: CurveFigures | None = None
     trial: Trial | None = None
+    corrections: int = 0
 
     @property
     def problem(self) -> ShapeProblem:
@@ -115,9 +117,17 @@ class ActuatorResult(RunResult):
         """Metrics, pressure and volume of the print, and those of its trial."""
         return (*self.made.figures, *(() if self.trial is None else self.trial.figures))
 
+    @property
+    def binding(self) -> tuple[str, ...]:
+        """What keeps the print from its targets, as of `PrintedResult`, and used corrections."""
+        state, rounds = overall(self.figures), self.search.rounds
+        used = state in (State.MISSED, State.NOT_CERTAIN) and rounds >= self.corrections > 0
+        return (*self.made.binding, *([f"all {rounds} corrections are used"] if used else []))
+
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""
         found = {**self.search.entries(), **self.made.entries()}
+        found["verdict"] = verdict_entry(self.figures, self.binding)
         if self.errors is not None:
             found["errors"] = self.errors.as_dict()
         if self.curve is not None:
@@ -128,11 +138,13 @@ class ActuatorResult(RunResult):
 
     def sentence(self) -> str:
         """Return metrics, pressure and cost in a sentence."""
-        told = self.made.sentence()
+        told = self.made.description()
         if self.search.laid and self.search.lines is not None:
             laid = len(self.search.lines.rounds)
             words = [figure.words for figure in self.made.metric_figures]
             told = self.made.told(words, f"lines laid {laid} times")
         doubt = "" if self.errors is None else self.errors.words
         tried = "" if self.trial is None else self.trial.words
-        return "; ".join(filter(None, (told, doubt, tried)))
+        start = f"from a {self.search.start} start, seed {self.search.seed}"
+        rest = "; ".join(filter(None, (told, start, doubt, tried)))
+        return sentence_of(self.figures, self.binding, rest)

@@ -130,6 +130,7 @@ def simulate_actuator(
         scene.material.composite,
         scene,
         {"total": time.perf_counter() - begin},
+        scene.results.tolerance,
     )
     write_pressure_path(comm, output, path)
     errors = None

@@ -286,10 +286,11 @@ class GripperScene(ActuatorScene):
         def gap(pattern: Pattern, positions: Floats) -> float:
             return 1e3 * mean_gap(body, pattern, positions, self.touching_vertices(pattern, edge))
 
+        at_rest = gap(pattern, pattern.points)
         return replace(
             self.loaded(pattern, target, supports, (1,)),
             parts=[self.leg.sections(pattern, goal), touching, holding],
-            metrics=(Metric("gap", "mm", 0.0, gap, scale=1e3 * self.object.size), angle),
+            metrics=(Metric("gap", "mm", 0.0, gap, scale=at_rest), angle),
             passive=np.where(inner & (off_middle < sizes.backbone_width / 2), 1.0, np.nan),
             # The outer panel is to stretch; without this hint the start is the same in and out.
             start=np.where(inner, 0.65, 0.35),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from toros_fem.base.keys import (
     Count,
     Distance,
     Factor,
+    Fraction,
+    In,
     Length,
     Modulus,
     Positive,
@@ -20,6 +23,7 @@ from toros_fem.base.keys import (
     key,
 )
 from toros_fem.measures.cross_sections import CrossSections
+from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.shape import ShapePart
 from toros_fem.meshes.pattern import Pattern
 
@@ -141,7 +145,7 @@ class SectionWeights(TipWeights):
 
 @dataclass(frozen=True)
 class Results(Table):
-    """What is simulated of the print."""
+    """What is simulated of the print, and what counts as reached."""
 
     estimate_error: bool = key(
         True, "estimate the discretisation error of the metrics on a refined mesh"
@@ -152,3 +156,19 @@ class Results(Table):
         "curve out",
     )
     curve_steps: Count = key(10, "number of equal steps of the curve from 0 to that pressure")
+    tolerance: Fraction = key(
+        DEFAULT.figure, "part of its target that a figure may be off by and count as reached"
+    )
+    shape_tolerance: Fraction = key(
+        DEFAULT.shape,
+        "part of the skin's length that a shape may be off by, as root mean square, and count as "
+        "reached",
+    )
+    direction_tolerance: Annotated[float, In("deg", above=0, at_most=180)] = key(
+        DEFAULT.direction, "angle that the direction of a tip may be off by and count as reached"
+    )
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What counts as reached."""
+        return Tolerances(self.tolerance, self.shape_tolerance, self.direction_tolerance)

@@ -19,7 +19,7 @@ from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.files import write_fields
-from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.result import RunResult, sentence_of, verdict_entry, write_summary
 
 # What files and summaries hold of a profile.
 PROFILE = ("stiffness", "tangent", "contraction")
@@ -54,7 +54,7 @@ class TileRun(RunResult):
             goals = _listed(self.case.target, name) or unknown
             for angle, value, goal in zip(self.case.angles, values, goals, strict=True):
                 key = f"{name}_at_{np.degrees(angle):g}_deg".replace(".", "_")
-                tolerance = None if goal is None else TOLERANCE * abs(goal)
+                tolerance = None if goal is None else TOLERANCE * (abs(goal) or 1.0)
                 found.append(Figure(key, unit, value, target=goal, tolerance=tolerance))
         return tuple(found)
 
@@ -95,6 +95,7 @@ class TileRun(RunResult):
             "manufacture": made.printability.summary(),
             "seconds": {**design.seconds, **self.seconds},
             "inputs": made.simulation.config.as_dict(),
+            "verdict": verdict_entry(self.figures),
         }
 
     def sentence(self) -> str:
@@ -116,11 +117,12 @@ class TileRun(RunResult):
             for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
             if made[key] is not None
         )
-        return (
+        told = (
             f"stiffness {stiffness} N/m as printed{deviation}; contraction "
             f"{profile.contraction[0]:.2f} along x; {made['islands']} islands{widths}{wrinkles}; "
             f"{seconds:.0f} s"
         )
+        return sentence_of(self.figures, (), told)
 
 
 def write_tile_results(folder: Path | str, found: TileRun) -> None:

@@ -15,9 +15,7 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.alignment import AlignedObjective
-from toros_fem.measures.cross_sections import CrossSectionObjective
-from toros_fem.measures.mirrored import MirroredObjective
-from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
+from toros_fem.measures.miss import compared_axes
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
@@ -88,7 +86,7 @@ def shown_skin(
     target = None if target is None else on.vertices(target)
     aligned = isinstance(problem.objective, AlignedObjective)
     touched = _touched(problem.solver.contact, poses)
-    compared = _compared(problem.objective)
+    compared = compared_axes(problem.objective)
     return ShownSkin(on.pattern, target, aligned, passive, regions, *touched, compared)
 
 
@@ -111,20 +109,6 @@ def _touched(
         (np.concatenate([b.points for b in bodies]), np.concatenate(cells)) if bodies else None,
         grounds if len(grounds) else None,
     )
-
-
-def _compared(objective: Objective) -> tuple[bool, bool, bool]:
-    """Return whether an objective compares positions with the target along x, y and z."""
-    if isinstance(objective, AlignedObjective | MirroredObjective):
-        return _compared(objective.objective)
-    if isinstance(objective, SumObjective):
-        found = np.any([_compared(part) for part in objective.parts], axis=0)
-    elif isinstance(objective, ShapeObjective | CrossSectionObjective):
-        found = objective.compared
-    else:
-        return False, False, False
-    x, y, z = (bool(one) for one in found)
-    return x, y, z
 
 
 def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:

@@ -16,6 +16,7 @@ from toros_fem.making.print.print_file import NAME as PRINT_FILE
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printability
 from toros_fem.measures.figures import Figure, formatted
+from toros_fem.measures.miss import is_of_shape
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.pictures.curves import Measured, draw_curve
@@ -34,6 +35,8 @@ OF_THE_STATE = ("pressure", "volume", "stretch")
 BETWEEN, NEAR = (0.25, 0.5, 0.75), 0.12
 # Letters of the sentence of a hero.
 LONGEST = 68
+# What is said of a skin of more than this number of equal parts.
+MIRRORED, LEGS = 2, "The skin has {} equal parts: a number is that of each."
 # Iterations that are shown, besides the last one.
 ITERATIONS = (1, 5, 20)
 
@@ -88,8 +91,17 @@ class _Pictures:
     def _shape(self, state: Frame) -> None:
         failed = self.run.summary.entries.get("printed_failure")
         warning = "The print has no equilibrium: this is the design." if failed else state.note
-        with self._page("shape.png", self.title) as figure:
-            draw_shape(figure, self.drawn, state.positions, self.figures, warning)
+        pressure = state.values.get("pressure_pa")
+        what = "print" if state.series != "iteration" and not failed else "design"
+        shown = "" if pressure is None else f"The {what} at {pressure / 1e3:.3g} kPa"
+        parts = self.run.summary.entries.get("parts_by_symmetry") or 1
+        notes = [LEGS.format(parts)] if parts > MIRRORED else []
+        with self._page("shape.png") as figure:
+            shape = filter(is_of_shape, self.run.summary.figures.values())
+            figures = [*self.figures, *shape]
+            draw_shape(
+                figure, self.drawn, state.positions, figures, self.title, shown, notes, warning
+            )
         if self.drawn.skin.target is not None and any(self.drawn.skin.compared):
             with self._page("miss.png") as figure:
                 draw_miss(figure, self.drawn, state.positions)
@@ -162,8 +174,11 @@ def _state(run: Run) -> Frame | None:
 
 
 def told_figures(run: Run) -> list[Figure]:
-    """Return the figures that pictures tell: those with a target, else the run's own."""
-    figures = list(run.summary.figures.values())
+    """Return the figures that pictures tell: those with a target, else the run's own.
+
+    Those of a shape are told by shape.png alone.
+    """
+    figures = [told for told in run.summary.figures.values() if not is_of_shape(told)]
     asked = [told for told in figures if told.target is not None]
     return asked or [told for told in figures if told.name not in OF_THE_STATE]
 

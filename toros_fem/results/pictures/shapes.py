@@ -5,98 +5,127 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 
-from toros_fem.base.array_types import Floats
-from toros_fem.measures.figures import TOLERANCE, formatted
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
-from toros_fem.measures.miss import Miss, miss_of
+from toros_fem.measures.miss import Miss, Tip, miss_of
 from toros_fem.results.pictures.raster import Surface
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import (
     ACCENT,
-    DARK,
     EDGE,
     INK,
-    LARGE,
     SEQUENTIAL,
     SIZE,
     SOFT,
+    TEXT,
     page,
     write_title,
 )
+from toros_fem.results.pictures.verdicts import (
+    notes_of,
+    verdict,
+    with_shape,
+    write_legend,
+    write_notes,
+    write_rows,
+    write_verdict,
+)
 from toros_fem.results.pictures.view import View
 
-# Left, bottom, width and height of both views and of the numbers, over the page.
+# Inches: what the verdict takes at the top, the words at the right, and the border.
+HEAD, WORDS, BORDER = 0.72, 2.72, 0.12
+# Width over height of views: of a slender upright body, whose end is enlarged instead of seen from
+# above; and the least width and height in inches of what stands beside and below.
+SLENDER, LEAST_BESIDE, LEAST_BELOW = 0.5, 1.55, 1.2
+# Part of a slender body at its free end that is enlarged.
+ENLARGED = 0.25
+# Room for captions below a view, in inches, and at its four sides, over its extent.
+CAPTION, ROOM = 0.24, (0.06, 0.06, 0.12, 0.03)
+# Over the length: a tip this far off gets an arrow, and its directions are lines so long.
+ARROW, RAY = 0.02, 0.13
+# Degrees from which on both directions of a tip are drawn.
+SEEN = 2.0
+# Vertices that moved less than this over the size of the skin are held, and are flat so far.
+HELD, FLAT = 1e-4, 0.1
+# Left, bottom, width and height of the views of a miss and of its colours, over the page.
 SIDE_BOX = (0.01, 0.02, 0.60, 0.87)
 OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
-NUMBERS_BOX = (0.62, 0.03, 0.375, 0.39)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
-# Columns of the numbers, and the side that they are aligned at.
-COLUMNS = ((0.0, "left"), (0.225, "left"), (0.645, "left"), (1.0, "right"))
-# Figures that are told at most.
-MOST_FIGURES = 3
 # What colours of a miss mean: for all points, and beside the mean of cross-sections.
 WHAT_IS_SHOWN = (
     "distance of each point from its target{} in mm",
-    "distance of each point{} in mm; the average\nis that of the centres of cross-sections",
+    "distance of each point from its target{} in mm;\nthe title tells centres of cross-sections",
 )
 
-
-def _miss(drawn: DrawnSkin, positions: Floats) -> Miss | None:
-    """Return how far placed positions, (n, 3), are from the target.
-
-    None without one, and where the design does not compare positions with it.
-    """
-    target, compared = drawn.skin.target, drawn.skin.compared
-    if target is None or not any(compared):
-        return None
-    return miss_of(drawn.pattern, positions, target, compared)
+Box = tuple[float, float, float, float]
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a shape is what was asked for.
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """A skin and its target, placed to be drawn.
 
     Attributes:
-        word: In a word.
-        colour: Its colour.
-        reason: Why it is not certain; empty if it is.
+        drawn: The skin.
+        positions: Placed positions of all vertices, (n, 3), in m.
+        target: Those of the target, moved along axes that do not count; None without one.
+        miss: How far they are apart; None where the design does not compare positions.
     """
 
-    word: str
-    colour: str
-    reason: str = ""
+    drawn: DrawnSkin
+    positions: Floats
+    target: Floats | None
+    miss: Miss | None
+
+    @property
+    def framed(self) -> Floats:
+        """All points that a view must hold, (m, 3), in m."""
+        target, body = self.target, self.drawn.skin.body
+        others = [*([] if target is None else [target]), *([] if body is None else [body[0]])]
+        return np.concatenate([self.positions, self.rays, *others])
+
+    @property
+    def rays(self) -> Floats:
+        """Ends of the directions of a tip, (k, 3), in m, where they differ enough to be drawn."""
+        tip = None if self.miss is None else self.miss.tip
+        if self.miss is None or tip is None or np.degrees(tip.direction) < SEEN:
+            return np.empty((0, 3))
+        return tip.at + RAY * self.miss.length * np.stack([tip.along, tip.asked_along])
+
+    def show(self, figure: Figure, box: Box, view: View, framed: Floats) -> Stage:
+        """Draw it in a part of a page, and return that.
+
+        Args:
+            figure: The page.
+            box: Left, bottom, width and height in inches.
+            view: Where the viewer is.
+            framed: Points that must be seen, (m, 3), in m.
+        """
+        size = np.tile(figure.get_size_inches(), 2)
+        left, bottom, width, height = (np.array(box) / size).tolist()
+        stage = Stage(figure, (left, bottom, width, height), view, framed, ROOM)
+        image = stage.draw(self.drawn.surfaces(self.positions))
+        if self.target is not None:
+            stage.lines(self.drawn, self.positions, image, EDGE)
+            stage.outline(self.drawn, self.target)
+        return stage
 
 
-def verdict(figures: Sequence[Told], miss: Miss | None) -> Verdict | None:
-    """Return whether all targets are reached; None without any.
-
-    Args:
-        figures: Figures with a target.
-        miss: Distance from the target shape; None without one.
-    """
-    if not figures and miss is None:
-        return None
-    if any(figure.value is None for figure in figures):
-        return Verdict("No equilibrium", ACCENT)
-    shape_missed = miss is not None and not miss.reached
-    if shape_missed or any(figure.reached is False for figure in figures):
-        return Verdict("Missed", ACCENT)
-    if any(figure.interval is None for figure in figures):
-        missed = any(figure.misses for figure in figures)
-        word, colour = ("Missed", ACCENT) if missed else ("Reached", DARK)
-        return Verdict(word, colour, "error by the mesh not estimated")
-    if all(figure.reached for figure in figures):
-        return Verdict("Reached", DARK)
-    return Verdict("Not certain", SOFT, "the error is too large to tell")
+def scenery(drawn: DrawnSkin, positions: Floats) -> Scenery:
+    """Return a skin with its target, from positions of all vertices, (n, 3), in m."""
+    placed, target = drawn.skin.placed(positions), drawn.skin.target
+    miss = None
+    if target is not None and any(drawn.skin.compared):
+        miss = miss_of(drawn.pattern, placed, target, drawn.skin.compared)
+    return Scenery(drawn, placed, target if miss is None else miss.asked, miss)
 
 
 def draw_shape(
@@ -104,95 +133,152 @@ def draw_shape(
     drawn: DrawnSkin,
     positions: Floats,
     figures: Sequence[Told],
+    title: str = "",
+    state: str = "",
+    notes: Sequence[str] = (),
     warning: str = "",
 ) -> None:
-    """Draw the inflated skin with the dashed outline of its target, and of its miss.
+    """Draw the inflated skin with the dashed outline of its target, and its miss in words.
 
     Args:
         figure: The page.
         drawn: The skin.
         positions: Positions of all vertices, (n, 3), in m.
         figures: The figures to tell, those with a target first.
+        title: A sentence with the result, where there is no target.
+        state: What is shown, such as "The print at 10 kPa"; empty for nothing.
+        notes: Sentences that a reader of the figures must know.
         warning: What is not as usual, such as that the print has no equilibrium; empty for nothing.
     """
-    positions, target = drawn.skin.placed(positions), drawn.skin.target
-    side, oblique = drawn.views(positions)
-    framed = framed_with(drawn, positions, [] if target is None else [target])
-    for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-        stage = Stage(figure, box, view, framed)
-        image = stage.draw(drawn.surfaces(positions))
-        if target is not None:
-            stage.lines(drawn, positions, image, EDGE)
-            stage.outline(drawn, target, 1.6 if view == side else 1.0)
-        if view == side:
-            stage.bar()
-    _tell(figure, figures, _miss(drawn, positions), warning)
-
-
-def framed_with(drawn: DrawnSkin, positions: Floats, others: Sequence[Floats]) -> Floats:
-    """Return all points that a view must hold: of the skin, of others, and of bodies, (m, 3)."""
-    body = [] if drawn.skin.body is None else [drawn.skin.body[0]]
-    return np.concatenate([positions, *others, *body])
-
-
-def _tell(figure: Figure, figures: Sequence[Told], miss: Miss | None, warning: str) -> None:
-    """Write the verdict and a table of what was reached, asked for and missed."""
-    axes = figure.add_axes(NUMBERS_BOX)
+    shown = scenery(drawn, positions)
+    told = with_shape(figures, shown.miss) or list(figures)
+    write_verdict(figure, verdict(figures, shown.miss), state, title)
+    width, height = figure.get_size_inches()
+    top = height - HEAD - BORDER
+    axes = figure.add_axes((1 - WORDS / width, 0, (WORDS - BORDER) / width, top / height))
     axes.set_axis_off()
-    axes.set_xlim(0, 1)
-    axes.set_ylim(0, 1)
-    asked = [told for told in figures if told.target is not None]
-    found = verdict(asked, miss)
-    top = 0.98
-    if found is not None:
-        axes.text(
-            0, top, found.word, color=found.colour, fontsize=LARGE, fontweight="bold", va="top"
-        )
-        top -= 0.24
-        if found.reason:
-            axes.text(0, top, found.reason, color=SOFT, va="top")
-        top -= 0.15
-    heads = ("", "as printed", "target" if asked else "", "miss" if asked else "")
-    for (x, side), head in zip(COLUMNS, heads, strict=True):
-        axes.text(x, top, head, color=SOFT, fontsize=8, va="top", ha=side)
-    rows = [_row(told) for told in figures[:MOST_FIGURES]]
-    if miss is not None:
-        rows.append(
-            _Row(
-                "shape",
-                f"{1e3 * miss.rms:.2g} mm, {100 * miss.rms / miss.length:.1f} %",
-                f"≤ {100 * TOLERANCE:.0f} %",
-                "" if miss.reached else f"+{100 * (miss.rms / miss.length - TOLERANCE):.1f} %",
-                not miss.reached,
-            )
-        )
-    for row in rows:
-        top -= 0.13
-        cells = (row.name, row.value, row.target, row.miss)
-        for (x, side), cell in zip(COLUMNS, cells, strict=True):
-            loud = row.is_off and cell is row.miss
-            axes.text(x, top, cell, color=ACCENT if loud else INK, va="top", ha=side,
-                      fontweight="bold" if loud or cell is row.value else "normal")  # fmt: skip
-    if warning:
-        axes.text(0, top - 0.15, warning, color=ACCENT, va="top", fontsize=8, wrap=True)
+    axes.set_xlim(0, WORDS - BORDER)
+    axes.set_ylim(0, top)
+    said = [*notes_of(told, shown.miss, drawn.skin), *notes]
+    end = write_notes(axes, said, write_rows(axes, told, shown.miss, top) - 0.04)
+    end = write_notes(axes, [warning] if warning else [], end, ACCENT)
+    if shown.target is not None:
+        end = write_legend(axes, bool(drawn.lines), end)
+    main, beside, labelled = _views(figure, shown, end)
+    main.bar()
+    if shown.miss is not None and shown.miss.tip is not None:
+        for stage in (main, beside):
+            _mark_tip(stage, shown.miss, shown.miss.tip, stage is labelled)
+    _mark_held(main, drawn, shown.positions)
 
 
-class _Row(NamedTuple):
-    """A row of the numbers beside a shape."""
+def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, Stage]:
+    """Draw two views: from the side, and from above or, of a slender upright body, its free end.
 
-    name: str
-    value: str
-    target: str = ""
-    miss: str = ""
-    is_off: bool = False
+    Such a body looks the same from above. The second view stands beside the first, or below the
+    words at the right where the first one needs the place.
+
+    Args:
+        figure: The page.
+        shown: What is drawn.
+        free: Height of what is free below the words, in inches.
+
+    Returns:
+        Both, and the one of them that has the labels.
+    """
+    drawn = shown.drawn
+    width, height = figure.get_size_inches() - [WORDS + 2 * BORDER, HEAD + BORDER]
+    side, view = drawn.views(shown.positions)
+    framed, words = shown.framed, "seen from above"
+    aspect = _aspect(side, framed)
+    slender = aspect < SLENDER and shown.miss is not None and shown.miss.tip is not None
+    below = aspect * height > width - LEAST_BESIDE and free > LEAST_BELOW
+    first = width if below else min(max(aspect * height, LEAST_BESIDE), width - LEAST_BESIDE)
+    main = shown.show(figure, (BORDER, BORDER, first, height), side, framed)
+    if slender:
+        ends = _end(drawn)
+        assert shown.target is not None
+        framed = np.concatenate([shown.positions[ends], shown.target[ends], shown.rays])
+        view, words = side, "the free end, enlarged"
+    left = BORDER + (width if below else first)
+    across, top = (WORDS, free) if below else (width - first, BORDER + height)
+    deep = min(across / _aspect(view, framed), top - BORDER - CAPTION)
+    beside = shown.show(figure, (left, top - deep, across, deep), view, framed)
+    beside.axes.annotate(
+        words, (0.5, 0), (0, -3), xycoords="axes fraction", textcoords="offset points",
+        ha="center", va="top", fontsize=8, color=SOFT,
+    )  # fmt: skip
+    return main, beside, beside if slender else main
 
 
-def _row(told: Told) -> _Row:
-    name = told.name.replace("_", " ")
-    if told.miss is None:
-        return _Row(name, told.shown)
-    miss = formatted(told.miss, told.unit, 2, sign=True)
-    return _Row(name, told.shown, formatted(told.target, told.unit), miss, told.misses)
+def _aspect(view: View, framed: Floats) -> float:
+    """Return width over height of a view of points, (m, 3), with room around them."""
+    across, up = np.ptp(view.project(framed), axis=0) * [1 + sum(ROOM[:2]), 1 + sum(ROOM[2:])]
+    return float(across / up)
+
+
+def _end(drawn: DrawnSkin) -> Bools:
+    """Return which vertices, (n,), are near the free end of a slender body."""
+    points = drawn.pattern.points
+    height = points[:, int(np.argmax(np.ptp(points, axis=0)))]
+    return np.asarray(height > height.max() - ENLARGED * np.ptp(height))
+
+
+def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
+    """Draw an arrow from where a tip should be to where it is, and both directions there.
+
+    The directions are drawn where at least half of the angle between them is seen.
+    """
+    at, goal = 1e3 * stage.view.project(np.array([tip.at, tip.asked]))
+    rays = stage.view.project(np.array([tip.along, tip.asked_along]))
+    if tip.distance > ARROW * miss.length:
+        style = {"arrowstyle": "-|>", "color": ACCENT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        stage.axes.annotate("", at, goal, zorder=6, arrowprops=style)
+        if labelled:  # on the other side of the tip than the directions
+            up = -13.0 if rays[0, 1] > 0 else 6.0
+            _label(stage, (at + goal) / 2, f"tip {1e3 * tip.distance:.2g} mm off", up)
+    lengths = np.linalg.norm(rays, axis=1)
+    seen = np.arccos(np.clip(rays[0] @ rays[1] / max(lengths.prod(), 1e-12), -1, 1))
+    if lengths.min() < 0.5 or seen < max(np.radians(SEEN), 0.5 * tip.direction):
+        return
+    for ray, colour, line in zip(rays, (INK, ACCENT), ("-", "--"), strict=True):
+        end = at + 1e3 * RAY * miss.length * ray
+        stage.axes.plot(*np.array([at, end]).T, color=colour, ls=line, lw=1.2, zorder=6)
+    if labelled:
+        end = at + 1.05e3 * RAY * miss.length * rays.mean(axis=0)
+        _label(stage, end, f"{np.degrees(tip.direction):.2g}°", -3.0)
+
+
+def _label(stage: Stage, at: Floats, words: str, up: float) -> None:
+    """Write words on a view beside a place in mm, (2,), `up` points higher."""
+    left, right = stage.axes.get_xlim()
+    side = ("left", 5) if at[0] < left + 0.8 * (right - left) else ("right", -5)
+    text = stage.axes.annotate(
+        words, (at[0], at[1]), (side[1], up), textcoords="offset points", color=ACCENT,
+        fontweight="bold",
+        fontsize=TEXT, ha=side[0], zorder=7,
+    )  # fmt: skip
+    text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+
+
+def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:
+    """Mark a flat end that stays where it is, as drawings of beams do."""
+    rest = drawn.pattern.points
+    size = float(np.ptp(rest, axis=0).max())
+    held = np.linalg.norm(positions - rest, axis=1) < HELD * size
+    if held.sum() < 3:
+        return
+    flat = 1e3 * stage.view.project(rest[held])
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    if high[1] - low[1] > FLAT * 1e3 * size:
+        return
+    stage.axes.plot([low[0], high[0]], [low[1], low[1]], color=INK, lw=2.5, zorder=5)
+    for x in np.linspace(low[0], high[0], 7):
+        stage.axes.annotate("", (x, low[1]), (-5, -6), textcoords="offset points",
+                            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.8,
+                                        "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+    stage.axes.annotate("held", (high[0], low[1]), (5, -7), textcoords="offset points",
+                        color=INK, fontsize=8)  # fmt: skip
 
 
 def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
@@ -203,21 +289,22 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
         drawn: The skin, with a target.
         positions: Positions of all vertices, (n, 3), in m.
     """
-    positions, target = drawn.skin.placed(positions), drawn.skin.target
-    miss = _miss(drawn, positions)
+    shown = scenery(drawn, positions)
+    miss, target = shown.miss, shown.target
     assert miss is not None
     assert target is not None
     most = max(float(miss.each.max()), 1e-6)
     colours = matplotlib.colormaps[SEQUENTIAL](miss.each / most)[:, :3][drawn.pattern.triangles]
-    side, oblique = drawn.views(positions)
+    of = "12 cross-sections" if miss.by_sections else "all points"
     write_title(
         figure,
-        f"{1e3 * miss.rms:.2g} mm from the target on average, "
-        f"{100 * miss.rms / miss.length:.1f} % of the length",
+        f"{1e3 * miss.rms:.2g} mm from the target, {100 * miss.rms / miss.length:.1f} % of the "
+        f"length: root mean square of {of}",
     )
+    side, oblique = drawn.views(shown.positions)
     for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-        stage = Stage(figure, box, view, framed_with(drawn, positions, [target]))
-        stage.draw(drawn.surfaces(positions, colours))
+        stage = Stage(figure, box, view, shown.framed)
+        stage.draw(drawn.surfaces(shown.positions, colours))
         stage.outline(drawn, target)
         if view == side:
             stage.bar()

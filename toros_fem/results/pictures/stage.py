@@ -61,7 +61,8 @@ class Stage:
     def outline(self, drawn: DrawnSkin, positions: Floats, width: float = 1.6) -> None:
         """Draw the dashed outline of a target, and its lines where they are seen."""
         image = render(drawn.surfaces(positions)[:1], self.view, self.window)
-        covered = np.pad(np.flipud(image.colours[..., 3]), 1)
+        # What is cut off at the border of the view has no outline there.
+        covered = np.pad(np.flipud(image.colours[..., 3]), 1, mode="edge")
         window, pixel = image.window, 1 / image.window.scale
         (left, low), (right, high) = 1e3 * (window.low - pixel), 1e3 * (window.high + pixel)
         self.axes.contour(

@@ -9,13 +9,11 @@ import numpy as np
 from toros_fem.base.array_types import Floats, Ints
 
 # Turns about z that are tried for the side view, and for the oblique one beside it, in degrees.
-SIDE_TURNS, OBLIQUE_TURNS = (
-    range(0, 180, 15),
-    (-150, -135, -120, -60, -45, -30, 30, 45, 60, 120, 135, 150),
-)
+# The latter is from the same side, so that both views are seen to be of one body.
+SIDE_TURNS, OBLIQUE_TURNS = range(0, 180, 15), (-60, -45, -30, 30, 45, 60)
 # Elevation of the oblique view in degrees.
 ABOVE = 20.0
-# The side view is turned only where the skin becomes this many times wider by it.
+# The side view is turned only where the points spread this many times further by it.
 WIDER = 1.1
 # Weight of bare fabric beside print, where a view is judged by what it shows.
 BARE = 0.3
@@ -51,16 +49,16 @@ class View:
 
 
 def side_view(points: Floats) -> View:
-    """Return the horizontal view that shows a shape at its widest.
+    """Return the horizontal view that spreads the points of a shape most.
 
-    It looks across the plane of a bent tube. A shape that is about as wide from everywhere is seen
-    along y.
+    It looks across the plane of a bent tube. A shape whose points spread about as much from
+    everywhere, as those of equal legs do, is seen along y.
 
     Args:
         points: Points of the shape, (n, 3), in m.
     """
     views = [View(0.0, float(turn)) for turn in SIDE_TURNS]
-    widths = [np.ptp(view.project(points)[:, 0]) for view in views]
+    widths = [float(np.std(view.project(points)[:, 0])) for view in views]
     best = int(np.argmax(widths))
     return views[best] if widths[best] > WIDER * widths[0] else views[0]
 

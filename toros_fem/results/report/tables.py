@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.measures.figures import NONE, Figure, formatted, split_key, unit_of
+from toros_fem.measures.figures import NONE, Figure, formatted, split_key, unit_of, verdict_of
+from toros_fem.measures.miss import is_of_shape
 from toros_fem.results.runs.run_folder import Run
 from toros_fem.results.runs.summary_file import Summary
 
@@ -74,24 +75,32 @@ def key_figures(run: Run) -> Table:
     # Where a relaxed design is laid as lines, no design by densities stands beside the print.
     laid = "lines" in entries and not entries.get("densities_kept")
     rows = []
-    for figure in metrics_of(run.summary, list(columns)):
+    of_shape = filter(is_of_shape, run.summary.figures.values())
+    for figure in (*metrics_of(run.summary, list(columns)), *of_shape):
         designed = (entries.get("design") or {}).get(figure.key)
         if not run.summary and run.history:
             designed = run.history[-1].get(figure.key)
         width, unit = figure.interval, figure.unit
-        reached = {None: "", True: "yes", False: "no"}[figure.reached]
         rows.append(
             [
-                figure.name.replace("_", " "),
+                figure.label,
                 formatted(figure.value, unit),
                 NONE if width is None else f"± {formatted(float(f'{width:.2g}'), unit)}",
-                formatted(figure.target, unit),
+                figure.asked or NONE,
                 formatted(None if laid else designed, unit),
-                reached,
+                figure.state or "",
             ]
         )
     value = "value" if run.summary and "design" not in entries else "as printed"
-    return Table(["", value, "interval", "target", "as designed", "reached"], rows)
+    return Table(["", value, "interval", "target", "as designed", "state"], rows)
+
+
+def verdict(run: Run) -> tuple[str, list[str]]:
+    """Return in a word whether all targets are reached, and why as sentences; "" without any."""
+    word, _, why = verdict_of(list(run.summary.figures.values())).partition(": ")
+    binding = (run.summary.entries.get("verdict") or {}).get("binding")
+    found = [f"{why[:1].upper()}{why[1:]}."] if why else []
+    return word, [*found, *([f"What binds: {'; '.join(binding)}."] if binding else [])]
 
 
 def further_figures(run: Run) -> Pairs:

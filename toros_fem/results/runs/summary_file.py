@@ -10,7 +10,7 @@ from typing import Any
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_json
-from toros_fem.measures.figures import Figure, formatted
+from toros_fem.measures.figures import NONE, Figure
 from toros_fem.results.runs.files import SUMMARY
 
 
@@ -41,12 +41,11 @@ class Summary:
 def figures_html(figures: Iterable[Figure]) -> str:
     """Return the table of figures that a notebook shows."""
     rows = [
-        (figure.name.replace("_", " "), figure.shown, formatted(figure.target, figure.unit))
-        for figure in figures
+        (figure.label, figure.shown, figure.asked or NONE, figure.state or "") for figure in figures
     ]
     cells = ("".join(f"<td>{escape(text)}</td>" for text in row) for row in rows)
     body = "".join(f"<tr>{row}</tr>" for row in cells)
-    return f"<table><tr><th></th><th>value</th><th>target</th></tr>{body}</table>"
+    return f"<table><tr><th></th><th>value</th><th>target</th><th>state</th></tr>{body}</table>"
 
 
 def read_content(folder: Path) -> dict[str, Any]:

@@ -1,0 +1,207 @@
+"""What is written beside a shape: whether it is what was asked for, and each of its figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from textwrap import fill
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from toros_fem.measures.figures import Figure as Told
+from toros_fem.measures.figures import State, overall, worst_of
+from toros_fem.measures.miss import DIRECTION, DISTANCE, Miss, is_of_shape, shape_figures
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.pictures.style import ACCENT, DARK, EDGE, INK, SOFT, TEXT
+
+COLOURS = {State.REACHED: DARK, State.MISSED: ACCENT, State.NOT_CERTAIN: SOFT}
+MARKS = {State.REACHED: "✓", State.MISSED: "✗", State.NOT_CERTAIN: "?"}
+# What the deciding figures of a shape are called, and what comes after their values.
+NAMES = {"_".join(DISTANCE): "shape", "_".join(DIRECTION): "direction of the tip"}
+AFTER = {"_".join(DISTANCE): " of the length"}
+# Figures that are told at most beside those of the shape; heights of rows and lines in inches.
+MOST_FIGURES = 3
+ROW, LINE = 0.40, 0.155
+# Letters of a line of notes in an inch, and the size of notes in points.
+LETTERS_PER_INCH, NOTE = 17.5, 7.5
+BY_SECTIONS = (
+    "Shape: root mean square distance of the centres of 12 cross-sections from the target. "
+    "Bulging does not count."
+)
+GUIDE = "The outline is a guide: only the numbers above are asked for, no place."
+BY_POINTS = "Shape: root mean square distance of all points from the target."
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a shape is what was asked for.
+
+    Attributes:
+        word: In a word.
+        colour: Its colour.
+        reason: The figure that decides, in words.
+        bound: How far off it may be, in words; empty if that is known.
+    """
+
+    word: str
+    colour: str
+    reason: str = ""
+    bound: str = ""
+
+
+def name_of(figure: Told) -> str:
+    """Return what a figure is called in pictures."""
+    return NAMES.get(figure.key, figure.label)
+
+
+def with_shape(figures: Sequence[Told], miss: Miss | None) -> list[Told]:
+    """Return figures that decide, with those of a shape that a summary does not tell."""
+    found = [figure for figure in figures if figure.target is not None]
+    if miss is not None and not any(map(is_of_shape, found)):
+        found += shape_figures(miss.values())
+    return [figure for figure in found if not is_of_shape(figure) or figure.state]
+
+
+def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None:
+    """Return whether all targets are reached; None without any.
+
+    Args:
+        figures: Figures with a target.
+        miss: Distance from the target shape, where the figures do not tell it; None without one.
+    """
+    found = with_shape(figures, miss)
+    state, worst = overall(found), worst_of(found)
+    if state is None or worst is None:
+        return None
+    if worst.value is None:
+        return Verdict("No equilibrium", ACCENT)
+    within = f"within {worst.allowed} would be reached"
+    width = worst.interval
+    known = "its error is not estimated" if width is None else f"± {worst.rounded(width)}"
+    by = "off by " if is_of_shape(worst) else ""
+    reason = f"{name_of(worst)} {by}{worst.off}{AFTER.get(worst.key, '')}"
+    if state is State.REACHED:
+        reason = ", ".join(
+            f"{name_of(figure)} {figure.shown}{AFTER.get(figure.key, '')}" for figure in found[:2]
+        )
+        return Verdict("Reached", DARK, reason)
+    return Verdict(state.capitalize(), COLOURS[state], reason, f"{known}; {within}")
+
+
+def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: str) -> None:
+    """Write the verdict and the figure that decides at the top of a page.
+
+    Args:
+        figure: The page.
+        found: The verdict; None without targets.
+        tail: What ends the second line, such as the pressure.
+        otherwise: A title where there is no verdict.
+    """
+    height = figure.get_size_inches()[1]
+    if found is None:
+        figure.text(0.02, 1 - 0.12 / height, otherwise, fontsize=11, fontweight="bold", va="top")
+        return
+    word = figure.text(
+        0.02, 1 - 0.36 / height, found.word, fontsize=17, fontweight="bold", color=found.colour
+    )
+    right = word.get_window_extent(FigureCanvasAgg(figure).get_renderer()).x1
+    left = figure.transFigure.inverted().transform((right, 0))[0] + 0.012
+    figure.text(left, 1 - 0.36 / height, found.reason, fontsize=12, fontweight="bold", color=INK)
+    second = ". ".join(filter(None, (found.bound[:1].upper() + found.bound[1:], tail)))
+    figure.text(0.02, 1 - 0.58 / height, second, fontsize=TEXT, color=SOFT)
+
+
+def write_rows(axes: Axes, figures: Sequence[Told], miss: Miss | None, top: float) -> float:
+    """Write what was found and wanted of each figure, and its state; return where it ends.
+
+    Args:
+        axes: Axes in inches, without a frame.
+        figures: The figures, those of the shape last.
+        miss: Distance from the target shape; None without one.
+        top: Height of the first line in inches.
+    """
+    right = axes.get_xlim()[1]
+    shape = [figure for figure in figures if is_of_shape(figure)]
+    own = [figure for figure in figures if not is_of_shape(figure)][:MOST_FIGURES]
+    for told in (*own, *shape):
+        axes.text(0, top, name_of(told), fontweight="bold", va="top")
+        if told.state is not None:
+            said = f"{MARKS[told.state]} {told.state}"
+            axes.text(
+                right, top, said, color=COLOURS[told.state], fontweight="bold", va="top", ha="right"
+            )
+        value = told.shown
+        if told.key == "_".join(DISTANCE) and miss is not None:
+            value += f" ({1e3 * miss.rms:.2g} mm)"
+        axes.text(0, top - LINE, value, va="top", fontsize=8)
+        if told.asked:
+            wanted = f"wanted: {told.asked.replace('at most ', '≤ ')}"
+            axes.text(
+                right, top - LINE, wanted, color=SOFT, va="top", ha="right",
+                fontsize=8,
+            )  # fmt: skip
+        top -= ROW
+    return top
+
+
+def write_notes(axes: Axes, notes: Sequence[str], top: float, colour: str = SOFT) -> float:
+    """Write sentences below each other, and return where they end.
+
+    Args:
+        axes: Axes in inches, without a frame.
+        notes: The sentences.
+        top: Height of the first line in inches.
+        colour: Of the letters.
+    """
+    letters = int(LETTERS_PER_INCH * axes.get_xlim()[1])
+    for note in notes:
+        text = fill(note, letters)
+        axes.text(0, top, text, fontsize=NOTE, color=colour, va="top", linespacing=1.25)
+        top -= 0.135 * (text.count("\n") + 1) + 0.03
+    return top
+
+
+def write_legend(axes: Axes, lines: bool, top: float) -> float:
+    """Say what the lines of a view are, and return where that ends.
+
+    Args:
+        axes: Axes in inches, without a frame.
+        lines: Whether lines that move with the skin are drawn.
+        top: Height of the first line in inches.
+    """
+    entries: list[tuple[str, Sequence[str], Sequence[str]]]
+    entries = [("outline of the target", (ACCENT,), ("--",))]
+    if lines:
+        words = "line along the skin: as wanted, as found"
+        entries.append((words, (ACCENT, EDGE), (":", "-")))
+    for words, colours, styles in entries:
+        for k, (colour, style) in enumerate(zip(colours, styles, strict=True)):
+            height = top - 0.05 + 0.045 * (len(colours) - 1 - 2 * k)
+            axes.plot([0, 0.3], [height] * 2, color=colour, ls=style, lw=1.3)
+        axes.text(0.38, top - 0.05, words, fontsize=NOTE, color=SOFT, va="center")
+        top -= 0.16
+    return top
+
+
+def notes_of(figures: Sequence[Told], miss: Miss | None, skin: ShownSkin) -> list[str]:
+    """Return what a reader of the rows must know.
+
+    Args:
+        figures: The figures.
+        miss: Distance from the target shape; None without one.
+        skin: What is shown.
+    """
+    found = []
+    if miss is not None:
+        found.append(BY_SECTIONS if miss.by_sections else BY_POINTS)
+        free = [name for name, one in zip("xyz", skin.compared, strict=True) if not one]
+        if free:
+            axes = " and ".join(free)
+            found.append(f"Nothing is asked along {axes}: the outline has the skin's place there.")
+    elif skin.target is not None:
+        found.append(GUIDE)
+    if any(figure.interval is not None for figure in figures):
+        found.append("±: how far the mesh of the simulation may put a number off.")
+    return found

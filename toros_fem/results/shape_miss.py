@@ -1,0 +1,85 @@
+"""How far the shape of a design is from its target: values on any mesh of its skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.metrics import MetricFunction
+from toros_fem.measures.miss import compared_axes, miss_of
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import make_transfer
+from toros_fem.results.frames.shown_skin import ShownSkin
+
+Values = Mapping[str, float]
+
+
+def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] | None:
+    """Return the measure of the miss of a shape, by key; None of a design that compares none.
+
+    The measure takes a mesh of the problem's part of the skin, its own or of a `ShapeDesign` any
+    other, and positions of its vertices. Values are those of the whole skin.
+    """
+    compared, goal_here = compared_axes(problem.objective), problem.target
+    if goal_here is None or not any(compared):
+        return None
+    own, known = problem.skin.pattern, goal_here
+    case = problem.case if isinstance(problem, ShapeDesign) else None
+    aligned = isinstance(problem.objective, AlignedObjective)
+
+    def goal(pattern: Pattern) -> Floats:
+        if pattern is own:
+            return known
+        if case is not None and callable(case.target):
+            return case.target(pattern.points)
+        return make_transfer(own, pattern).positions(known)
+
+    def measure(pattern: Pattern, positions: Floats) -> Values:
+        whole = problem.whole if pattern is own else None
+        whole = whole or mirrored(pattern, () if case is None else case.symmetry)
+        target, shape = whole.at_vertices(goal(pattern)), whole.at_vertices(positions)
+        placed = ShownSkin(whole.pattern, target, aligned).placed(shape)
+        return miss_of(whole.pattern, placed, target, compared).values()
+
+    return measure
+
+
+def shape_of(problem: ShapeProblem, made: Evaluation[Equilibrium] | None) -> dict[str, float]:
+    """Return the values of the miss of a simulated print, by key (collective).
+
+    They are empty without an equilibrium, and of a design that compares no positions.
+    """
+    measure = shape_measure(problem)
+    if made is None or measure is None:
+        return {}
+    positions = problem.skin.gather_vertices(made.equilibrium.positions)
+    return dict(measure(problem.skin.pattern, positions))
+
+
+def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction]:
+    """Return the values of a miss as functions of their own, for error estimates.
+
+    Args:
+        problem: The design problem.
+        keys: Keys of the values.
+    """
+    measure, last = shape_measure(problem), dict[str, object]()
+
+    def value(key: str, pattern: Pattern, positions: Floats) -> float:
+        assert measure is not None
+        if last.get("positions") is not positions:  # all values of a mesh are measured at once
+            last.update(positions=positions, values=measure(pattern, positions))
+        found = last["values"]
+        assert isinstance(found, dict)
+        return float(found.get(key, np.nan))
+
+    return [partial(value, key) for key in keys]
