@@ -1,97 +1,194 @@
-"""Told intervals against meshes that are four times finer.
+"""Told intervals against limits from finer meshes.
 
-A simulation ends with an estimate of its discretisation error, from one refinement of its mesh.
-Here designs are drawn by a seed: stiff lines of several slopes and widths on the tube, at several
-pressures. Each is simulated on a coarse mesh, and again with each triangle divided into sixteen;
-the density of a triangle is that of all its parts. The estimate should hold the change.
+A run tells each figure of a print with an interval (`mechanics.readings.limit_shape`). Here prints
+of six kinds are drawn by seeds on a small tube, at several pressures. Each is simulated on three
+meshes, as a run does it, and on two finer ones, from whose computed shapes the limit is
+extrapolated. The interval of each coarse mesh should hold it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from mpi4py import MPI
 from scipy.stats import beta
+from shapely.geometry import LineString, MultiLineString
+from shapely.geometry.base import BaseGeometry
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed
-from toros_fem.materials.sheet import Composite
-from toros_fem.measures.metrics import MetricFunction, bend_angle, length_ratio, twist_angle
+from toros_fem.making.print.printability import printed_fractions
+from toros_fem.materials.sheet import Composite, Membrane
+from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.readings.limit_shape import LimitShape, limit_shape
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
-from toros_fem.meshes.transfer import refine
+from toros_fem.meshes.following import snapped
+from toros_fem.meshes.transfer import make_transfer
 
 Floats = npt.NDArray[np.float64]
-LENGTH, DIAMETER = 0.1, 0.02  # m
-EDGE, QUICK_EDGE = 2.85e-3, 5.5e-3  # m; that of the coarse demos, and twice as long
-SEEDS = range(30)
-# What is measured, with its unit and the factor to it.
-METRICS: dict[str, tuple[MetricFunction, str, float]] = {
-    "angle": (bend_angle, "deg", 180 / np.pi),
-    "twist": (twist_angle, "deg", 180 / np.pi),
-    "length": (length_ratio, "", 1.0),
+Lines = list[Any]
+LENGTH, DIAMETER = 0.04, 0.016  # m
+AROUND = np.pi * DIAMETER
+# Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
+EDGES, FINE = (1.4e-3, 1.0e-3, 0.7e-3), (0.5e-3, 0.38e-3)
+QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
+SEEDS = range(7)
+# Order by which errors fall between the two fine meshes: from 1 at corners of stiff lines to 2.
+ORDER = 1.5
+
+
+def helices(rng: np.random.Generator) -> Lines:
+    """Return parallel helices, which twist the tube."""
+    count, turns = int(rng.integers(3, 6)), rng.uniform(0.3, 0.9) * rng.choice([-1, 1])
+    return _around(count, turns)
+
+
+def braid(rng: np.random.Generator) -> Lines:
+    """Return helices of both hands, bonded where they cross, which shorten the tube."""
+    count, turns = int(rng.integers(3, 5)), rng.uniform(0.5, 1.0)
+    return _around(count, turns) + _around(count, -turns)
+
+
+def ribs(rng: np.random.Generator, slope: float = 0.0, lean: float = 0.0) -> Lines:
+    """Return a spine with ribs on one side, which bend the tube."""
+    count = int(rng.integers(6, 10))
+    middle, reach = AROUND / 2, 0.35 * AROUND
+    found = [[(middle - slope / 2, 0.0), (middle + slope / 2, LENGTH)]]
+    for k in range(count):
+        at = LENGTH * (k + 0.5) / count
+        found.append([(middle - reach, at - lean), (middle + reach, at + lean)])
+    return found
+
+
+def leaning_ribs(rng: np.random.Generator) -> Lines:
+    """Return an oblique spine with leaning ribs, which bend and twist the tube."""
+    slope = rng.uniform(0.1, 0.3) * AROUND * rng.choice([-1, 1])
+    return ribs(rng, slope, 0.04 * LENGTH)
+
+
+def rings(rng: np.random.Generator) -> Lines:
+    """Return rings, between which the tube bulges and lengthens."""
+    count = int(rng.integers(5, 9))
+    heights = LENGTH * (np.arange(count) + 0.5) / count
+    return [[(-0.1 * AROUND, at), (1.1 * AROUND, at)] for at in heights]
+
+
+def waves(rng: np.random.Generator) -> Lines:
+    """Return wavy lines along the tube, which straighten."""
+    count, periods = int(rng.integers(3, 6)), rng.uniform(1.0, 2.5)
+    along, size = np.linspace(-0.05, 1.05, 60), rng.uniform(0.3, 0.45) / count
+    wave = size * np.sin(2 * np.pi * periods * along)
+    return [np.column_stack([AROUND * (k / count + wave), LENGTH * along]) for k in range(count)]
+
+
+KINDS: Mapping[str, Callable[[np.random.Generator], Lines]] = {
+    "helices": helices,
+    "braid": braid,
+    "ribs": ribs,
+    "leaning ribs": leaning_ribs,
+    "rings": rings,
+    "waves": waves,
 }
 
 
-def drawn(seed: int, pattern: Pattern) -> tuple[Floats, float]:
-    """Return densities of lines on the tube, and a pressure in Pa."""
-    rng = np.random.default_rng([31, seed])
-    lines, turns = int(rng.integers(1, 4)), float(rng.uniform(-1.5, 1.5))
-    width, pressure = float(rng.uniform(0.25, 0.6)), float(rng.uniform(2e3, 8e3))
-    u, v = pattern.centroids.T
-    around = lines * (u / (np.pi * DIAMETER) + turns * v / LENGTH)
-    wall = pattern.panel == pattern.panel_index("wall")
-    return np.where(wall, (around % 1 < width) * 1.0, 1.0), pressure
+def tip_of(pattern: Pattern, positions: Floats) -> Floats:
+    """Return the centre of the tip in mm."""
+    tip = pattern.vertices_of("tip")
+    areas = pattern.vertex_areas[tip]
+    return np.asarray(1e3 * areas @ positions[tip] / areas.sum())
 
 
-def rows_of(seed: int, edge: float) -> Iterator[Row]:
-    """Simulate a drawn design, and return each metric with its told and its real error."""
+# What is told, with its unit, its factor, and the change from rest that is worth telling.
+FIGURES: Mapping[str, tuple[Callable[[Pattern, Floats], Any], str, float, float]] = {
+    "angle": (bend_angle, "deg", 180 / np.pi, 5.0),
+    "twist": (twist_angle, "deg", 180 / np.pi, 5.0),
+    "length": (length_ratio, "percent", 100.0, 2.0),
+    "tip": (tip_of, "mm", 1.0, 2.0),
+}
+
+
+def _around(count: int, turns: float) -> Lines:
+    starts = AROUND * np.arange(count) / count
+    return [
+        [(at - 0.1 * turns * AROUND, -0.1 * LENGTH), (at + 1.1 * turns * AROUND, 1.1 * LENGTH)]
+        for at in starts
+    ]
+
+
+def drawn(kind: str, seed: int, pattern: Pattern) -> tuple[list[BaseGeometry], float]:
+    """Return lines on the tube's wall between printed ends, and a pressure in Pa."""
+    rng = np.random.default_rng([54, list(KINDS).index(kind), seed])
+    width, pressure, lines = rng.uniform(1.4e-3, 2.2e-3), rng.uniform(3e3, 8e3), KINDS[kind](rng)
+    regions = [pattern.outline(k) for k in range(len(pattern.panel_names))]
+    wall = pattern.panel_index("wall")
+    corner = np.array(regions[wall].bounds[:2])
+    shifts = [corner + [turn * AROUND, 0.0] for turn in (-2, -1, 0, 1, 2)]
+    copies = [LineString(np.asarray(line) + shift) for line in lines for shift in shifts]
+    ribbon = MultiLineString(copies).buffer(width / 2, cap_style="flat")
+    regions[wall] = shapely.intersection(regions[wall], ribbon)
+    return regions, float(pressure)
+
+
+def simulated(
+    kind: str, seed: int, edge: float, near: LimitShape | None
+) -> tuple[LimitShape, float, float]:
+    """Return the shape of a print on a mesh, and wall times of solve and estimate in s."""
     comm = MPI.COMM_WORLD
     pattern = cylinder(comm, LENGTH, DIAMETER, edge, mesh="unstructured")
-    design, pressure = drawn(seed, pattern)
-    solver = _solver(pattern)
-    density = design[solver.skin.owned_cells]
-    result = solver.solve(density, pressure)
-    functions = [function for function, *_ in METRICS.values()]
-    told = estimate_error(solver, result, functions)
-    positions = solver.skin.gather_vertices(result.positions)
-    finest, seconds = timed(lambda: _refined(pattern, design, positions, pressure))
-    place = ("refined", f"seed {seed}", f"{len(pattern.triangles)}")
-    for (name, (function, unit, factor)), found in zip(METRICS.items(), told, strict=True):
-        true = factor * function(*finest)
-        yield Row(*place, name, factor * found.value, unit, true, seconds)
-        yield Row(*place, f"{name}, told error", factor * found.error, unit)
+    regions, pressure = drawn(kind, seed, pattern)
+    pattern = snapped(comm, pattern, regions)
+    skin, sheet = sew(comm, pattern), Composite(membrane=Membrane(strain="smoothed"))
+    solver = EquilibriumSolver(skin, sheet, clamp(pattern, ["base"]))
+    start = None
+    if near is not None:
+        start = solver.start_at(make_transfer(near.pattern, pattern).positions(near.computed))
+    density = printed_fractions(pattern, regions)[skin.owned_cells]
+    result, solving = timed(lambda: solver.solve(density, pressure, start))
+    found, estimating = timed(lambda: limit_shape(solver, result))
+    return found, solving, estimating
 
 
-def _solver(pattern: Pattern) -> EquilibriumSolver:
-    skin = sew(MPI.COMM_WORLD, pattern)
-    return EquilibriumSolver(skin, Composite(), clamp(pattern, ["base"]))
-
-
-def _refined(
-    pattern: Pattern, design: Floats, positions: Floats, pressure: float
-) -> tuple[Pattern, Floats]:
-    """Return pattern and shape with edges a quarter as long."""
-    for _ in range(2):
-        finer = refine(pattern)
-        pattern, design = finer.pattern, design[finer.cell]
-        solver = _solver(pattern)
-        start = finer.at_vertices(positions)[solver.skin.owned_vertices]
-        result = solver.solve(design[solver.skin.owned_cells], pressure, start=start)
-        positions = solver.skin.gather_vertices(result.positions)
-    return pattern, positions
+def rows_of(
+    kind: str, seed: int, edges: tuple[float, ...], fine: tuple[float, float]
+) -> Iterator[Row]:
+    """Simulate a print on all meshes, and return each figure, its interval and its limit."""
+    shapes, near = [], None
+    for edge in (*edges, *fine):
+        shapes.append(simulated(kind, seed, edge, near))
+        near = shapes[-1][0]
+    (one, *_), (two, *_) = shapes[-2:]
+    for name, (measure, unit, factor, least) in FIGURES.items():
+        ends = [factor * np.asarray(measure(s.pattern, s.computed)) for s in (one, two)]
+        limit = ends[1] + (ends[1] - ends[0]) / ((fine[0] / fine[1]) ** ORDER - 1)
+        rest = factor * np.asarray(measure(one.pattern, one.pattern.points))
+        if np.linalg.norm(limit - rest) < least:
+            continue
+        for edge, (shape, solving, estimating) in zip(edges, shapes, strict=False):
+            place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm")
+            told, computed = (
+                np.linalg.norm(factor * np.asarray(measure(shape.pattern, x)) - limit)
+                for x in (shape.limit, shape.computed)
+            )
+            width = factor * shape.half_width(measure)
+            yield Row(*place, f"{name}, error", float(told), unit, seconds=solving)
+            yield Row(*place, f"{name}, half-width", width, unit, seconds=estimating)
+            yield Row(*place, f"{name}, error as computed", float(computed), unit)
+            yield Row(*place, f"{name}, limit", float(np.linalg.norm(limit - rest)), unit)
 
 
 def cases(quick: bool) -> list[Case]:
-    """Return a case for each drawn design."""
-    edge = QUICK_EDGE if quick else EDGE
+    """Return a case for each print."""
+    edges, fine = QUICK if quick else (EDGES, FINE)
     return [
-        Case("refined", partial(rows_of, seed, edge), f"seed {seed}")
-        for seed in (SEEDS[:3] if quick else SEEDS)
+        Case(kind, partial(rows_of, kind, seed, edges, fine), f"seed {seed}")
+        for seed in (SEEDS[:1] if quick else SEEDS)
+        for kind in KINDS
     ]
 
 
@@ -104,22 +201,34 @@ def held_between(held: int, count: int, level: float = 0.95) -> tuple[float, flo
 
 
 def table(rows: Rows) -> str:
-    """Return how often the told error holds the real one, for each metric."""
-    told = {(row.variant, row.size, row.figure): row.value for row in rows}
+    """Return how often intervals hold the limit, and how wide they are, by kind and by mesh."""
+    values = {(row.case, row.variant, row.size, row.figure): row.value or 0.0 for row in rows}
+    found = []
+    for (kind, seed, size, figure), error in values.items():
+        name, _, what = figure.partition(", ")
+        if what == "error":
+            width, computed, change = (
+                values[kind, seed, size, f"{name}, {other}"]
+                for other in ("half-width", "error as computed", "limit")
+            )
+            found.append((kind, size, name, error, width, computed, change))
     lines = []
-    for name in METRICS:
-        shares = []
-        for row in rows:
-            error = told.get((row.variant, row.size, f"{name}, told error"))
-            if row.figure == name and error and row.value is not None and row.reference is not None:
-                shares.append(abs(row.value - row.reference) / error)
-        held = sum(share <= 1 for share in shares)
-        low, high = held_between(held, len(shares))
-        lines.append((
-            name, len(shares), held, f"{100 * low:.0f} to {100 * high:.0f} %",
-            f"{np.median(shares):.2f}, {max(shares):.2f}",
-        ))  # fmt: skip
-    head = ("figure", "designs", "held", "held, 95 %", "error over told: median, largest")
+    groups = [(k, 0) for k in KINDS] + [(s, 1) for s in dict.fromkeys(f[1] for f in found)]
+    for label, column in [*groups, *((name, 2) for name in FIGURES), ("all", None)]:
+        own = [one[3:] for one in found if column is None or one[column] == label]
+        if not own:
+            continue
+        error, width, computed, change = np.array(own).T
+        held = int((error <= width).sum())
+        low, high = held_between(held, len(own))
+        off, told, wide = (f"{np.median(100 * x / change):.1f} %" for x in (computed, error, width))
+        ratio = f"{np.median(width) / np.median(error):.1f}"
+        counted = f"{held / len(own):.0%}", f"{low:.0%} to {high:.0%}"
+        lines.append((label, len(own), *counted, off, told, wide, ratio))
+    head = (
+        "", "figures", "held", "95 %", "error as computed: median", "error as told: median",
+        "half-width: median", "half-width over error",
+    )  # fmt: skip
     return markdown(head, lines)
 
 

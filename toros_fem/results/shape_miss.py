@@ -53,16 +53,18 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
     return measure
 
 
-def shape_of(problem: ShapeProblem, made: Evaluation[Equilibrium] | None) -> dict[str, float]:
+def shape_of(made: Evaluation[Equilibrium] | None) -> dict[str, float]:
     """Return the values of the miss of a simulated print, by key (collective).
 
     They are empty without an equilibrium, and of a design that compares no positions.
     """
-    measure = shape_measure(problem)
-    if made is None or measure is None:
+    problem = None if made is None else made.problem
+    if made is None or not isinstance(problem, ShapeProblem):
         return {}
-    positions = problem.skin.gather_vertices(made.equilibrium.positions)
-    return dict(measure(problem.skin.pattern, positions))
+    measure = shape_measure(problem)
+    if measure is None:
+        return {}
+    return dict(measure(problem.skin.pattern, problem.physics.shape_of(made.equilibrium)))
 
 
 def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction]:

@@ -15,6 +15,7 @@ from toros_fem.base.files import guarded, if_plotting, write_table
 from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.print_file import NAME as PRINT
@@ -69,7 +70,7 @@ def write_results(
         printed_metrics(result, printed),
         config=config,
         seconds=seconds or {},
-        shape=shape_of(shape_problem(result), printed.evaluation),
+        shape=shape_of(printed.evaluation),
     )
     write_design(folder, made)
     summary = write_summary(made.problem.comm, folder, made)
@@ -90,12 +91,12 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     folder, comm, shown = Path(folder), found.problem.comm, _shown(found)
 
     def write() -> None:
-        printed, skin = found.printed, found.problem.skin
+        printed = found.printed
         write_table(folder / "history.csv", [row.columns() for row in found.design.history])
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
-        write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
+        write_pattern(folder / NAME, shown.part, printed.cells[: len(shown.part.panel)])
         write_series(folder, shown.skin, [shown.frame])
         write_fields(folder / "skin.vtu", printed.pattern, shown.frame.positions, shown.fields)
         draw_wrinkles(folder, printed.pattern, shown.folds)
@@ -135,20 +136,25 @@ class Shown:
         fields: Fields of skin.vtu.
         folds: Wrinkles of a tension field.
         frame: What is recorded of it.
+        part: The pattern that was simulated.
     """
 
     skin: ShownSkin
     fields: dict[str, Floats]
     folds: WrinkleField | None
     frame: Frame
+    part: Pattern
 
 
 def _shown(found: PrintedResult) -> Shown:
     """Return what is shown of a design (collective)."""
-    problem, printed, final = found.problem, found.printed, found.design.final
-    shown, on = printed.evaluation or final, OnWhole(found.problem)
-    positions = on.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
-    composite, stiffened = problem.solver.model.composite, on.cells(shown.projected)
+    printed, final, on = found.printed, found.design.final, OnWhole(found.problem)
+    shown = printed.evaluation or final
+    problem = shown.problem
+    assert isinstance(problem, ShapeProblem)
+    there = OnWhole(problem)
+    positions = there.vertices(problem.physics.shape_of(shown.equilibrium))
+    composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
     fields = {
         "rho": on.cells(found.design.density),
         "rho_filtered": on.cells(final.filtered),
@@ -165,7 +171,7 @@ def _shown(found: PrintedResult) -> Shown:
     density = fields["rho_projected"] if printed.evaluation is None else None
     frame = Frame("print", 0, "", positions, density, values, note)
     seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
-    return Shown(seen, fields, folds, frame)
+    return Shown(seen, fields, folds, frame, problem.skin.pattern)
 
 
 def wrinkles_of(

@@ -140,6 +140,12 @@ class Case:
         """
         return self.on(snapped(comm, self.pattern, regions))
 
+    def smoothed(self) -> Case:
+        """Return the same case with smoothed strains (`Membrane.strain`), as prints have."""
+        composite = self.composite or Composite()
+        membrane = replace(composite.membrane, strain="smoothed")
+        return replace(self, composite=replace(composite, membrane=membrane))
+
     def on(self, pattern: Pattern) -> Case:
         """Return the same case on the same triangles, whose vertices have moved.
 

@@ -252,16 +252,17 @@ class DesignProblem(Generic[R]):
 
     def simulate_binary(
         self,
-        printed: Bools,
+        printed: Floats,
         like: Evaluation[R] | None = None,
         *,
         start: Any = None,
         pressure: Pressure | None = None,
     ) -> Evaluation[R]:
-        """Evaluate a binary pattern, without variants (collective).
+        """Evaluate a print, without variants (collective).
 
         Args:
-            printed: Whether each owned triangle is printed; prescribed densities are kept.
+            printed: Printed part of each owned triangle, 0 or 1 where no border cuts it;
+                prescribed densities are kept.
             like: The design that it came from: its densities, its pressure, and its state to start
                 from. None for a pattern that was drawn: it is its own density.
             start: State to start from; None takes that of `like`.
@@ -272,7 +273,7 @@ class DesignProblem(Generic[R]):
             NoEquilibriumError: There is no equilibrium for this pattern.
         """
         begin = time.perf_counter()
-        projected = self.fields.with_passive(printed.astype(np.float64))
+        projected = self.fields.with_passive(np.asarray(printed, dtype=np.float64))
         density = filtered = projected
         if like is not None:
             density, filtered, near = like.density, like.filtered, like.equilibrium

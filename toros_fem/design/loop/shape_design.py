@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from typing import Self
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
@@ -163,6 +164,19 @@ class ShapeDesign(ShapeProblem):
             TorosError: A part of the objective does not fit the moved skin.
         """
         return self._with(self.case.on(pattern), self.regularisation)
+
+    def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
+        """Return the design whose mesh follows a print, with smoothed strains (collective).
+
+        Variants, width constraints and perimeter are left out: nothing is designed there.
+
+        Args:
+            regions: Print on each panel of the pattern, polygons in m.
+        """
+        plain = replace(
+            self.regularisation, width_tolerance=None, length_scale=None, perimeter_weight=None
+        )
+        return self._with(self.case.following(self.comm, regions).smoothed(), plain)
 
     def refined(self) -> ShapeDesign:
         """Return the same design on the refined pattern, with half of all lengths (collective).

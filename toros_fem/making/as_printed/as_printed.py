@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from toros_fem.design.loop.journal import Journal, kept_evaluation
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
     Panels,
@@ -32,8 +33,11 @@ from toros_fem.making.print.printability import (
     PrintLimits,
     printability,
     printed_cells,
+    printed_fractions,
 )
+from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import make_transfer
 
 # Smoothing length of contours, over the edge length of the mesh.
 SMOOTHING = 0.5
@@ -44,13 +48,13 @@ class PrintedDesign:
     """The print of a design and its simulation; that of the whole skin where a part is designed.
 
     Attributes:
-        pattern: The pattern that is printed on.
+        pattern: The pattern that is printed on; that of a design of densities follows the print.
         cleaned: Print on each panel, and what it was made of.
         limits: Limits of the printer.
         before: Printability of the contours.
         after: Printability of the print.
-        cells: Whether each triangle of the pattern is printed, (t,).
-        evaluation: The binary pattern, simulated; None without an equilibrium.
+        cells: Whether each triangle of the pattern is printed, (t,): whether its centroid is.
+        evaluation: The print, simulated, by its own problem; None without an equilibrium.
         failure: Reason for the missing equilibrium; empty if there is one.
     """
 
@@ -62,6 +66,12 @@ class PrintedDesign:
     cells: Bools
     evaluation: Evaluation | None
     failure: str
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Metrics of the print, by key; empty without an equilibrium (collective)."""
+        made = self.evaluation
+        return {} if made is None else made.problem.metrics_of(made.equilibrium)
 
     @property
     def contours(self) -> list[BaseGeometry]:
@@ -105,7 +115,9 @@ def as_printed(
     domain: Panels | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
+    """Threshold a design at η, clean, measure and simulate it (collective).
+
+    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains.
 
     Args:
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
@@ -133,6 +145,28 @@ def as_printed(
     return printed(problem, cleaning, limits, like=result.final, journal=journal)
 
 
+def followed(
+    problem: DesignProblem, like: Evaluation, regions: Sequence[BaseGeometry]
+) -> tuple[DesignProblem, Evaluation, Any]:
+    """Return a problem on a mesh that follows a print, a design there, and its state (collective).
+
+    Args:
+        problem: The design problem.
+        like: The design.
+        regions: Its print on each panel of the problem's own pattern, polygons in m.
+    """
+    assert isinstance(problem, ShapeDesign)
+    there = problem.for_print(regions)
+    skin, other = problem.skin, there.skin
+    fields = (like.density, like.filtered, like.projected)
+    density, filtered, projected = (skin.gather_cells(v)[other.owned_cells] for v in fields)
+    moved = replace(like, density=density, filtered=filtered, projected=projected)
+    near = make_transfer(skin.pattern, other.pattern).positions(
+        skin.gather_vertices(like.equilibrium.positions)
+    )
+    return there, moved, there.physics.state_at(near)
+
+
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
     """Check what a print is made of (collective).
 
@@ -156,12 +190,11 @@ def printed(
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Measure a print, and simulate it as a binary pattern (collective).
-
-    A triangle is printed if its centroid is.
+    """Measure a print, and simulate it (collective).
 
     Args:
-        problem: The design problem, on the mesh that is simulated.
+        problem: The design problem. What is `like` a `ShapeDesign` is simulated on a mesh that
+            follows the print, all else on the problem's own.
         cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
         like, start, pressure: As of `simulate_binary`.
         journal: Keeps the simulation; None keeps nothing.
@@ -180,10 +213,17 @@ def printed(
         return cleaned, before, after, printed_cells(pattern, cleaned.regions)
 
     cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
+    regions = on_first_rank(skin.comm, lambda: part_regions(skin.pattern, cleaned.regions))
+    if like is not None and isinstance(problem, ShapeDesign):
+        problem, like, start = followed(problem, like, regions)
+        skin = problem.skin
+        pattern = skin.pattern if problem.whole is None else problem.whole.pattern
+        cells = on_first_rank(skin.comm, lambda: printed_cells(pattern, cleaned.regions))
+    part = on_first_rank(skin.comm, lambda: printed_fractions(skin.pattern, regions))
 
     def simulate() -> Evaluation:
-        binary = cells[skin.owned_cells]
-        return problem.simulate_binary(binary, like, start=start, pressure=pressure)
+        own = part[skin.owned_cells]
+        return problem.simulate_binary(own, like, start=start, pressure=pressure)
 
     evaluation, failure = None, ""
     try:

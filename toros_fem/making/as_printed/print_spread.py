@@ -23,7 +23,7 @@ class PrintSpread:
     """Shapes of a print whose borders are off inwards and outwards.
 
     Attributes:
-        half: Half the way from the shape with wider lines to that with narrower ones, at owned
+        half: Half the way from the shape with wider lines to that with narrower ones, at all
             nodes, (n, 3), in m.
         metrics: Values of all metrics by key: with narrower, then with wider lines.
     """
@@ -41,7 +41,7 @@ class PrintSpread:
         return max((abs(low[k] - high[k]) / (2 * s) for k, s in scales.items()), default=0.0)
 
 
-def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) -> PrintSpread | None:
+def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     """Simulate a print with its borders moved (collective).
 
     The print is simulated on a mesh that follows its borders, whose vertices then move with them.
@@ -55,6 +55,8 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     made = printed.evaluation
     if made is None:
         return None
+    problem = made.problem
+    assert isinstance(problem, ShapeDesign)
     comm, part = problem.comm, problem.skin.pattern
     regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
     pattern = snapped(comm, part, regions)
@@ -70,7 +72,9 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     ) -> tuple[Floats, dict[str, float]]:
         skin = problem.on(on)
         found = skin.simulate_binary(
-            cells[skin.skin.owned_cells], start=skin.physics.state_at(near), pressure=pressures
+            cells[skin.skin.owned_cells].astype(np.float64),
+            start=skin.physics.state_at(near),
+            pressure=pressures,
         )
         return skin.physics.shape_of(found.equilibrium), skin.metrics_of(found.equilibrium)
 
@@ -85,5 +89,5 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
             metrics.append(values)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
-    half = np.asarray((shapes[0] - shapes[1]) / 2)[problem.skin.owned_vertices]
+    half = np.asarray((shapes[0] - shapes[1]) / 2)
     return PrintSpread(half, (metrics[0], metrics[1]))

@@ -10,10 +10,11 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_positive
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.widths import LocalWidth, measure_widths
+from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 
 # Number of samples in the smaller limit.
@@ -171,3 +172,20 @@ def printed_cells(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Bools:
         cells = pattern.panel == panel
         printed[cells] = shapely.contains_xy(region, pattern.centroids[cells])
     return printed
+
+
+def printed_fractions(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Floats:
+    """Return the part of the area of each triangle that is printed, (t,)."""
+    found = np.zeros(len(pattern.panel))
+    for panel, region in enumerate(regions):
+        cells = np.flatnonzero(pattern.panel == panel)
+        shapely.prepare(region)
+        triangles = shapely.polygons(pattern.corners[cells])
+        cut = np.flatnonzero(shapely.intersects(region, triangles))
+        inside = shapely.contains_properly(region, triangles[cut])
+        found[cells[cut[inside]]] = 1.0
+        cut = cut[~inside]
+        triangle, parts = cut_by_triangles(region, pattern.corners[cells[cut]])
+        areas = np.bincount(triangle, shapely.area(parts), minlength=len(cut))
+        found[cells[cut]] = np.minimum(areas / pattern.areas[cells[cut]], 1.0)
+    return found

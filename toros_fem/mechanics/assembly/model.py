@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -252,12 +252,13 @@ class SkinModel:
         """Return the first variation of E in N, zero at fixed components."""
         return self.variation(state) * self.free
 
-    def unsmoothed_residual(self, state: Floats) -> Floats:
-        """Return the residual of the sheet whose triangles have strains of their own, in N."""
+    @contextmanager
+    def unsmoothed(self, part: float = 1.0) -> Iterator[None]:
+        """Take a part of the smoothing of strains away within a `with`."""
         with ExitStack() as stack:
             for term in self.terms:
-                stack.enter_context(term.unsmoothed())
-            return self.residual(state)
+                stack.enter_context(term.unsmoothed(part))
+            yield
 
     def reaction(self, state: Floats) -> Floats:
         """Return the force in N by which the supports pull at the skin, zero at free components."""

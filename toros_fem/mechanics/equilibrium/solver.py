@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Unpack
 
+import numpy as np
+
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
@@ -45,6 +47,9 @@ from toros_fem.meshes.transfer import Refinement
 SAME_RESIDUAL = 10.0
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
+
+# Less of the smoothing of strains is not taken away, where more is not possible.
+LEAST_PART = 1 / 64
 
 
 class EquilibriumSolver:
@@ -355,6 +360,31 @@ class EquilibriumSolver:
                 "leave the friction out."
             )
         return solve_with_friction(model, factor, at.state, rhs, transposed=adjoint)
+
+    def unsmoothed_step(self, at: Equilibrium) -> Floats:
+        """Return Newton's first step from an equilibrium without its smoothed strains (collective).
+
+        Where strains leave the stretch bounds without smoothing, or the skin is not stable, the
+        step is that to less of smoothing, in proportion.
+
+        Args:
+            at: An equilibrium of this solver with smoothed strains.
+
+        Returns:
+            Owned unknowns.
+
+        Raises:
+            ParameterError: As of `tangent_at`.
+        """
+        self.tangent_at(at)
+        self.forget()
+        model, part = self.model, 1.0
+        while part > LEAST_PART:
+            with model.unsmoothed(part):
+                if model.admits(at.state) and self._newton.stable(at.state):
+                    return np.asarray(self._factor.solve(-model.residual(at.state)) / part)
+            part /= 2
+        return np.zeros_like(at.state)
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices (collective).

@@ -10,6 +10,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.readings.limit_shape import limit_shape
 
 P = TypeVar("P")
 
@@ -20,7 +21,7 @@ class TracePoint:
 
     Attributes:
         pressure: Pressure in Pa; one for each chamber if there are several.
-        positions: Positions of all assembled vertices in m, (n, 3).
+        positions: Positions of all assembled vertices in m, (n, 3), as of `limit_shape`.
         metrics: Values of the metrics, by key.
         result: The equilibrium.
         load_factor: Factor on the loads that act; 1 on a path by pressure.
@@ -51,7 +52,7 @@ def measured_point(
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin, several = solver.skin, len(result.pressures) > 1
     pressure = list(result.pressures) if several else result.pressure
-    positions = skin.gather_vertices(result.positions)
+    positions = limit_shape(solver, result).limit
     values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
     return TracePoint(pressure, positions, values, result)
 

@@ -48,4 +48,6 @@ def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     there = unfolded(flat, corner, neighbour, opposite)
     across = np.linalg.inv(np.stack([end - start, there - start], axis=3))
     flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
-    return Flaps(neighbour, np.where(alone & ~mirrored, 0.0, share), across, across @ own[:, None])
+    return Flaps(
+        flap, neighbour, np.where(alone & ~mirrored, 0.0, share), across, across @ own[:, None]
+    )

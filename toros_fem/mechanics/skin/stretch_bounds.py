@@ -116,7 +116,7 @@ class StretchBounds:
         collapsed = ~(small > COLLAPSED)
         if F.ndim == 3:
             return found, collapsed
-        return found.max(axis=1), collapsed.any(axis=0)  # of all thirds
+        return found.max(axis=1), np.asarray(collapsed.any(axis=0))  # of all thirds
 
     def _use(self, F: Floats, room: Floats | None = None) -> Floats:
         """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""

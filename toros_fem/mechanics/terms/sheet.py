@@ -93,12 +93,12 @@ class Sheet(Term):
 
     @override
     @contextmanager
-    def unsmoothed(self) -> Iterator[None]:
+    def unsmoothed(self, part: float) -> Iterator[None]:
         if self.flaps is None:
             yield
             return
         shares = self.flaps.share
-        self._share(0 * shares)
+        self._share((1 - part) * shares)
         try:
             yield
         finally:

@@ -90,8 +90,8 @@ class Term(EnergyTerm):
         """Return why a state can be no start, as a sentence; None where it can."""
         return None
 
-    def unsmoothed(self) -> AbstractContextManager[None]:
-        """Let triangles have strains of their own within a `with`, where they are smoothed."""
+    def unsmoothed(self, part: float) -> AbstractContextManager[None]:
+        """Take a part of the smoothing of strains away within a `with`, where they are smoothed."""
         return nullcontext()
 
     def moduli(self, design: Densities) -> Floats | float:

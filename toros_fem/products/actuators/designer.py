@@ -27,11 +27,7 @@ from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
-from toros_fem.products.actuators.estimates import (
-    MetricErrors,
-    errors_by_refinement,
-    errors_of_lines,
-)
+from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Search
@@ -286,7 +282,11 @@ class Designer(Job):
             if last.spread is not None:
                 seen = [variant.positions for variant in last.result.final.variants]
                 assert asking.robust is not None
-                asking = asking.changed(robust=asking.robust.corrected(last.spread.half, *seen))
+                asking = asking.changed(
+                    robust=asking.robust.corrected(
+                        last.spread.half[problem.skin.owned_vertices], *seen
+                    )
+                )
             found = optimize(
                 asking,
                 scene.design.finer_options,
@@ -331,7 +331,7 @@ class Designer(Job):
             printed,
             metrics,
             config=scene,
-            shape=shape_of(_problem(result), printed.evaluation),
+            shape=shape_of(printed.evaluation),
             tolerances=scene.results.tolerances,
         )
         found = self._write(ActuatorResult(made, search, corrections=scene.design.corrections))
@@ -343,7 +343,7 @@ class Designer(Job):
                 made = replace(made, intervals=errors.intervals)
             found = replace(found, made=made, errors=errors)
         self._check()
-        curve = write_curve(folder, made.problem, printed, scene.results, scene.MEASURED)
+        curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
@@ -374,14 +374,15 @@ class Designer(Job):
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:
         """Return the errors of the metrics of a print; None without an equilibrium."""
-        problem, made, lines = found.made.problem, found.made.printed.evaluation, found.search.lines
-        if found.search.laid and lines is not None:
-            return errors_of_lines(self, lines, found.made.shape)
+        made = found.made.printed.evaluation
         if made is None:
             return None
-        more = list(found.made.shape)
-        measures = dict(zip(more, quantities_of(problem, more), strict=True))
-        return errors_by_refinement(problem.solver, made.equilibrium, problem.metrics, measures)
+        problem = made.problem
+        assert isinstance(problem, ShapeDesign)
+        keys = list(found.made.shape)
+        measures = {metric.key: metric.measure for metric in problem.metrics}
+        measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
+        return metric_errors(problem.solver, made.equilibrium, measures)
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:
@@ -447,11 +448,9 @@ def _problem(result: DesignResult) -> ShapeDesign:
 
 def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedDesign) -> Attempt:
     """Return a design with the metrics of its print and, of a robust one, the spread."""
-    problem, made = _problem(result), printed.evaluation
-    metrics = {} if made is None else problem.metrics_of(made.equilibrium)
-    spread = None
+    problem, metrics, spread = _problem(result), printed.metrics, None
     if problem.robust is not None:
-        spread = print_spread(problem, printed, problem.robust.tolerance.offset)
+        spread = print_spread(printed, problem.robust.tolerance.offset)
     return Attempt(asked, metrics, result, printed, spread)
 
 

@@ -46,8 +46,7 @@ class LinePrint:
     @property
     def metrics(self) -> dict[str, float]:
         """Metrics of the print, by key; empty without an equilibrium."""
-        made = self.printed.evaluation
-        return {} if made is None else self.problem.metrics_of(made.equilibrium)
+        return self.printed.metrics
 
     @property
     def shape(self) -> Shape:
@@ -82,7 +81,7 @@ def print_of_lines(
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(job.comm, cleaning)
-    fine = case.following(job.comm, regions)
+    fine = case.following(job.comm, regions).smoothed()
     problem = job.problem(fine, level)
     made = printed(
         problem,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, write_table
@@ -166,8 +167,8 @@ class CurveFigures:
 
 
 def write_curve(
+    comm: MPI.Comm,
     folder: Path,
-    problem: ShapeProblem,
     printed: PrintedDesign,
     config: Results,
     measured: Sequence[Measurement] = (),
@@ -177,8 +178,8 @@ def write_curve(
     None if the configuration leaves the curve out.
 
     Args:
+        comm: Communicator.
         folder: Output folder, made if missing.
-        problem: The design problem.
         printed: The printed pattern.
         config: Largest pressure and number of steps.
         measured: Measured values; those of metrics with the same target are compared.
@@ -191,7 +192,10 @@ def write_curve(
     if printed.evaluation is None:
         return CurveFigures(printed.failure)
     begin = time.perf_counter()
-    made, whole = printed.evaluation, problem.whole
+    made = printed.evaluation
+    problem = made.problem
+    assert isinstance(problem, ShapeProblem)
+    whole = problem.whole
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
     curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
@@ -210,7 +214,7 @@ def write_curve(
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", skin, curve.points, whole)
 
-    guarded(problem.comm, folder, write)
+    guarded(comm, folder, write)
     return CurveFigures(
         None,
         rows[0]["pressure_pa"],

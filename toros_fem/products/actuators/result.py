@@ -143,8 +143,7 @@ class ActuatorResult(RunResult):
             laid = len(self.search.lines.rounds)
             words = [figure.words for figure in self.made.metric_figures]
             told = self.made.told(words, f"lines laid {laid} times")
-        doubt = "" if self.errors is None else self.errors.words
         tried = "" if self.trial is None else self.trial.words
         start = f"from a {self.search.start} start, seed {self.search.seed}"
-        rest = "; ".join(filter(None, (told, start, doubt, tried)))
+        rest = "; ".join(filter(None, (told, start, tried)))
         return sentence_of(self.figures, self.binding, rest)

@@ -38,8 +38,6 @@ from toros_fem.results.result import RunResult
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
 DENSITY_FILTER_EDGES = 1.5
-# Least ratio of edge lengths of two meshes whose difference tells an error.
-COARSER = 1.15
 
 
 @dataclass(frozen=True)
@@ -322,24 +320,6 @@ class ActuatorScene(Scene):
                 width_tolerance=design.robust_against,
             ),
         )
-
-    def coarser_print_level(self) -> tuple[float, Level]:
-        """Return how much longer edges of the print's mesh can be, at most 2 times, and that mesh.
-
-        Edges are no longer than lines are wide.
-
-        Raises:
-            ParameterError: They are nearly as long as lines are wide already.
-        """
-        given = self.lines.print_edge_length
-        ratio = min(2.0, min(self.laid_widths) / given)
-        if ratio < COARSER:
-            raise ParameterError(
-                f"print_edge_length = {given} m is so near to the width of the lines, "
-                f"{min(self.laid_widths)} m, that there is no coarser mesh to compare with. Give "
-                "shorter edges."
-            )
-        return ratio, self._of_lines(ratio * given)
 
     @property
     def density_options(self) -> DesignOptions:

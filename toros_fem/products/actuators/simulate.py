@@ -12,7 +12,12 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
+from toros_fem.making.print.print_file import NAME as PRINT
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -22,7 +27,7 @@ from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import MetricErrors, errors_by_refinement
+from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import RunResult, write_summary
@@ -85,8 +90,9 @@ def simulate_actuator(
         output: Folder for the results.
         scene: What to simulate; the finest of its meshes is taken.
         pattern: Output folder of a design, or the pattern file in it. On the mesh of that design
-            the simulation is that of its print. On another mesh a triangle is printed where at
-            least half of it is. None: only what is always printed is.
+            the simulation is that of its print. A mesh of the scene follows the polygons of a
+            folder; of a file alone, a triangle of another mesh is printed where at least half of it
+            is. None: only what is always printed is.
         verbose: Whether to print every Newton step.
 
     Raises:
@@ -101,11 +107,13 @@ def simulate_actuator(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
         )
     made, density = _printed(comm, scene, pattern)
+    made = made.smoothed()
     skin = sew(comm, made.pattern)
     log = print_step(comm) if verbose else None
+    assert made.composite is not None
     solver = EquilibriumSolver(
         skin,
-        scene.material.composite,
+        made.composite,
         made.supports,
         log=log,
         chambers=made.chambers,
@@ -135,7 +143,8 @@ def simulate_actuator(
     write_pressure_path(comm, output, path)
     errors = None
     if scene.results.estimate_error:
-        errors = errors_by_refinement(solver, points[-1].result, made.judged)
+        measures = {metric.key: metric.measure for metric in made.judged}
+        errors = metric_errors(solver, points[-1].result, measures)
     where = None if pattern is None else str(pattern)
     found = SimulationResult(path, where, failure, errors)
     write_summary(comm, output, found)
@@ -154,18 +163,28 @@ def _printed(
         return made, np.nan_to_num(passive, nan=0.0)
     path = Path(pattern)
     source, printed = read_print(comm, path / NAME if path.is_dir() else path)
-    density = printed.astype(np.float64)
-    if _same(source, made.pattern):
-        return replace(made, pattern=source), density
-    if scene.design.start == "relaxed":  # the mesh of laid lines, whose edges follow them
-        fine = scene.case(comm, scene.print_level)
-        if _same(source, fine.pattern):
-            return replace(fine, pattern=source), density
+    stored = None
+    if path.is_dir() and on_first_rank(comm, (path / PRINT).exists):
+        stored = read_print_polygons(comm, path)
+    if stored is not None and scene.design.start == "relaxed":
+        made = scene.case(comm, scene.print_level)
     try:
-        transfer = make_transfer(source, made.pattern)
+        if stored is None:
+            transfer = make_transfer(source, made.pattern)
+            if _same(source, made.pattern):
+                return replace(made, pattern=source), printed.astype(np.float64)
+            return made, (transfer.at_cells(printed.astype(np.float64)) >= 0.5).astype(np.float64)
+        regions = part_regions(
+            made.pattern, regions_on(stored.pattern, stored.regions, _whole(made))
+        )
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
-    return made, (transfer.at_cells(density) >= 0.5).astype(np.float64)
+    fine = made.following(comm, regions)
+    return fine, on_first_rank(comm, lambda: printed_fractions(fine.pattern, regions))
+
+
+def _whole(case: Case) -> Pattern:
+    return case.pattern if case.whole is None else case.whole.pattern
 
 
 def _same(one: Pattern, other: Pattern) -> bool:

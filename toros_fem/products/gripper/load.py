@@ -241,15 +241,18 @@ def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
 
 def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResult) -> Lifted:
     """Let the printed gripper lift its object, and the initial design too (collective)."""
-    problem, printed = design.problem, design.printed
+    designed, printed = design.problem, design.printed
+    assert isinstance(designed, ShapeDesign)
+    shown = printed.evaluation or design.design.final
+    problem = shown.problem
     assert isinstance(problem, ShapeDesign)
     assert problem.whole is not None
-    shown = printed.evaluation or design.design.final
-    drawn = problem.fields.start(design.search.seed)
-    _, initial = problem.fields.forward(problem.fields.with_passive(drawn))
+    drawn = designed.fields.start(design.search.seed)
+    _, initial = designed.fields.forward(designed.fields.with_passive(drawn))
     grip, pressures, pulls = grip_of(comm, problem, scene), shown.equilibrium.pressures, {}
     for name, owned in (("initial design", initial), ("as printed", shown.projected)):
-        density, start = problem.skin.gather_cells(owned), None
+        of = problem if owned is shown.projected else designed
+        density, start = of.skin.gather_cells(owned), None
         if grip.finger is None:
             density = np.tile(problem.whole.at_cells(density), scene.fingers)
         elif owned is shown.projected:  # a finger may have several equilibria: this one is known

@@ -414,20 +414,6 @@ class OwnMeshScene(ActuatorScene):
         """The finest mesh, for the print of lines too."""
         return self._lines_on(self.skin.refinements)
 
-    def coarser_print_level(self) -> tuple[float, Level]:
-        """Return 2, and the mesh that was refined once less.
-
-        Raises:
-            ParameterError: The mesh is that of the file.
-        """
-        times = self.skin.refinements
-        if times == 0:
-            raise ParameterError(
-                "the print is simulated on the mesh of the file, and there is no coarser one to "
-                "compare with. Set refinements = 1, or give a coarser file and refine it."
-            )
-        return 2.0, self._lines_on(times - 1)
-
     def require_fine_print(self) -> None:
         """Check that the finest mesh is fine enough for the lines that are laid.
 

@@ -168,7 +168,7 @@ class _Study:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            cells[skin.owned_cells], start=start, pressure=drawn.pressure
+            cells[skin.owned_cells].astype(float), start=start, pressure=drawn.pressure
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections
@@ -280,8 +280,11 @@ class WalkerScene(ActuatorScene):
         phases = PHASES[self.contact.feet].astype(np.float64)
         gait = Gait(CHAMBERS, phases, self.results.gait_steps)
         # The triangles and vertices of the half come first, as in the whole that is printed.
-        half = mirrored(made.problem.skin.pattern, (0,)).pattern
-        found, failure = self.follow(comm, gait, half, printed.cells, full)
+        skin = shown.problem.skin
+        quarter = skin.gather_cells(shown.projected)
+        half = mirrored(skin.pattern, (0,))
+        density = half.at_cells(quarter)
+        found, failure = self.follow(comm, gait, half.pattern, density, full)
         if found is None:
             return GaitFigures(CHAMBERS, tuple(full), failure)
         measured = MEASURED_STRIDE if self.target.motion == "crawl" else None
@@ -293,7 +296,7 @@ class WalkerScene(ActuatorScene):
         comm: MPI.Comm,
         gait: Gait,
         half: Pattern,
-        printed: Bools,
+        density: Floats,
         pressures: Sequence[float],
     ) -> tuple[Walk | None, str]:
         """Simulate half of a robot on the ground through one cycle of a gait (collective).
@@ -305,7 +308,7 @@ class WalkerScene(ActuatorScene):
             comm: Communicator.
             gait: The cycle.
             half: Half of the robot, at y ≥ 0.
-            printed: Whether each triangle of the whole, or of the half, is printed, (t,).
+            density: Printed part of each triangle of the half, (t,).
             pressures: Full pressure of each chamber in Pa, (3,).
 
         Returns:
@@ -315,9 +318,10 @@ class WalkerScene(ActuatorScene):
         skin, supports, sheets = sew(comm, half), symmetry_plane(half, 1), self.material
         sizes = self.contact_on(half, 0.0).sizes(sheets.composite)
         start, height = flat_on_ground(comm, half, supports, sizes)
+        membrane = replace(sheets.composite.membrane, strain="smoothed")
         solver = EquilibriumSolver(
             skin,
-            sheets.composite,
+            replace(sheets.composite, membrane=membrane),
             supports,
             chambers=chambers(half, self.star),
             weight=Weight(sheets.fabric_mass, sheets.fabric_mass + sheets.print_mass),
@@ -328,10 +332,9 @@ class WalkerScene(ActuatorScene):
             for k, leg in enumerate(self.legs)
             if self.star.directions[k, 1] > 0
         ]
-        density = printed[: len(half.triangles)].astype(np.float64)[skin.owned_cells]
         levels = [[*map(float, row)] for row in np.asarray(pressures) * gait.pressure_fractions]
         points, failure = until_failure(
-            trace(solver, density, levels, legs, start[skin.owned_vertices])
+            trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
         )
         if not points:
             return None, failure
