@@ -10,6 +10,7 @@ from PIL import Image
 
 from benchmarks.bench import ROWS, read
 from benchmarks.figures import figure_of
+from toros_fem.measures.miss import is_of_shape
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -53,7 +54,8 @@ def test_a_picture_tells_run_and_figures_of_the_table(picture: str) -> None:
         for row in read(ROWS / "figures.csv")
         if (row.case, row.variant) == (run, MAKER.SIZE) and "." not in row.figure
     ]
-    figures = [figure_of(row) for row in rows if row.reference is not None]
+    asked = [figure_of(row) for row in rows if row.reference is not None]
+    figures = [figure for figure in asked if not is_of_shape(figure)]
     words = [figure.words for figure in figures] or [figure_of(row).words for row in rows]
     assert words
     if figures:

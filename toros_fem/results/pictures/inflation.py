@@ -73,7 +73,7 @@ def draw_inflation(
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
     tip = moves >= np.quantile(moves, TIP)
     placed, end = [x + k * step for k, x in enumerate(placed)], (len(placed) - 1) * step
-    last, target = placed[-1], drawn.skin.target
+    last, target = placed[-1], drawn.skin.wanted(placed[-1] - end)
     skins = [drawn.surfaces(x) for x in placed]
     beside = [replace(body, points=body.points + end) for body in skins[-1][1:]]
     others = [body.points for body in beside] + ([] if target is None else [target + end])
