@@ -102,5 +102,18 @@ def test_tracks_show_the_stride_to_scale(tmp_path: Path) -> None:
     assert [a - b for a, b in ends] == pytest.approx([20.0, 15.0])
 
 
+def test_feet_of_a_mirror_image_have_one_name_and_colour() -> None:
+    """Their paths coincide within a numerical error, here across a border of rounded numbers."""
+    t = np.linspace(0, 1, 7)
+    path = np.stack([0.04445 * t, 0 * t, 0.005 * np.sin(9 * t)], 1)
+    feet = np.stack([path, path + [0.1, 0, 0], path - 2e-6], 1)
+    figure = Page(figsize=(8, 4.5))
+    draw_tracks(figure, feet, 3)
+    assert words(figure) == ["feet 0, 2", "foot 1"]
+    colours = [line.get_color() for line in figure.axes[0].lines]
+    assert colours[:3] == colours[6:]
+    assert colours[0] != colours[3]
+
+
 def test_bars_have_round_lengths() -> None:
     assert [bar_length(span) for span in (100, 150, 340, 12, 0.9)] == [10, 20, 50, 1, 0.1]

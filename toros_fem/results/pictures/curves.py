@@ -239,16 +239,18 @@ def draw_tracks(
         "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm",
     )
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
-    colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
-    for k, colour in zip(range(feet.shape[1]), colours, strict=False):
+    for k in range(feet.shape[1]):
         x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+        place = float(x.max()), float(z[x.argmax()])
+        near = SAME * 1e3 * float(np.ptp(feet))
+        place = next((at for at in named if np.abs(np.subtract(at, place)).max() < near), place)
+        colour = (DARK, SECOND, SOFT, ACCENT)[len(named) % 4]
+        of_place, colour = named.setdefault(place, ([], colour))
+        of_place.append(f"{k}")
         axes.plot(x, z, color=colour)
         axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
         axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
-        place = float(x.max()), float(z[x.argmax()])
-        same = (at for at in named if max(abs(np.subtract(at, place))) < SAME * np.ptp(feet) * 1e3)
-        named.setdefault(next(same, place), ([], colour))[0].append(f"{k}")
     for place, (feet_there, colour) in named.items():  # those of a mirror image coincide
         word = "feet" if len(feet_there) > 1 else "foot"
         _name(axes, place, f"{word} {', '.join(feet_there)}", colour)
