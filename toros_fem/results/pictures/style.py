@@ -150,7 +150,7 @@ def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
 def bar_below(axes: Axes) -> None:
     """Draw a bar of the scale below what axes in mm show."""
     low, high = axes.get_ylim()
-    figure = axes.get_figure()
+    figure = axes.get_figure(root=True)
     assert figure is not None
     points = 72 * figure.get_figheight() * axes.get_position().height
     axes.set_ylim(low - max(0.12, BAR_ROOM / points) * (high - low), high)

@@ -66,7 +66,7 @@ def write_words(
         distances: Distances from its point at which each is tried, in points.
         sides: Sides of its point at which each is tried, 1 to the right or above.
     """
-    figure = axes.get_figure()
+    figure = axes.get_figure(root=True)
     assert figure is not None
     pixels = figure.dpi / 72
     axes.autoscale_view()
@@ -83,7 +83,7 @@ def write_words(
                 corner = at + distance * side * [1.0, 0.7] + extent * (side - 1) / 2
                 one, other = corner - ROOM, corner + extent + ROOM
                 hits = int(np.all((covered > one) & (covered < other), axis=1).sum())
-                hits += SAMPLES * sum(np.all((one < b) & (a < other)) for a, b in taken)
+                hits += SAMPLES * sum(bool(np.all((one < b) & (a < other))) for a, b in taken)
                 hits += SAMPLES * bool(np.any(one < low) or np.any(other > high))
                 places.append((hits, corner))
         _, corner = min(places, key=lambda place: place[0])
