@@ -162,3 +162,18 @@ def test_rounding_ends_a_solve_with_few_steps() -> None:
     assert result.converged
     assert 1e-10 < result.residual < 1e-7
     assert result.steps <= 40
+
+
+def test_rounding_does_not_hide_a_step_that_moves_something() -> None:
+    """Slivers and a stiff helix: the residual before the last step is twice its rounding."""
+    stage = Stage("slivers")
+    request = Request("slivers", "helix", 1e4, 5e3)
+    solver = stage.solver(1e4)
+    result = solver.solve(stage.density(request), request.load)
+    assert 1e-9 < result.residual < 1e-7
+    left = solver._newton.direction(result.state, solver.model.residual(result.state))
+    assert np.abs(left).max() < 1e-11 * stage.scene.skin.pattern.size
+    assert result.history[-1].kind == "end", "and the tangent there is factorised"
+    newton, end = result.history[-2:]
+    assert (newton.kind, newton.step) == ("newton", 1.0)
+    assert end.residual < newton.residual

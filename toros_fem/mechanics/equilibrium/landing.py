@@ -73,11 +73,14 @@ class Landing:
         moved = not at.points.same(found.state, base.state)
         fraction = at.cap * self._part(found) if moved else 0.0
         whole = fraction == 1.0 and at.exact
-        if self._stuck(found.size if fraction == 1.0 else np.inf):
+        stuck = self._stuck(found.size if fraction == 1.0 else np.inf)
+        if stuck and not self._nearer(found):
             at.proven = True  # K is factorised there, unshifted
             at.record("end", 0.0)
             return int(Reason.CONVERGED_SNORM_RELATIVE), base
         at.record(at.kind, fraction)
+        if stuck:
+            return self._taken(found), found
         if not moved:
             return self._refused(), base
         new = found
@@ -158,6 +161,25 @@ class Landing:
             return False
         small = at.longest <= RESOLVED * at.model.skin.pattern.size
         return small and at.base.size <= at.force_rounding()
+
+    def _nearer(self, found: Point) -> bool:
+        """Return whether Newton's last step is worth a factorisation, though rounding is near.
+
+        Where a mode is soft, a state whose residual is hardly above its rounding may be far from
+        the equilibrium. With friction the residual after the step is not known yet.
+        """
+        at = self.at
+        far = at.longest > at.tolerance * at.model.skin.pattern.size
+        return far and found.size < at.base.size and not at.model.slides
+
+    def _taken(self, found: Point) -> int | None:
+        """Return why the solve ends after Newton's last step; None if it leads to a saddle."""
+        at = self.at
+        at.base, at.proven = found, at.stable(found.state)
+        if not at.proven:
+            return None
+        at.record("end", 0.0)
+        return int(Reason.CONVERGED_SNORM_RELATIVE)
 
     def _correct(self, old: Point, new: Point, fraction: float) -> Point:
         """Solve for the residual beyond its linear prediction: the second-order correction."""
