@@ -33,11 +33,13 @@ docs:
 	$(FENICSX) python3 -m sphinx -q --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
 	@echo "the site is in build/docs: open build/docs/index.html"
 
-# All pictures of README, demos and docs, from the coarse scenes: about 35 minutes of one core.
+# All pictures of README, demos and docs, from the coarse scenes: about 45 minutes of one core.
 pictures:
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 -m benchmarks figures --only coarse --rows output/figures.csv
 	$(FENICSX) python3 -m benchmarks figures --rows output/figures.csv --page
+	$(FENICSX) env OMP_NUM_THREADS=1 python3 demos/three_field.py --coarse
 	$(FENICSX) python3 docs/copy_pictures.py
+	$(FENICSX) env OMP_NUM_THREADS=1 python3 docs/draw_pictures.py
 
 env:
 	$(FENICSX)

@@ -131,8 +131,9 @@ def run(
     def draw() -> None:
         named = {name: (name, *rest) for name, *rest in prints}
         draw_prints(output / "three_field.png", pattern, prints)
-        draw_prints(output / "fig5.png", pattern, [named[name] for name in WITHOUT_AND_WITH])
-        draw_fields(output / "fig4.png", pattern, fields)
+        chosen = [named[name] for name in WITHOUT_AND_WITH]
+        draw_prints(output / "fig5.png", pattern, chosen, border_told(rows))
+        draw_fields(output / "fig4.png", pattern, fields, grey_told(rows))
 
     def write() -> None:
         write_json(output / "three_field.json", content)
@@ -141,51 +142,81 @@ def run(
     guarded(comm, output, write)
 
 
+def border_told(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return how long the borders are without and with the perimeter term."""
+    without, term = ({r["variant"]: r["border_mm"] / 1e3 for r in rows}[name]
+                     for name in WITHOUT_AND_WITH[:2])  # fmt: skip
+    return f"{without:.2f} m of border without the perimeter term, {term:.2f} m with it"
+
+
+def grey_told(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return how grey the designs are."""
+    grey = {r["variant"]: r["grey_level"] for r in rows}
+    return (
+        f"Grey level {grey['no filter']:.2f} without a filter, {grey['filter only']:.2f} with it, "
+        f"{grey['projection']:.2f} with the projection"
+    )
+
+
 def draw_prints(
-    path: Path, pattern: Pattern, prints: Sequence[tuple[str, BaseGeometry, str]]
+    path: Path, pattern: Pattern, prints: Sequence[tuple[str, BaseGeometry, str]], title: str = ""
 ) -> None:
     """Draw the print of each variant on the wall, with its name above and a caption below."""
     from toros_fem.results.pictures.style import DARK, EDGE, FABRIC, SOFT, fill, page
 
     outline, width = pattern.outline(pattern.panel_index("wall")), 0.98 / len(prints)
-    with page(path, size=(8.0, 8.0 * min(1.0, 2.2 * width + 0.2))) as figure:
+    left, bottom, right, top = outline.bounds
+    # In inches: the wall in its shape, a title and names above, and a caption below.
+    wall, foot = 8 * 0.92 * width * (top - bottom) / (right - left), 1.1
+    head = 0.7 if title else 0.35
+    height = wall + head + foot
+    with page(path, title, (8.0, height)) as figure:
         for k, (name, region, words) in enumerate(prints):
-            axes = figure.add_axes((0.01 + k * width, 0.22, 0.94 * width, 0.68))
+            box = (0.01 + (k + 0.04) * width, foot / height, 0.92 * width, wall / height)
+            axes = figure.add_axes(box)
             axes.set_axis_off()
             fill(axes, outline, FABRIC, EDGE)
             fill(axes, region, DARK)
-            axes.set_aspect("equal")
-            axes.autoscale_view()
-            axes.set_title(name)
-            figure.text(0.01 + (k + 0.5) * width, 0.20, words, fontsize=8, color=SOFT,
-                        ha="center", va="top", linespacing=1.5)  # fmt: skip
+            axes.set(aspect="equal", xlim=(1e3 * left, 1e3 * right), ylim=(1e3 * bottom, 1e3 * top))
+            axes.set_title(name, pad=5)
+            figure.text(0.01 + (k + 0.5) * width, (foot - 0.08) / height, words, fontsize=8,
+                        color=SOFT, ha="center", va="top", linespacing=1.4)  # fmt: skip
 
 
 def draw_fields(
-    path: Path, pattern: Pattern, designs: Sequence[tuple[str, Mapping[str, Floats]]]
+    path: Path,
+    pattern: Pattern,
+    designs: Sequence[tuple[str, Mapping[str, Floats]]],
+    title: str = "",
 ) -> None:
     """Draw the density fields of each design on the wall, from white (0) to black (1)."""
-    from toros_fem.results.pictures.style import page
+    from toros_fem.results.pictures.style import SOFT, page
 
     cells = pattern.cells_of("wall")
+    left, bottom, right, top = pattern.outline(pattern.panel_index("wall")).bounds
     columns = len(designs[0][1]) * IN_A_ROW
     down = -(-len(designs) // IN_A_ROW)
-    width, height = 0.98 / columns, 0.97 / down
-    with page(path, size=(8.0, 2.4 * down)) as figure:
+    width, head = 0.98 / columns, 0.55
+    wall = 8 * 0.90 * width * (top - bottom) / (right - left)
+    height = 0.35 + down * (wall + head) + 0.1
+    with page(path, title, (8.0, height)) as figure:
         for k, (name, fields) in enumerate(designs):
-            left = 0.01 + (k % IN_A_ROW) * len(fields) * width
-            low = 0.98 - (k // IN_A_ROW + 1) * height
-            figure.text(left + len(fields) * width / 2, low + 0.94 * height, name, ha="center")
+            start = 0.01 + (k % IN_A_ROW) * len(fields) * width
+            low = height - 0.35 - (k // IN_A_ROW + 1) * (wall + head)
+            middle = start + len(fields) * width / 2
+            figure.text(middle, (low + wall + 0.26) / height, name, ha="center")
             for i, (field, values) in enumerate(fields.items()):
-                box = (left + i * width, low + 0.01 * height, 0.92 * width, 0.80 * height)
+                box = (start + (i + 0.05) * width, low / height, 0.90 * width, wall / height)
                 axes = figure.add_axes(box)
-                axes.set_axis_off()
-                axes.set_title(field, pad=2)
+                axes.set(xticks=[], yticks=[])
+                axes.spines[:].set(visible=True, color=SOFT, linewidth=0.5)
+                axes.set_title(field, pad=3)
                 axes.tripcolor(
                     *(1e3 * pattern.flat_points.T), pattern.flat_triangles[cells],
                     facecolors=values[cells], cmap="gray_r", vmin=0, vmax=1,
                 )  # fmt: skip
-                axes.set_aspect("equal")
+                axes.set(aspect="equal", xlim=(1e3 * left, 1e3 * right),
+                         ylim=(1e3 * bottom, 1e3 * top))  # fmt: skip
 
 
 def row(name: str, found: PrintedResult) -> dict[str, Any]:
@@ -221,8 +252,8 @@ def caption(r: dict[str, Any]) -> str:
     return (
         f"T {r['shape_designed']:.1e} → {number(r['shape_printed'], '.1e')}\n"
         f"{r['angle_designed_deg']:.0f}° → {number(r['angle_printed_deg'], '.0f')}° printed\n"
-        f"grey {r['grey_level']:.3f}, islands {r['islands']}\n"
-        f"line ≥ {number(r['smallest_width_mm'])} mm, border {r['border_mm'] / 1e3:.2f} m"
+        f"grey {r['grey_level']:.3f}\nislands {r['islands']}\n"
+        f"line ≥ {number(r['smallest_width_mm'])} mm\nborder {r['border_mm'] / 1e3:.2f} m"
     )
 
 

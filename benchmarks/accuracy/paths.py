@@ -25,11 +25,18 @@ from benchmarks.accuracy.snapping import (
 )
 from benchmarks.accuracy.tubes import RADIUS
 from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
+from toros_fem.base.array_types import Floats
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.limit_points import limit_points
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.load import Load
+
+ROOF_OPTIONS = ArcLengthOptions(first=0.01, lowest=None, highest=1.0, largest_increment=0.05)
+TUBE_OPTIONS = ArcLengthOptions(first=0.3, lowest=1.2, highest=None)
+LID_OPTIONS = ArcLengthOptions(
+    first=0.0, first_increment=0.01, lowest=None, highest=0.4, largest_movement=0.01
+)
 
 
 def follow(scene: Scene, options: ArcLengthOptions) -> tuple[list[TracePoint], list[float], float]:
@@ -51,18 +58,22 @@ def limits(case: str, variant: str, size: int, unit: str, found: list[float]) ->
         yield Row(case, variant, f"{size}", f"limit {number}", value, unit)
 
 
+def published_roof() -> Floats:
+    """Return published load factors and deflections in mm of the thick roof, (n, 2)."""
+    rows = rows_where("sze38_hinged_roof")
+    return np.array([[float(word) for word in row.values()] for row in rows])
+
+
 def roof_path(thickness: float, count: int) -> Iterator[Row]:
     """Follow the roof; the published deflections are met at loads that differ by the error."""
     place = ("path-roof", f"{1e3 * thickness:g} mm", f"{count}")
     scene, top = roof(count, thickness)
-    options = ArcLengthOptions(first=0.01, lowest=None, highest=1.0, largest_increment=0.05)
-    points, turns, seconds = follow(scene, options)
+    points, turns, seconds = follow(scene, ROOF_OPTIONS)
     yield from limits(*place[:2], count, "N", [ROOF_LOAD * turn for turn in turns])
     if thickness == ROOF_THICKNESSES[0]:
         down = [-1e3 * point.positions[top, 2] for point in points]
         factor = [point.load_factor for point in points]
-        rows = rows_where("sze38_hinged_roof")
-        known = np.array([[float(word) for word in row.values()] for row in rows])
+        known = published_roof()
         # On the rising branch the deflection is a function of the load; the other way is as good.
         rising = int(np.argmax(factor)) + 2
         load = np.interp(known[:, 1], down[:rising], factor[:rising])
@@ -74,8 +85,7 @@ def tube_path(sides: int) -> Iterator[Row]:
     """Follow the tube: its limit pressure, and the hoop stretches of its bulge."""
     place = ("path-tube", "", f"{sides}")
     scene = unbounded_tube(sides)
-    options = ArcLengthOptions(first=0.3, lowest=1.2, highest=None)
-    points, turns, seconds = follow(scene, options)
+    points, turns, seconds = follow(scene, TUBE_OPTIONS)
     polygon = np.cos(np.pi / sides)
     homogeneous = entry("stvk_limit_pressures", "Pmax_Pa", mat="A") / polygon
     yield Row(*place, "limit 1", 1e3 * turns[0], "Pa", float(homogeneous), seconds)
@@ -91,10 +101,7 @@ def tube_path(sides: int) -> Iterator[Row]:
 def lid_path(count: int) -> Iterator[Row]:
     """Follow the lid, which pops out and stays so without pressure."""
     scene, _ = lid(count)
-    options = ArcLengthOptions(
-        first=0.0, first_increment=0.01, lowest=None, highest=0.4, largest_movement=0.01
-    )
-    _, turns, _ = follow(scene, options)
+    _, turns, _ = follow(scene, LID_OPTIONS)
     yield from limits("path-lid", "", count, "Pa", [1e3 * turn for turn in turns])
 
 

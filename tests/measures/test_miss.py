@@ -64,6 +64,22 @@ def test_a_body_as_wide_as_long_is_compared_by_points(pattern: Pattern) -> None:
     }
 
 
+def test_a_mesh_too_coarse_for_sections_is_compared_by_points() -> None:
+    """A strip of two triangles has no cross-section of three vertices."""
+    corners = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.01], [0.0, 0.01]])
+    strip = Pattern(
+        flat_points=corners,
+        flat_triangles=np.array([[0, 1, 2], [0, 2, 3]]),
+        panel=np.zeros(2, dtype=int),
+        sewn=np.arange(4),
+        points=np.column_stack([corners, np.zeros(4)]),
+        panel_names=("strip",),
+    )
+    found = miss_of(strip, strip.points + [0.0, 0.0, 1e-3], strip.points)
+    assert not found.by_sections
+    assert found.rms == pytest.approx(1e-3)
+
+
 @pytest.mark.parametrize(
     ("axis", "angle", "in_plane", "lean"), [(1, 8.0, -8.0, 0.0), (2, 8.0, 0.0, 8.0)]
 )

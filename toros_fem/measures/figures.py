@@ -212,8 +212,8 @@ class Figure:
     def words(self) -> str:
         """Name, value and target, such as "angle 178.81 ± 0.47° of 180°"; of 0, its tolerance."""
         of = "" if self.target is None else f" of {formatted(self.target, self.unit)}"
-        if self.target == 0:
-            of = "" if self.tolerance is None else f" ({self.asked})"
+        if self.target == 0 and self.tolerance is not None:
+            of = f" ({self.asked})"
         return f"{self.label} {self.shown}{of}"
 
 

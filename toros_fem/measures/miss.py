@@ -172,15 +172,13 @@ def miss_of(
     extents = np.ptp(pattern.points, axis=0)
     axis = int(np.argmax(extents))
     length, areas = float(extents[axis]), pattern.vertex_areas
-    if length <= SLENDER * np.sort(extents)[1]:
+    sections = _sections(pattern, axis) if length > SLENDER * np.sort(extents)[1] else []
+    if len(sections) < 2:
         away = (positions - target) * compared
         each = np.linalg.norm(away, axis=1)
         rms = float(np.sqrt(areas @ each**2 / areas.sum()))
         asked = np.where(compared, target, positions)
         return Miss(asked, each, rms, float(each.max()), length, None)
-    wall = np.unique(pattern.triangles[~_in_ends(pattern, axis).all(axis=1)])
-    labels = label_cross_sections(pattern, wall, np.eye(3)[axis], SECTIONS, border=False)
-    sections = section_vertices(labels)
 
     def centres(points: Floats) -> Floats:
         return np.array([areas[one] @ points[one] / areas[one].sum() for one in sections])
@@ -194,6 +192,14 @@ def miss_of(
     tip = _tip(pattern, positions, asked, axis, centres(asked), sections[-1])
     rms, largest = float(np.sqrt((gaps**2).mean())), max(float(gaps.max()), tip.distance)
     return Miss(asked, each, rms, largest, length, tip)
+
+
+def _sections(pattern: Pattern, axis: int) -> list[Ints]:
+    """Return the vertices of the cross-sections along an axis, without the walls of the ends."""
+    wall = np.unique(pattern.triangles[~_in_ends(pattern, axis).all(axis=1)])
+    return section_vertices(
+        label_cross_sections(pattern, wall, np.eye(3)[axis], SECTIONS, border=False)
+    )
 
 
 def _in_ends(pattern: Pattern, axis: int) -> Bools:

@@ -88,7 +88,7 @@ class PathResult(RunResult):
             "seconds": dict(self.seconds),
         }
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return the metrics and the pressure in a sentence."""
         return self.told(self.figures)
 

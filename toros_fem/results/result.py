@@ -38,8 +38,19 @@ class RunResult(ABC):
         """Return the further entries of its summary; keys of numbers end in their units."""
 
     @abstractmethod
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return it in a sentence."""
+
+    @property
+    def binding(self) -> Sequence[str]:
+        """What keeps it from its targets, as far as it is known."""
+        return ()
+
+    def sentence(self) -> str:
+        """Return whether all targets are reached, what binds, and the description."""
+        verdict, binds = verdict_of(self.figures), "; ".join(self.binding)
+        said = (verdict, binds and f"What binds: {binds}", self.description())
+        return ". ".join(filter(None, said))
 
     def value(self, key: str) -> float | None:
         """Return the value of a figure by its key, such as "angle_deg".
@@ -50,8 +61,14 @@ class RunResult(ABC):
         return {figure.key: figure for figure in self.figures}[key].value
 
     def summary(self) -> dict[str, Any]:
-        """Return the content of summary.json: the list "figures", and further entries."""
-        return {"figures": [figure.as_dict() for figure in self.figures], **self.entries()}
+        """Return the content of summary.json: the list "figures", "verdict", further entries."""
+        figures = self.figures
+        verdict = {
+            "state": overall(figures),
+            "words": verdict_of(figures) or None,
+            "binding": list(self.binding),
+        }
+        return {"figures": [one.as_dict() for one in figures], "verdict": verdict, **self.entries()}
 
     def show(self, height: int = 640) -> EmbeddedPage:
         """Return the skin in space, which a notebook shows and a mouse turns (one rank).
@@ -84,18 +101,6 @@ def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tup
         Figure("volume", "m3", None if state is None else parts * state.volume),
         Figure("stretch", "use", None if state is None else state.stretch_use),
     )
-
-
-def verdict_entry(figures: Sequence[Figure], binding: Sequence[str] = ()) -> dict[str, Any]:
-    """Return whether all targets are reached, in words, and what binds, as summaries hold it."""
-    words = verdict_of(figures) or None
-    return {"state": overall(figures), "words": words, "binding": list(binding)}
-
-
-def sentence_of(figures: Sequence[Figure], binding: Sequence[str], told: str) -> str:
-    """Return the last line of a run: whether all targets are reached, what binds, and the rest."""
-    verdict, binds = verdict_of(figures), "; ".join(binding)
-    return ". ".join(filter(None, (verdict, binds and f"What binds: {binds}", told)))
 
 
 def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict[str, Any]:

@@ -27,7 +27,8 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
     """Return the measure of the miss of a shape, by key; None of a design that compares none.
 
     The measure takes a mesh of the problem's part of the skin, its own or of a `ShapeDesign` any
-    other, and positions of its vertices. Values are those of the whole skin.
+    other, and positions of its vertices. Values are those of the whole skin; there are none on
+    another mesh of a moulded skin whose target is no function.
     """
     compared, goal_here = compared_axes(problem.objective), problem.target
     if goal_here is None or not any(compared):
@@ -36,17 +37,20 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
     case = problem.case if isinstance(problem, ShapeDesign) else None
     aligned = isinstance(problem.objective, AlignedObjective)
 
-    def goal(pattern: Pattern) -> Floats:
+    def goal(pattern: Pattern) -> Floats | None:
         if pattern is own:
             return known
         if case is not None and callable(case.target):
             return case.target(pattern.points)
-        return make_transfer(own, pattern).positions(known)
+        return None if own.moulded else make_transfer(own, pattern).positions(known)
 
     def measure(pattern: Pattern, positions: Floats) -> Values:
+        wanted = goal(pattern)
+        if wanted is None:
+            return {}
         whole = problem.whole if pattern is own else None
         whole = whole or mirrored(pattern, () if case is None else case.symmetry)
-        target, shape = whole.at_vertices(goal(pattern)), whole.at_vertices(positions)
+        target, shape = whole.at_vertices(wanted), whole.at_vertices(positions)
         placed = ShownSkin(whole.pattern, target, aligned).placed(shape)
         return miss_of(whole.pattern, placed, target, compared).values()
 

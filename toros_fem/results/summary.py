@@ -18,7 +18,7 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall
 from toros_fem.measures.miss import shape_figures
-from toros_fem.results.result import RunResult, sentence_of, state_figures, verdict_entry
+from toros_fem.results.result import RunResult, state_figures
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
@@ -139,17 +139,12 @@ class PrintedResult(RunResult):
             "equilibrium": simulated and simulated.equilibrium.reason,
             "printed_objective": simulated and simulated.shape,
             "printed_failure": self.printed.failure or None,
-            "verdict": verdict_entry(self.figures, self.binding),
             **self._designed(),
             **self._cleaned(),
             **self._cost(),
             "seconds": {**design.seconds, **self.seconds},
             "inputs": None if self.config is None else self.config.as_dict(),
         }
-
-    def sentence(self) -> str:
-        """Return whether targets are reached, metrics, pressure and cost in a sentence."""
-        return sentence_of(self.figures, self.binding, self.description())
 
     def description(self) -> str:
         """Return metrics, pressure and cost in a sentence."""

@@ -12,7 +12,7 @@ import shapely
 from helpers.runs import STRIPE, bent, regions_of, tube
 
 from toros_fem.making.print.printability import printed_cells
-from toros_fem.meshes import Pattern
+from toros_fem.meshes import Pattern, twist
 from toros_fem.results.frames.files import Frame, write_frame
 from toros_fem.results.frames.record import repeated
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
@@ -164,6 +164,20 @@ def test_aligned_shapes_lie_on_their_target(tmp_path: Path, pattern: Pattern) ->
     scene, text, _ = packed_scene(read_run(tmp_path))
     grid = Reader(text)(scene["series"]["iteration"][0]["positions"]).reshape(-1, 3)
     assert np.abs(grid * scene["step"] + scene["low"] - target).max() < 0.6 * scene["step"]
+
+
+def test_an_outline_is_as_long_as_the_last_shape_where_no_length_is_asked(
+    tmp_path: Path, pattern: Pattern
+) -> None:
+    (tmp_path / "frames").mkdir()
+    target, compared = twist(1.0, 0.15)(pattern.points), (True, True, False)
+    name = write_skin(tmp_path / "frames", ShownSkin(pattern, target, compared=compared))
+    longer = target * [1.0, 1.0, 1.16]
+    for number, shape in enumerate((target, longer)):
+        write_frame(tmp_path / "frames", Frame("iteration", number, name, shape, None, {}))
+    scene, text, _ = packed_scene(read_run(tmp_path))
+    grid = Reader(text)(scene["skins"][name]["target"]).reshape(-1, 3)
+    assert np.abs(grid * scene["step"] + scene["low"] - longer).max() < 0.6 * scene["step"]
 
 
 def test_too_many_shapes_are_thinned(run: Path, pattern: Pattern, monkeypatch: Any) -> None:

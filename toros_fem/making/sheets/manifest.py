@@ -115,7 +115,9 @@ def manifest(
         "options": options.as_dict(),
         "materials": {name: inputs[name] for name in MATERIALS if name in inputs},
         "pressure_pa": figures["pressure_pa"]["value"] if "pressure_pa" in figures else None,
-        "metrics": {key: row["value"] for key, row in figures.items() if row["target"] is not None},
+        "metrics": {
+            key: row["value"] for key, row in figures.items() if row["tolerance"] is not None
+        },
         "versions": versions(),
     }
 

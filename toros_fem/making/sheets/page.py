@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields
 from importlib import resources
 from typing import Any
 
@@ -73,11 +74,10 @@ def page(
 
 
 def _metrics(summary: Mapping[str, Any] | None) -> str:
-    """Return the metrics of a run's print that have a target, with intervals, in words."""
-    rows = [row for row in (summary or {}).get("figures", []) if row["target"] is not None]
+    """Return the figures of a run's print that decide whether it is reached, in words."""
     figures = [
-        Figure(row["name"], row["unit"], row["value"], row.get("interval"), row["target"])
-        for row in rows
+        Figure(*(row.get(one.name) for one in fields(Figure)))
+        for row in (summary or {}).get("figures", [])
         if row["value"] is not None
     ]
-    return ", ".join(figure.words for figure in figures)
+    return ", ".join(figure.words for figure in figures if figure.state)

@@ -15,7 +15,7 @@ from toros_fem.measures.figures import Figure, State, overall
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.estimates import MetricErrors
 from toros_fem.products.actuators.pressure_curve import CurveFigures
-from toros_fem.results.result import RunResult, sentence_of, verdict_entry
+from toros_fem.results.result import RunResult
 from toros_fem.results.summary import PrintedResult
 
 
@@ -127,7 +127,6 @@ class ActuatorResult(RunResult):
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""
         found = {**self.search.entries(), **self.made.entries()}
-        found["verdict"] = verdict_entry(self.figures, self.binding)
         if self.errors is not None:
             found["errors"] = self.errors.as_dict()
         if self.curve is not None:
@@ -136,7 +135,7 @@ class ActuatorResult(RunResult):
             found[self.trial.NAME] = asdict(self.trial)
         return found
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return metrics, pressure and cost in a sentence."""
         told = self.made.description()
         if self.search.laid and self.search.lines is not None:
@@ -145,5 +144,4 @@ class ActuatorResult(RunResult):
             told = self.made.told(words, f"lines laid {laid} times")
         tried = "" if self.trial is None else self.trial.words
         start = f"from a {self.search.start} start, seed {self.search.seed}"
-        rest = "; ".join(filter(None, (told, start, tried)))
-        return sentence_of(self.figures, self.binding, rest)
+        return "; ".join(filter(None, (told, start, tried)))

@@ -65,7 +65,7 @@ class SimulationResult(RunResult):
         found = {"failure": self.failure, "pattern": self.pattern, **self.path.entries()}
         return found if self.errors is None else {**found, "errors": self.errors.as_dict()}
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return metrics and pressure in a sentence."""
         what = "plain skin" if self.pattern is None else "as printed"
         ended = "" if self.failure is None else f"; it ends there: {self.failure}"

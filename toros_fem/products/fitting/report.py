@@ -79,16 +79,16 @@ def plot_fit(path: Path, result: Fit) -> None:
     from toros_fem.results.pictures.style import GRID, SOFT, TALL, page
 
     samples = result.samples
-    shown = [("stress (N/m)", samples.stress, result.stress)]
+    shown = [("stress", " (N/m)", samples.stress, result.stress)]
     if result.r2_lateral is not None:
-        shown.append(("lateral stretch", samples.lateral, result.lateral))
+        shown.append(("lateral stretch", "", samples.lateral, result.lateral))
     where = {"left": 0.09, "right": 0.97, "bottom": 0.09, "top": 0.88, "hspace": 0.12}
     with page(path, _quality(result, "not measured"), TALL) as figure:
         grid = figure.subplots(
             2, len(shown), sharex=True, squeeze=False, height_ratios=[2.4, 1],
             gridspec_kw={**where, "wspace": 0.25},
         )  # fmt: skip
-        for (top, bottom), (label, measured, fitted) in zip(grid.T, shown, strict=True):
+        for (top, bottom), (what, unit, measured, fitted) in zip(grid.T, shown, strict=True):
             names = dict.fromkeys(samples.direction)
             for k, (name, colour) in enumerate(zip(names, cycle(COLOURS), strict=False)):
                 rows = samples.curve_along(name)
@@ -98,11 +98,12 @@ def plot_fit(path: Path, result: Fit) -> None:
                 dots = {"ls": "", "marker": ".", "ms": 4, "color": colour, "alpha": 0.5}
                 top.plot(stretch, measured[rows], **dots)
                 top.plot(stretch, fitted[rows], color=colour, lw=1.8)
-                top.text(0.03, 0.95 - 0.07 * k, told, color=colour, transform=top.transAxes)
+                if top is grid[0, 0]:  # colours are the same in both, and here a corner is free
+                    top.text(0.03, 0.95 - 0.07 * k, told, color=colour, transform=top.transAxes)
                 bottom.plot(stretch, (measured - fitted)[rows], **dots)
             bottom.axhline(0.0, color=SOFT, lw=0.8)
-            bottom.set(xlabel="stretch", ylabel="measured − fitted")
-            top.set_ylabel(label)
+            bottom.set(xlabel="stretch", ylabel=f"measured − fitted{unit}")
+            top.set_ylabel(what + unit)
             for axis in (top, bottom):
                 axis.grid(axis="y")
                 if result.trusted_to < result.measured_to:  # the fit is not to be trusted there

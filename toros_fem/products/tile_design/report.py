@@ -19,7 +19,7 @@ from toros_fem.products.tiles.printability import SIDE, repeated
 from toros_fem.products.tiles.printed_tile import PrintedTile, swatch, write_tile
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.files import write_fields
-from toros_fem.results.result import RunResult, sentence_of, verdict_entry, write_summary
+from toros_fem.results.result import RunResult, write_summary
 
 # What files and summaries hold of a profile.
 PROFILE = ("stiffness", "tangent", "contraction")
@@ -95,10 +95,9 @@ class TileRun(RunResult):
             "manufacture": made.printability.summary(),
             "seconds": {**design.seconds, **self.seconds},
             "inputs": made.simulation.config.as_dict(),
-            "verdict": verdict_entry(self.figures),
         }
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return stiffness, deviation, widths and islands in a sentence."""
         profile, made = self.made.profile, self.made.printability.summary()
         seconds = self.seconds.get("total", 0.0)
@@ -117,12 +116,11 @@ class TileRun(RunResult):
             for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
             if made[key] is not None
         )
-        told = (
+        return (
             f"stiffness {stiffness} N/m as printed{deviation}; contraction "
             f"{profile.contraction[0]:.2f} along x; {made['islands']} islands{widths}{wrinkles}; "
             f"{seconds:.0f} s"
         )
-        return sentence_of(self.figures, (), told)
 
 
 def write_tile_results(folder: Path | str, found: TileRun) -> None:

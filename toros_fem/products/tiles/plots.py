@@ -11,6 +11,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
@@ -38,6 +39,8 @@ from toros_fem.results.pictures.style import (
 LINE_STYLES = ((SECOND, 3.0, "o"), (ACCENT, 1.4, "s"))
 # Directions that differ by less than a part of this, in rad, are the same.
 ROUND = 1e9
+# Most circles of a polar chart, so that their numbers stay apart.
+RINGS = 4
 
 
 def full_circle(angles: Floats, values: Floats, symmetry: str) -> tuple[Floats, Floats]:
@@ -96,11 +99,14 @@ def plot_profile(
             if wanted is not None:
                 right.plot(*wanted, "o", ms=5, mfc="none", color=ACCENT)
             right.set_ylim(0, 1.1 * max(0.1, high))
+        for axes in figure.axes:
+            if axes.name == "polar":
+                axes.yaxis.set_major_locator(MaxNLocator(RINGS))
         right.set_title("lateral contraction", pad=14)
         words = [("— printed", DARK), ("- - fabric without print", SOFT)]
         words += [("○ target", ACCENT)] if target is not None else []
         for k, (text, colour) in enumerate(words):
-            figure.text(0.02 + 0.13 * k + 0.08 * (k > 1), 0.02, text, color=colour)
+            figure.text(0.01, 0.10 - 0.04 * k, text, color=colour)
 
 
 def plot_curves(path: Path, curves: Sequence[Profile]) -> None:

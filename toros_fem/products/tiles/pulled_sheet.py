@@ -180,7 +180,7 @@ class SheetResult(RunResult):
             "inputs": dict(self.inputs),
         }
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return it in a sentence."""
         told = []
         for one in self.pulled:

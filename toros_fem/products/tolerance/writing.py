@@ -46,7 +46,8 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
     tick = {"color": ACCENT, "marker": "|", "ls": "", "ms": 13, "mew": 2}
     height = 1.9 + 0.34 * len(pairs)
     where = {"left": 0.24, "right": 0.97, "bottom": 0.75 / height, "top": 1 - 0.85 / height}
-    with page(path, "What a print that is not made as drawn does", (8.0, height)) as figure:
+    title = next(iter(found.worst_sentences), "What a skin does that is not made as drawn")
+    with page(path, title.rstrip("."), (8.0, height)) as figure:
         grid = figure.subplots(
             1, len(found.metrics), sharey=True, squeeze=False, gridspec_kw={**where, "wspace": 0.1}
         )

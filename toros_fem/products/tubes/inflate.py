@@ -187,7 +187,7 @@ class InflationResult(RunResult):
         growth = {"growth_above_over_below": self.growth_ratio, "steepest_pa": steepest}
         return {**growth, **self.path.entries()}
 
-    def sentence(self) -> str:
+    def description(self) -> str:
         """Return it in a sentence."""
         (radius, length, at), (last_radius, last_length, end) = (
             (*(state.metrics[one.key] for one in METRICS), state.result.pressure / 1e3)

@@ -14,6 +14,7 @@ from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
 from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
+from toros_fem.measures.miss import Miss, miss_of
 from toros_fem.measures.rotation import polar_rotation
 from toros_fem.meshes.panels import cut_triangles
 from toros_fem.meshes.pattern import Pattern
@@ -69,6 +70,25 @@ class ShownSkin:
         moment = ((self.target - goal) * weights[:, None]).T @ (positions - centre)
         rotation, _ = polar_rotation(moment)
         return np.asarray((positions - centre) @ rotation.T + goal)
+
+    def miss(self, placed: Floats) -> Miss | None:
+        """Return how far placed positions, (n, 3), are from the target; None if nothing says so.
+
+        That is without a target, and where the design compares no positions.
+        """
+        if self.target is None or not any(self.compared):
+            return None
+        return miss_of(self.pattern, placed, self.target, self.compared)
+
+    def wanted(self, placed: Floats) -> Floats | None:
+        """Return the target, (n, 3), where axes that do not count are those of placed positions.
+
+        None without a target.
+        """
+        if any(self.compared) and not all(self.compared):
+            miss = self.miss(placed)
+            return self.target if miss is None else miss.asked
+        return self.target
 
     def print_share(self, density: Floats | None = None) -> Floats:
         """Return the printed fraction of each triangle, (t,); without a print it is the density."""

@@ -22,8 +22,11 @@ from toros_fem.results.pictures.style import (
     SOFT,
     write_title,
 )
+from toros_fem.results.pictures.words import Word, write_words
 
 PRESSURE = "pressure (kPa)"
+# Feet whose paths end nearer than this, over the extent of all, have one name.
+SAME = 0.01
 
 
 @dataclass(frozen=True)
@@ -68,12 +71,14 @@ def draw_curve(
         len(units), 1, sharex=True, squeeze=False,
         gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
     )[:, 0]  # fmt: skip
+    keys = {told.key for told in figures}
+    beside = [one.pressure for one in measured if one.key in keys]
+    grid[-1].set_xlim(0, 1.05e-3 * max(rows[-1]["pressure_pa"], *beside, 0))
     for axes, unit in zip(grid, units, strict=True):
         shown = [told for told in figures if told.unit == unit]
-        draw_over_pressure(axes, rows, shown, pressure, measured, broken)
         axes.margins(y=0.12)
+        draw_over_pressure(axes, rows, shown, pressure, measured, broken)
     grid[-1].set_xlabel(PRESSURE)
-    grid[-1].set_xlim(left=0)
 
 
 def draw_over_pressure(
@@ -91,24 +96,36 @@ def draw_over_pressure(
         rows, figures, pressure, measured, broken: As of `draw_curve`.
     """
     at = [1e-3 * row["pressure_pa"] for row in rows]
-    ends = [k for k, is_broken in zip((0, -1), broken, strict=True) if is_broken]
     factor = unit_of(figures[0].unit).factor
     axes.grid(axis="y")
+    words: list[Word] = []
+    lines: list[Floats] = []
     for told, colour in zip(figures, (DARK, SECOND, SOFT, INK) * len(figures), strict=False):
         values = [factor * row.get(told.key, np.nan) for row in rows]
         axes.plot(at, values, "-", color=colour, lw=1.6)
+        lines.append(np.column_stack([at, values]))
         if len(figures) > 1:
             _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
         if pressure is not None and at[0] <= 1e-3 * pressure <= at[-1]:
-            _design(axes, told, pressure, colour, factor)
-        _targets(axes, told, factor)
-        _beside(axes, told, [m for m in measured if m.key == told.key], factor)
-        for k in ends:
-            axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
-            axes.annotate(
-                "no equilibrium beyond", (at[k], values[k]), (6, -12),
-                textcoords="offset points", color=ACCENT, fontsize=8,
-            )  # fmt: skip
+            _design(axes, told, pressure, colour, factor, words, lines)
+        _beside(axes, told, [m for m in measured if m.key == told.key], factor, words, lines)
+        for k, side, is_broken in zip((0, -1), ("below", "beyond"), broken, strict=True):
+            if is_broken:
+                axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
+                words.append(Word(f"no equilibrium {side}", (at[k], values[k]), ACCENT, 8.0))
+    asked = [told for told in figures if told.target is not None]
+    targets = [factor * told.target for told in asked if told.target is not None]
+    for height in targets:
+        axes.axhline(height, color=ACCENT, ls="--", lw=1.2, zorder=1)
+    axes.autoscale_view(scalex=False)  # a target within the limits leaves them without margin
+    left, right = axes.get_xlim()
+    lines += [np.array([(left, height), (right, height)]) for height in targets]
+    # Targets are named first: they have one place, where the axis of pressures begins.
+    named = [
+        Word(f"target {formatted(told.target, told.unit)}", (left, height), ACCENT, 8.0)
+        for told, height in zip(asked, targets, strict=True)
+    ]
+    write_words(axes, [*named, *words], lines)
     axes.set_ylabel(_axis_label(figures))
 
 
@@ -124,39 +141,44 @@ def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
                   fontweight="bold", annotation_clip=False)  # fmt: skip
 
 
-def _design(axes: Axes, told: Told, pressure: float, colour: str, factor: float) -> None:
-    """Draw the figure at the pressure of the design with its error."""
+def _design(
+    axes: Axes,
+    told: Told,
+    pressure: float,
+    colour: str,
+    factor: float,
+    words: list[Word],
+    lines: list[Floats],
+) -> None:
+    """Draw the figure at the pressure of the design with its error, and add its words."""
     if told.value is None:
         return
     x, y = 1e-3 * pressure, factor * told.value
     if told.interval is not None:
         axes.errorbar(x, y, factor * told.interval, color=colour, capsize=4, lw=1.2, zorder=4)
+        lines.append(np.array([(x, y - factor * told.interval), (x, y + factor * told.interval)]))
     axes.plot(x, y, "o", color=colour, ms=6, zorder=5)
-    axes.annotate(
-        told.shown, (x, y), (-8, 8), textcoords="offset points", ha="right", color=colour, zorder=6
-    )
+    words.append(Word(told.shown, (x, y), colour))
 
 
-def _targets(axes: Axes, told: Told, factor: float) -> None:
-    if told.target is None:
-        return
-    axes.axhline(factor * told.target, color=ACCENT, ls="--", lw=1.2, zorder=1)
-    axes.annotate(
-        f"target {formatted(told.target, told.unit)}", (0, factor * told.target), (4, 3),
-        xycoords=("axes fraction", "data"), textcoords="offset points", color=ACCENT, fontsize=8,
-    )  # fmt: skip
-
-
-def _beside(axes: Axes, told: Told, measured: Sequence[Measured], factor: float) -> None:
-    """Draw measured values, with what ours is at the same pressure in words."""
+def _beside(
+    axes: Axes,
+    told: Told,
+    measured: Sequence[Measured],
+    factor: float,
+    words: list[Word],
+    lines: list[Floats],
+) -> None:
+    """Draw measured values, and add words with what ours is at the same pressure."""
     for one in measured:
         x, y = 1e-3 * one.pressure, factor * one.value
         axes.plot(x, y, "D", color=INK, mfc="none", ms=7, zorder=5)
-        words = f"{formatted(one.value, told.unit, 3)} ({one.source})"
+        text = f"{formatted(one.value, told.unit, 3)} ({one.source})"
         if one.simulated is not None:
-            words += f",\n{formatted(one.simulated, told.unit, 3)} ours"
+            text += f",\n{formatted(one.simulated, told.unit, 3)} ours"
             axes.plot([x, x], [y, factor * one.simulated], color=SOFT, lw=0.8, ls=":")
-        axes.annotate(words, (x, y), (8, -4), textcoords="offset points", fontsize=8, va="top")
+            lines.append(np.array([(x, y), (x, factor * one.simulated)]))
+        words.append(Word(text, (x, y), INK, 8.0))
 
 
 def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None = None) -> None:
@@ -217,15 +239,18 @@ def draw_tracks(
         "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm",
     )
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
-    colours = (DARK, ACCENT, SECOND, SOFT) * (1 + feet.shape[1] // 4)
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
-    for k, colour in zip(range(feet.shape[1]), colours, strict=False):
+    for k in range(feet.shape[1]):
         x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+        place = float(x.max()), float(z[x.argmax()])
+        near = SAME * 1e3 * float(np.ptp(feet))
+        place = next((at for at in named if np.abs(np.subtract(at, place)).max() < near), place)
+        colour = (DARK, SECOND, SOFT, ACCENT)[len(named) % 4]
+        of_place, colour = named.setdefault(place, ([], colour))
+        of_place.append(f"{k}")
         axes.plot(x, z, color=colour)
         axes.plot(x[::every], z[::every], "o", ms=4, color=colour)
         axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=colour)
-        place = (round(float(x.max()), 1), round(float(z[x.argmax()]), 1))
-        named.setdefault(place, ([], colour))[0].append(f"{k}")
     for place, (feet_there, colour) in named.items():  # those of a mirror image coincide
         word = "feet" if len(feet_there) > 1 else "foot"
         _name(axes, place, f"{word} {', '.join(feet_there)}", colour)

@@ -135,7 +135,8 @@ def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Im
     fixed = {scene.skin: DrawnSkin(run.skins[scene.skin]) for scene in scenes}
     places = np.concatenate([scene.positions for scene in scenes])
     last, shown = scenes[-1], run.skins[scenes[-1].skin]
-    others = [] if shown.target is None or series == "gait" else [shown.target]
+    target = None if series == "gait" else shown.wanted(shown.placed(last.positions))
+    others = [] if target is None else [target]
     others += [] if shown.body is None else [shown.body[0]]
     view = WALKING if series == "gait" else inflation_view(fixed[last.skin], last.positions)
     figures = told_figures(run)
@@ -151,8 +152,9 @@ def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Im
                 stage.ground(float(places[:, 2].min()), places)
             positions = drawn.skin.placed(scene.positions)
             stage.draw(drawn.surfaces(positions))
-            if drawn.skin.target is not None and series != "gait":
-                stage.outline(drawn, drawn.skin.target)
+            wanted = None if series == "gait" else drawn.skin.wanted(positions)
+            if wanted is not None:
+                stage.outline(drawn, wanted)
             stage.bar()
             told, asked = _words(series, scene, figures)
             figure.text(0.02, 0.93, told, fontsize=TITLE, fontweight="bold", color=DARK)

@@ -36,6 +36,10 @@ from toros_fem.results.pictures.style import (
 
 # Space between panels over the size of the pattern.
 GAP = 0.08
+# The same in points, about, where names must fit between them.
+NAME_GAP = 36.0
+# Room in points below, above and beside panels, with a bar and names, and without.
+ROOM, BARE_ROOM = (26.0, 14.0, 4.0), (1.0, 2.0, 1.0)
 # Part of the page for the panels, and for what is told beside them.
 PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
 # Faults of a kind that are closer than this on the page, in mm of the page, have one number.
@@ -73,7 +77,8 @@ def draw_panels(
     axes = figure.add_axes(box)
     axes.set_axis_off()
     page_size = figure.get_size_inches() * box[2:]
-    places = panel_places(pattern, GAP * pattern.size, tuple(page_size))
+    gap = max(GAP, NAME_GAP / (72 * page_size.max()) if names else 0.0) * pattern.size
+    places = panel_places(pattern, gap, tuple(page_size))
     for panel, place in enumerate(places):
         outline = place.region(pattern.outline(panel))
         fill(axes, outline, FABRIC, EDGE)
@@ -89,9 +94,12 @@ def draw_panels(
         [place.region(pattern.outline(k)) for k, place in enumerate(places)]
     )
     low, high = 1e3 * bounds[:2], 1e3 * bounds[2:]
-    room = 0.06 * (high - low).max() if names else 0.01 * (high - low).max()
-    axes.set_xlim(low[0] - room / 2, high[0] + room / 2)
-    axes.set_ylim(low[1] - room * (1.3 if names else 0.5), high[1] + room)
+    below, above, beside = ROOM if names else BARE_ROOM
+    # One point of the page in mm, as large as the panels then are.
+    across, up = 72 * page_size - [2 * beside, below + above]
+    point = max((high - low) / [across, up])
+    axes.set_xlim(low[0] - beside * point, high[0] + beside * point)
+    axes.set_ylim(low[1] - below * point, high[1] + above * point)
     axes.set_aspect("equal")
     if names:
         scale_bar(axes, bar_length(float((high - low).max())), (0.0, 0.01))
@@ -299,7 +307,8 @@ def draw_lines(
         axes.add_collection(_marks(field, int(family), colour, places), autolim=False)
         if order < len(FAMILIES):
             share = float(area @ field.shares[:, family]) / float(area.sum())
-            figure.text(0.02 + 0.17 * order, 0.03, f"{share:.1%} of the area", color=colour)
+            words = f"{100 * share:.1f} % of the area"
+            figure.text(0.02 + 0.20 * order, 0.03, words, color=colour)
     draw_panels(figure, (0.51, 0.10, 0.47, 0.79), pattern, regions)
 
 

@@ -8,18 +8,23 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.raster import render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import INK, SOFT, TITLE
 from toros_fem.results.pictures.view import View
+from toros_fem.results.pictures.words import Word, write_words
 
 # Opacity of the first state, and of the last one but one.
 FIRST, BEFORE = 0.22, 0.5
 # Distance of a state's name from its tip, in points.
 NAME = 28.0
+# Distances that names of states above each other are tried at.
+REACH = (8.0, 14.0, 20.0, 26.0, 34.0, 44.0)
+# On these sides of the tip, since earlier states are at the left.
+AWAY = ((0, 1), (1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (0, -1), (-1, -1))
 # Elevation and further turn of the view, in degrees.
 ABOVE, TURN = 12.0, -20.0
 # Part of the vertices that move less than the tip.
@@ -73,7 +78,7 @@ def draw_inflation(
     moves = np.linalg.norm(placed[-1] - placed[0], axis=1)
     tip = moves >= np.quantile(moves, TIP)
     placed, end = [x + k * step for k, x in enumerate(placed)], (len(placed) - 1) * step
-    last, target = placed[-1], drawn.skin.target
+    target = drawn.skin.wanted(placed[-1] - end)
     skins = [drawn.surfaces(x) for x in placed]
     beside = [replace(body, points=body.points + end) for body in skins[-1][1:]]
     others = [body.points for body in beside] + ([] if target is None else [target + end])
@@ -87,13 +92,22 @@ def draw_inflation(
     if target is not None:
         stage.outline(drawn, target + end)
     stage.bar()
-    middle = view.project(np.concatenate(placed)).mean(axis=0)
-    for name, x in zip(names, placed, strict=True):
-        at, away = _name_place(way, view.project(x), tip, middle)
+    flat = [1e3 * view.project(x) for x in placed]
+    if way == "over":
+        words = [
+            Word(name, tuple(x[tip].mean(axis=0)), INK if k == len(flat) - 1 else SOFT,
+                 bold=k == len(flat) - 1)
+            for k, (name, x) in enumerate(zip(names, flat, strict=True))
+        ]  # fmt: skip
+        seen = [1e3 * view.project(points) for points in others]
+        write_words(stage.axes, words[::-1], [*flat, *seen], REACH, AWAY)
+        return
+    for name, x in zip(names, flat, strict=True):
+        at, away = _name_place(way, x)
         stage.axes.annotate(
-            name, tuple(1e3 * at), tuple(away), textcoords="offset points", ha="center",
-            va="center", color=INK if x is last else SOFT, zorder=5,
-            fontweight="bold" if x is last else "normal",
+            name, tuple(at), tuple(away), textcoords="offset points", ha="center",
+            va="center", color=INK if x is flat[-1] else SOFT, zorder=5,
+            fontweight="bold" if x is flat[-1] else "normal",
         )  # fmt: skip
 
 
@@ -108,15 +122,11 @@ def _arrangement(drawn: DrawnSkin, rest: Floats, last: Floats, view: View) -> tu
     return "beside", BESIDE * float(np.ptp(view.project(rest)[:, 0])) * right
 
 
-def _name_place(way: str, flat: Floats, tip: Bools, middle: Floats) -> tuple[Floats, Floats]:
-    """Return the place of a state's name on the picture, in m, and its offset in points."""
+def _name_place(way: str, flat: Floats) -> tuple[Floats, Floats]:
+    """Return the place of a state's name in the unit of its points, and its offset in points."""
     if way == "below":
         return np.array([flat[:, 0].max(), flat[:, 1].mean()]), np.array([NAME, 0.0])
-    if way == "beside":
-        return np.array([flat[:, 0].mean(), flat[:, 1].max()]), np.array([0.0, NAME / 2])
-    at = flat[tip].mean(axis=0)
-    away = at - middle
-    return at, NAME * away / max(float(np.linalg.norm(away)), 1e-9)
+    return np.array([flat[:, 0].mean(), flat[:, 1].max()]), np.array([0.0, NAME / 2])
 
 
 def _covered(drawn: DrawnSkin, rest: Floats, last: Floats, view: View) -> float:

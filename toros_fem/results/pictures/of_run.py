@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -187,7 +188,9 @@ def facts_of(run: Run) -> dict[str, str]:
     """Return what pictures of a run tell of themselves: run, seed and figures."""
     inputs: Any = run.summary.entries.get("inputs") or {}
     seed = inputs.get("seed", (inputs.get("design") or {}).get("seed"))
-    facts = {"Title": run.name, "Description": ", ".join(f.words for f in told_figures(run))}
+    # The tables of figures know no tolerances.
+    words = (replace(figure, tolerance=None).words for figure in told_figures(run))
+    facts = {"Title": run.name, "Description": ", ".join(words)}
     return facts if seed is None else {**facts, "Comment": f"seed {seed}"}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib
 import numpy as np
@@ -15,7 +16,7 @@ from matplotlib.patheffects import withStroke
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
-from toros_fem.measures.miss import Miss, Tip, miss_of
+from toros_fem.measures.miss import Miss, Tip
 from toros_fem.results.pictures.raster import Surface
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
@@ -60,10 +61,12 @@ HELD, FLAT = 1e-4, 0.1
 SIDE_BOX = (0.01, 0.02, 0.60, 0.87)
 OBLIQUE_BOX = (0.63, 0.44, 0.36, 0.46)
 SCALE_BOX = (0.66, 0.20, 0.30, 0.035)
+# Letters in a line below its colours.
+LETTERS = 44
 # What colours of a miss mean: for all points, and beside the mean of cross-sections.
 WHAT_IS_SHOWN = (
     "distance of each point from its target{} in mm",
-    "distance of each point from its target{} in mm;\nthe title tells centres of cross-sections",
+    "distance of each point from its target{} in mm; the title tells centres of cross-sections",
 )
 
 Box = tuple[float, float, float, float]
@@ -121,11 +124,8 @@ class Scenery:
 
 def scenery(drawn: DrawnSkin, positions: Floats) -> Scenery:
     """Return a skin with its target, from positions of all vertices, (n, 3), in m."""
-    placed, target = drawn.skin.placed(positions), drawn.skin.target
-    miss = None
-    if target is not None and any(drawn.skin.compared):
-        miss = miss_of(drawn.pattern, placed, target, drawn.skin.compared)
-    return Scenery(drawn, placed, target if miss is None else miss.asked, miss)
+    placed, skin = drawn.skin.placed(positions), drawn.skin
+    return Scenery(drawn, placed, skin.wanted(placed), skin.miss(placed))
 
 
 def draw_shape(
@@ -312,7 +312,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
     axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
     along = "" if all(drawn.skin.compared) else f" along {axes_named}"
-    bar.set_label(WHAT_IS_SHOWN[miss.by_sections].format(along))
+    bar.set_label(fill(WHAT_IS_SHOWN[miss.by_sections].format(along), LETTERS))
 
 
 def plot_states(

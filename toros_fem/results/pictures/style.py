@@ -38,6 +38,8 @@ SEQUENTIAL = "cividis"
 SIGNED = LinearSegmentedColormap.from_list("signed", [SECOND, "white", ACCENT])
 # Width and height in inches, and pixels per inch.
 SIZE, TALL, STRIP, DPI = (8.0, 4.5), (8.0, 6.0), (8.0, 3.1), 200
+# Room for a bar of the scale, in points.
+BAR_ROOM = 30.0
 # Sizes of letters in points.
 TEXT, TITLE, LARGE = 9.0, 11.0, 20.0
 LETTERS = {
@@ -148,7 +150,10 @@ def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
 def bar_below(axes: Axes) -> None:
     """Draw a bar of the scale below what axes in mm show."""
     low, high = axes.get_ylim()
-    axes.set_ylim(low - 0.12 * (high - low), high)
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    points = 72 * figure.get_figheight() * axes.get_position().height
+    axes.set_ylim(low - max(0.12, BAR_ROOM / points) * (high - low), high)
     scale_bar(axes, bar_length(float(np.ptp(axes.get_xlim()))), (0.03, 0.02))
 
 

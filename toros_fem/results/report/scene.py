@@ -46,13 +46,23 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
     used = dict.fromkeys(frame.skin for frames in chosen.values() for frame in frames)
     skins = {name: run.skins[name] for name in used}
     bodies = [skin.body[0] for skin in skins.values() if skin.body is not None]
-    targets = [skin.target for skin in skins.values() if skin.target is not None]
-    packed = Packed([*(x for found in shapes.values() for x in found), *targets, *bodies])
+    # The last shape of each skin says where its target is along axes that do not count.
+    last = {
+        frame.skin: shape
+        for name, frames in chosen.items()
+        for frame, shape in zip(frames, shapes[name], strict=True)
+    }
+    targets = {name: skin.wanted(last[name]) for name, skin in skins.items()}
+    found = [target for target in targets.values() if target is not None]
+    packed = Packed([*(x for shown in shapes.values() for x in shown), *found, *bodies])
     patterns = FlatPatterns()
     scene = {
         "low": packed.low.tolist(),
         "step": packed.step,
-        "skins": {name: _packed_skin(packed, skin, patterns) for name, skin in skins.items()},
+        "skins": {
+            name: _packed_skin(packed, skin, targets[name], patterns)
+            for name, skin in skins.items()
+        },
         "series": {
             name: _packed_series(packed, frames, shapes[name], skins)
             for name, frames in chosen.items()
@@ -204,7 +214,9 @@ def _chosen(frames: Sequence[Frame], series: int) -> Sequence[Frame]:
     return chosen
 
 
-def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dict[str, Any]:
+def _packed_skin(
+    packed: Packed, skin: ShownSkin, target: Floats | None, patterns: FlatPatterns
+) -> dict[str, Any]:
     pattern = skin.pattern
     count = len(pattern.points)
     edges = np.concatenate([pattern.sewn[pattern.seams[:, 0]], pattern.free_edges])
@@ -216,8 +228,8 @@ def _packed_skin(packed: Packed, skin: ShownSkin, patterns: FlatPatterns) -> dic
         "seams": packed.add_numbers(edges, count),
         "grounds": [] if skin.grounds is None else _squares(packed, skin.grounds),
     }
-    if skin.target is not None:
-        found["target"] = packed.add(packed.places(skin.target))
+    if target is not None:
+        found["target"] = packed.add(packed.places(target))
     if skin.regions is not None:
         found["pattern"], places = patterns.of(skin)
         found["places"] = packed.add(np.round(STEPS * places).astype(np.uint16))
