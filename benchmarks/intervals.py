@@ -33,10 +33,10 @@ from toros_fem.meshes.transfer import make_transfer
 
 Floats = npt.NDArray[np.float64]
 Lines = list[Any]
-LENGTH, DIAMETER = 0.04, 0.016  # m
+LENGTH, DIAMETER = 0.03, 0.014  # m
 AROUND = np.pi * DIAMETER
 # Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
-EDGES, FINE = (1.4e-3, 1.0e-3, 0.7e-3), (0.5e-3, 0.38e-3)
+EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
 SEEDS = range(7)
 # Order by which errors fall between the two fine meshes: from 1 at corners of stiff lines to 2.
