@@ -101,6 +101,12 @@ def test_contours_of_a_design_are_printed_alike(
     start = state_near(problem, short_tube.pattern, there)
     warm = printed(problem, lambda: first.cleaned, limits, start=start, pressure=3e3)
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
-    assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
+    # A print that is cleaned again moves by less than its smallest detail.
+    away = [
+        a.symmetric_difference(b).area for a, b in zip(lines.regions, first.regions, strict=True)
+    ]
+    assert sum(away) < 1e-4 * sum(region.area for region in first.regions)
+    assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-4)
     assert lines.evaluation.equilibrium.pressure == problem.physics.pressure
-    assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}
+    cut = ~np.isin(lines.evaluation.density, (0.0, 1.0))
+    assert 0 < cut.mean() < 0.5

@@ -24,7 +24,6 @@ from toros_fem.products.actuators.discovery import (
     densities_from,
     discover,
 )
-from toros_fem.products.actuators.estimates import ORDER_OF_LINES, errors_of_lines
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.line_widths import LARGEST, mended_widths
@@ -86,17 +85,6 @@ def test_only_the_best_print_is_kept(found: Discovery) -> None:
     assert len(PROBLEMS) == len(found.rounds) == 2
     assert len(kept) == 1
     assert kept[0] is found.made.problem
-
-
-@pytest.mark.slow
-def test_the_print_on_a_coarser_mesh(alone: MPI.Comm, found: Discovery) -> None:
-    assert "no coarser mesh to compare with" in errors_of_lines(Job(alone, TINY), found).failure
-    other = errors_of_lines(Job(alone, TINY.updated(print_edge_length=2e-3)), found)
-    ratio = 1.25  # edges as long as lines are wide
-    change = abs(other.metrics["twist_deg"] - found.best.metrics["twist_deg"])
-    assert change > 1e-4 * found.best.metrics["twist_deg"]
-    width = other.intervals["twist_deg"]
-    assert width == pytest.approx(change / (ratio**ORDER_OF_LINES - 1))
 
 
 @pytest.mark.slow

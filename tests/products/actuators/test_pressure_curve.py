@@ -140,7 +140,7 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
         Measurement("angle_deg", 60.0, 9e3, 50.0, "another"),
         Measurement("angle_deg", 90.0, 4e3, 70.0, "of another target"),
     ]
-    entry = write_curve(tmp_path, problem, printed_as(made), CONFIG, measured)
+    entry = write_curve(problem.comm, tmp_path, printed_as(made), CONFIG, measured)
     assert entry is not None
     with (tmp_path / "curve.csv").open(encoding="utf-8") as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
@@ -160,8 +160,8 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
 def test_left_out_or_without_a_print(tmp_path: Path, problem: ShapeProblem, made: Print) -> None:
     folder = tmp_path / "none"
     off = CONFIG.updated(curve_pressure=None)
-    assert write_curve(folder, problem, printed_as(made), off) is None
-    failed = write_curve(folder, problem, printed_as(None), CONFIG)
+    assert write_curve(problem.comm, folder, printed_as(made), off) is None
+    failed = write_curve(problem.comm, folder, printed_as(None), CONFIG)
     assert failed == CurveFigures("It fails.")
     assert not folder.exists()
 
@@ -173,9 +173,9 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(skin.pattern, ["base"]))
     problem = replace(make_problem(skin, solver), metrics=(ANGLE,))
-    made = problem.simulate_binary(np.zeros(len(skin.owned_cells), dtype=bool), pressure=1e3)
+    made = problem.simulate_binary(np.zeros(len(skin.owned_cells)), pressure=1e3)
     config = CONFIG.updated(curve_pressure=6e3)
-    entry = write_curve(tmp_path, problem, printed_as(made), config)
+    entry = write_curve(problem.comm, tmp_path, printed_as(made), config)
     assert entry is not None
     assert str(entry.failure_above).startswith("the path ends between 1000 Pa and 3000 Pa, after")
     assert (entry.failure_below, entry.highest_pa) == (None, 1e3)

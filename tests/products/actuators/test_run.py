@@ -20,8 +20,9 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.readings.limit_shape import SHARE
 from toros_fem.meshes import Skin, bend
-from toros_fem.products.actuators import designer, estimates
+from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
@@ -124,24 +125,28 @@ def test_print_without_equilibrium(
     assert times["summary.json"] > max(times[name] for name in of_design), "it is the last"
 
 
-def test_a_refined_mesh_without_equilibrium_loses_nothing(
-    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(estimates, "estimate_error", fails)
-    config = SHORT.updated(estimate_error=True)
-    made = design_actuator(alone, tmp_path, config)
-    assert made.summary()["errors"]["failure"] == "made to fail"
+def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
+    """Figures are those of the limit, and the summary has those of the mesh too."""
+    made = design_actuator(alone, tmp_path, SHORT.updated(estimate_error=True))
+    figure, computed = made.figures[0], made.summary()["errors"]["computed"]
+    assert figure.interval is not None
+    assert SHARE * abs(figure.value - computed["angle_deg"]) < figure.interval
+    assert set(computed) >= {"angle_deg", "shape_distance_mm"}
+    assert "±" in made.sentence()
+    assert made.printed.evaluation.problem.solver.model.composite.membrane.smoothed
+
+
+def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) -> None:
+    made = design_actuator(alone, tmp_path, SHORT)
     assert made.figures[0].interval is None
     assert {figure.state for figure in made.figures} <= {None, "missed", "not certain"}
     assert "its error is unknown" in made.sentence()
-    assert made.value("angle_deg") is not None
     assert "±" not in made.sentence()
     assert "<td>angle</td>" in made._repr_html_()
     assert made.folder == tmp_path
     assert 'id="canvas"' in made.show().page
     with pytest.raises(OutputError, match="has no files yet"):
         replace(made).show()
-    assert "nothing to compare with on a refined mesh" in made.sentence()
     assert (tmp_path / "pattern.svg").exists()
 
 
@@ -154,7 +159,7 @@ def test_a_robust_design_tells_its_spread(alone: MPI.Comm, tmp_path: Path) -> No
     assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
     problem = made.problem
     assert isinstance(problem, ShapeDesign)
-    spread = print_spread(problem, made.printed, 2e-4)
+    spread = print_spread(made.printed, 2e-4)
     assert [found["printed"][name] for name in ("narrower", "wider")] == list(spread.metrics)
 
 

@@ -43,11 +43,13 @@ def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     _, mirrored = guided_edges(skin, corner, supports)
     own = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
     area = np.abs(np.linalg.det(own)) / 2
-    share = area[neighbour] / (area[:, None] + area[neighbour])
+    share: Floats = area[neighbour] / (area[:, None] + area[neighbour])
     start, end = np.roll(flat, -1, axis=1), np.roll(flat, -2, axis=1)
     there = unfolded(flat, corner, neighbour, opposite)
-    across = np.linalg.inv(np.stack([end - start, there - start], axis=3))
-    flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
-    return Flaps(
-        flap, neighbour, np.where(alone & ~mirrored, 0.0, share), across, across @ own[:, None]
+    across = np.asarray(
+        np.linalg.inv(np.stack([end - start, there - start], axis=3)), dtype=np.float64
     )
+    flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
+    share = np.where(alone & ~mirrored, 0.0, share)
+    chart = np.asarray(across @ own[:, None], dtype=np.float64)
+    return Flaps(flap, neighbour, share, across, chart)
