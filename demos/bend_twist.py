@@ -59,7 +59,7 @@ relaxed_edge, print_edge = (5e-3, 0.9e-3) if given.coarse else (4e-3, 0.75e-3)
 def case_on(edge: float, lines: LaidLines | None = None) -> tf.Case:
     """Return the case on a mesh, whose edges follow lines if there are any."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge)
-    bending, twisting, count = *np.radians(AIMS), 12
+    (bending, twisting), count = np.radians(AIMS), 12
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), count)
     places = np.outer(np.append(np.full(count, 1 / count), 1.0), [1.0, 1.0, 1.0])
     turning = np.full(count + 1, (count + 1) * (0.03 / pattern.size) ** 2)
