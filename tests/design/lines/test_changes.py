@@ -1,11 +1,12 @@
 """Smooth changes of lines that were laid: of their widths, and a warp that moves them."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
-from helpers.lines import even_field, largest_jump, seam_difference
+from helpers.lines import even_field, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
@@ -15,8 +16,14 @@ from toros_fem.design.lines.changes import (
     smooth_fields,
     smooth_functions,
 )
-from toros_fem.design.lines.field import LineOptions
-from toros_fem.design.lines.laid_lines import LaidLines, LineChange, change_between, changed
+from toros_fem.design.lines.field import LineField, LineOptions
+from toros_fem.design.lines.laid_lines import (
+    LaidLines,
+    LineChange,
+    _warped,
+    change_between,
+    changed,
+)
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.line_mesh import LineMesh, coordinates
 from toros_fem.meshes import cylinder
@@ -51,6 +58,16 @@ def warped(lines: LaidLines, way: Callable[[np.ndarray], np.ndarray]) -> LineCha
     """A change that moves lines by a function of x + iy."""
     assert lines.mesh is not None
     return LineChange(np.zeros((1, lines.mesh.size)), way(places(lines.mesh)))
+
+
+def largest_jump(lines: LaidLines) -> float:
+    """Largest distance on the skin from the end of a moved segment to the start of the next."""
+    jumps = [0.0]
+    for line in lines.families[0].lines:
+        moved = replace(line, places=_warped(lines, line) @ np.array([1, 1j]))
+        at = positions(lines.mesh, moved)
+        jumps += np.linalg.norm(at[1:, 0] - at[:-1, 1], axis=1).tolist()
+    return max(jumps)
 
 
 def test_smooth_functions_are_those_of_a_square(lines: LaidLines) -> None:
@@ -148,10 +165,25 @@ def test_warped_lines_go_on_across_seams() -> None:
     assert moved.area == pytest.approx(laid.area, rel=0.02)
     apart, whole = seam_difference(moved, tube.panel_index("wall"))
     assert apart < 0.05 * whole
-    assert largest_jump(moved) < 1e-6
     off = shapely.symmetric_difference(moved.regions[0], laid.regions[0]).area
     off += shapely.symmetric_difference(moved.regions[1], laid.regions[1]).area
     assert off > 0.1 * laid.area
+
+
+def test_a_warp_turns_with_the_charts() -> None:
+    """Lines across the seam of two panels are still in one piece; the second chart is turned."""
+    sheet = turned_halves(60.0)
+    turn = np.where(sheet.panel == 1, np.radians(60.0), 0.0)[:, None]
+    field = LineField(sheet, np.full((len(turn), 1), 0.2), turn + np.radians(30.0))
+    laid = lay_lines(field, LineOptions(widths=(1e-3,)))
+    way = smooth_fields(laid.mesh, 4, ()) @ np.array([1.0, 0.5, -0.4, 0.3])
+    way = np.asarray(1.2e-3 / np.abs(way).max() * way)
+    moved = changed(laid, LineChange(np.zeros((1, laid.mesh.size)), way))
+    whole = np.sum(shapely.area(laid.regions))
+    assert np.sum(shapely.area(moved.regions)) == pytest.approx(whole, rel=0.02)
+    assert largest_jump(moved) < 1e-6
+    off = shapely.symmetric_difference(moved.regions[0], laid.regions[0]).area
+    assert off > 0.2 * laid.regions[0].area
 
 
 def test_borders_of_the_print_follow_changes(lines: LaidLines) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -36,10 +36,7 @@ from toros_fem.products.actuators.misses import misses_of
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, asked_next
 from toros_fem.results.console import print_line
 
-if TYPE_CHECKING:
-    pass
-
-# Below these errors of metrics and of the shape lines stay where they are, and are mended first.
+# Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
 # Miss of a shape below which a search ends; the error of the mesh is of this size.
 CLOSE_SHAPE = TOLERANCE / 2
@@ -148,10 +145,10 @@ class Discovery:
 def discover(job: Job) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
-    The relaxed design is laid as lines, which are simulated as printed. Where the print misses by
-    far, the next relaxed design asks for more (space mapping, Bandler et al. 1994): it costs a
-    fraction of a simulated print. The widths of the lines take away a small miss
-    (`mended_widths`). Where a target is in no field of the scene (`targets`), there is one round.
+    The relaxed design is laid as lines, which are simulated as printed. Then lines are moved and
+    change their widths, by what the print misses (`mending`). Where this does not promise enough,
+    the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
+    no cross-sections count, metrics are asked for, if they are in fields of the scene (`targets`).
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
