@@ -79,14 +79,16 @@ def test_an_asked_shape_has_the_strains_that_are_asked(kind: type[Any]) -> None:
 def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Then other lines are asked for; so they are where no change promises enough."""
     search = object.__new__(discovery._Search)
-    step = SimpleNamespace(whole=True, halved=SimpleNamespace(whole=False))
+    step = SimpleNamespace(
+        whole=True, before=10.0, promised=1.0, halved=SimpleNamespace(whole=False)
+    )
     made: list[Any] = []
     monkeypatch.setattr(search, "_mended", lambda best, step: made.append(step), raising=False)
     monkeypatch.setattr(search, "_asked_again", lambda _: made.append("asked"), raising=False)
     monkeypatch.setattr(search, "_mending", lambda _: step, raising=False)
 
     def a_round(missed: float, mended: Any = None) -> Any:
-        return SimpleNamespace(missed=missed, mended=mended)
+        return SimpleNamespace(missed=missed, mended=mended, error=0.03 * missed)
 
     first = a_round(10.0)
     for rounds in (
@@ -97,6 +99,12 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
     ):
         search.again(rounds)
     assert made == [step, step, step.halved, "asked"]
-    monkeypatch.setattr(search, "_mending", lambda _: None)
+    small = SimpleNamespace(before=10.0, promised=6.0)
+    monkeypatch.setattr(search, "_mending", lambda _: small)
     search.again([first])
+    assert made[-1] == "asked", "far from the target"
+    search.again([a_round(1.0)])
+    assert made[-1] is small, "near it"
+    monkeypatch.setattr(search, "_mending", lambda _: None)
+    search.again([a_round(1.0)])
     assert made[-1] == "asked"

@@ -38,6 +38,8 @@ from toros_fem.results.console import print_line
 
 # Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
+# Far from the targets a change of lines must promise to leave no more than this part of all misses.
+ENOUGH = 0.5
 # Miss of a shape below which a search ends; the error of the mesh is of this size.
 CLOSE_SHAPE = TOLERANCE / 2
 
@@ -202,7 +204,7 @@ class _Search:
         return self._asked(case, asked, strains, None, None)
 
     def again(self, rounds: Sequence[Round]) -> Round | None:
-        """Return a round of changed lines, or of lines that are asked for more; None if it cannot.
+        """Return a round of changed lines, or of others that are asked for; None if it cannot.
 
         A change after which the print is no better is halved once.
         """
@@ -211,7 +213,9 @@ class _Search:
         if failed and last.mended is not None and last.mended.whole:
             return self._mended(best, last.mended.halved)
         found = None if failed else self._mending(best)
-        return self._asked_again(rounds) if found is None else self._mended(best, found)
+        if found is None or (found.promised > ENOUGH * found.before and best.error > FINE):
+            return self._asked_again(rounds)
+        return self._mended(best, found)
 
     def enough(self, rounds: Sequence[Round]) -> bool:
         """Return whether the search ends with these rounds."""
