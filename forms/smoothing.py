@@ -34,7 +34,7 @@ class Smoothing:
     charts: Sequence[Any]
     shares: Any
     around: Any
-    stiffnesses: tuple[Any, Any]
+    stiffnesses: Sequence[Any]
 
     def metric(self, t: Triangle, k: int, one: Vector, two: Vector, flap: Vector) -> list[Jet]:
         """Return the mean (e₁·e₁, e₂·e₂, e₁·e₂) in m² around edge k, in the triangle's own chart.

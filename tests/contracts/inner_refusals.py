@@ -41,8 +41,9 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
+from toros_fem.design.lines import laid_lines
 from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import LaidLines, widened
+from toros_fem.design.lines.laid_lines import LaidLines, LineChange
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.loop.starts import best_start
 from toros_fem.design.mma.optimizer import MMA, Functions
@@ -550,6 +551,10 @@ def _laid() -> LaidLines:
     return lay_lines(even_field(SHEET, [0.2], [90.0]), LineOptions(widths=(1e-3,)))
 
 
+def _changed(lines: LaidLines, widths: tuple[int, int], warp: int, by: float = 0.0) -> LaidLines:
+    return laid_lines.changed(lines, LineChange(np.full(widths, by), np.zeros(warp, complex)))
+
+
 def _field() -> LineField:
     return even_field(SHEET, [0.2, 0.2], [0.0, 90.0])
 
@@ -583,10 +588,10 @@ DESIGNS: Table = {
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
-    "factors of other lines": lambda s: widened(_laid(), np.ones((2, 3))),
-    "negative factors": lambda s: widened(_laid(), -np.ones((1, _laid().mesh.size))),
-    "factors of no line": lambda s: widened(
-        lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), np.ones((1, 1))
+    "a change of other lines": lambda s: _changed(_laid(), (2, 3), 3),
+    "a change by NaN": lambda s: _changed(_laid(), (1, 289), 289, NAN),
+    "a change of no line": lambda s: _changed(
+        lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), (1, 1), 1
     ),
     "directions within a radius of 0": lambda s: smoothing(s.skin, 0.0, FixedDirections()),
     **{f"starts by {seeds}": lambda s, seeds=seeds: best_start(

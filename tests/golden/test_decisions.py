@@ -68,7 +68,7 @@ def choices(folder: Path) -> dict[str, Any]:
     found["islands"] = summary["manufacture"]["islands"]
     found["kept densities"] = float(summary.get("densities_kept", True))
     laid = summary.get("lines", {"rounds": [], "families": []})
-    found["widened"] = [float(row["widened"]) for row in laid["rounds"]]
+    found["mended"] = [float(row["mended"]) for row in laid["rounds"]]
     found["lines"] = [family["lines"] for family in laid["families"]]
     told = [row for row in summary["figures"] if row["interval"] is not None]
     found["errors are told"] = sorted(f"{row['name']}_error_{row['unit']}" for row in told)

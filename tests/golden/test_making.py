@@ -17,7 +17,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.lines.field import LineField, LineOptions
-from toros_fem.design.lines.laid_lines import LaidLines, widened
+from toros_fem.design.lines.laid_lines import LaidLines, LineChange, changed
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_sheets
@@ -94,8 +94,8 @@ def test_lines(name: str, pinned: Callable[..., None]) -> None:
     laid = lay_lines(fields()[name], LineOptions(even=5e-3) if name == "fading" else None)
     figures = lines_of(laid)
     if name == "tube":
-        factors = np.repeat(np.array([[1.2], [0.9]]), laid.mesh.size, axis=1)
-        wider = widened(laid, factors)
+        widths = np.repeat(np.log([[1.2], [0.9]]), laid.mesh.size, axis=1)
+        wider = changed(laid, LineChange(widths, np.zeros(laid.mesh.size, complex)))
         figures["other widths: area in m2"] = wider.area
     pinned(f"lines/{name}", figures, rel=1e-5, small=1e-8)
 

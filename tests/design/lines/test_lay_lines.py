@@ -44,6 +44,13 @@ def test_where_all_is_asked_for_gaps_are_left() -> None:
     assert laid.families[0].laid == pytest.approx(len(places) * 2e-3 / 0.04, rel=1e-4)
 
 
+def test_gaps_of_the_least_width_stay_open() -> None:
+    """Lines of 0.9 mm with gaps of 0.6 mm: cleaning would close gaps that are no wider."""
+    sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
+    laid = lay_lines(even_field(sheet, [0.6], [90.0]))
+    assert laid.area == pytest.approx(0.6 * sheet.areas.sum(), rel=0.02)
+
+
 def test_cover_is_the_area_of_the_polygons() -> None:
     tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 2e-3)
     caps = tube.panel != tube.panel_index("wall")

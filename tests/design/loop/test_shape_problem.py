@@ -1,45 +1,61 @@
 """A skin, its pressures and its target as a design problem."""
 
-import dataclasses
-
 import numpy as np
-import pytest
-from helpers.designs import make_problem
+from helpers.designs import shape_design
+from mpi4py import MPI
 
-from toros_fem.design.density.field import random_density
-from toros_fem.design.loop.fields import densities_of
-from toros_fem.measures.metrics import Metric, bend_angle, length_ratio
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import Skin
+from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem, carried_along
+from toros_fem.measures.metrics import bend_angle
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import bend, cylinder
+from toros_fem.meshes.following import with_flat_points
 
 
-def test_metrics_along_changes_of_the_density(
-    short_tube: Skin, short_solver: EquilibriumSolver
-) -> None:
-    metrics = (
-        Metric("bend", "rad", None, lambda of, x: bend_angle(of, x, sections=6)),
-        Metric("length", "ratio", None, length_ratio),
+def test_shape_derivatives_are_those_of_moved_meshes(comm: MPI.Comm) -> None:
+    """Lines of a tube move on its flat panel, across the seam too; each end is solved anew."""
+    tube = cylinder(comm, 0.06, 0.02, 4.5e-3)
+    design = shape_design(
+        comm,
+        tube,
+        target=bend(np.radians(60), 0.06, neutral=0.01),
+        supports=clamp(tube, ["base"]),
+        pressure=5e3,
+        printed_panels=["base", "tip"],
+        filter_radius=9e-3,
+        length_scale=None,
     )
-    problem = dataclasses.replace(make_problem(short_tube, short_solver), metrics=metrics)
-    density, fields = random_density(short_tube, 2, spread=0.3), densities_of(problem.fields)
-    pattern = short_tube.pattern
-    x, _, z = pattern.points[pattern.triangles[short_tube.owned_cells]].mean(axis=1).T
-    changes = [0.2 * np.sign(x), 0.2 * np.sign(z - pattern.points[:, 2].mean())]
-    changes = [change * problem.designed for change in changes]
-    base = problem.simulate(density)
-    found = problem.metric_derivatives(base, changes)
-    state, step = base.equilibrium.state, 1e-3
-    for k, change in enumerate(changes):
-        slope = fields.projection.backward(base.filtered, problem.designed.astype(float))
-        rate = problem.metric_derivatives(base, [slope * fields.filter.forward(change)])
-        there, back = (
-            problem.metrics_of(problem.simulate(density + s * change, state).equilibrium)
-            for s in (step, -step)
-        )
-        base = problem.simulate(density, state)
-        for key in ("bend_rad", "length_ratio"):
-            assert rate[key][0] == pytest.approx((there[key] - back[key]) / (2 * step), rel=1e-3)
-            assert abs(found[key][k]) > 0
-    again = problem.metric_derivatives(base, [sum(changes)])
-    for key, values in found.items():
-        assert again[key][0] == pytest.approx(values.sum(), rel=1e-5)
+    density = np.where(tube.centroids[:, 0] % 15e-3 < 6e-3, 1.0, 0.0)
+
+    def simulated(problem: ShapeProblem) -> Evaluation[Equilibrium]:
+        return problem.simulate_binary(density[problem.skin.owned_cells] > 0.5)
+
+    def values(positions: Floats) -> Floats:
+        means = [positions[part].mean(axis=0) for part in (tip, middle)]
+        return np.array([bend_angle(tube, positions, sections=6), *np.concatenate(means)])
+
+    middle = np.abs(tube.points[:, 2] - 0.02) < 6e-3
+    tip, wall = tube.vertices_of("tip"), tube.panel_of_point == tube.panel_index("wall")
+    inside = np.ones(len(tube.points), dtype=bool)
+    for name in ("base", "tip"):
+        inside[tube.vertices_of(name)] = False
+    z, way = tube.points[:, 2] / 0.06, np.random.default_rng(3).normal(size=(len(tube.points), 2))
+    smooth = np.stack([np.sin(np.pi * z), np.sin(2 * np.pi * z)], axis=1)
+    moves = [
+        2e-3 * (inside[:, None] * each)[tube.sewn] * wall[:, None] for each in (smooth, way / 10)
+    ]
+    base = simulated(design)
+    found = design.shape_derivatives(base, moves, values)
+    step = 0.02
+    for move, rates in zip(moves, found.T, strict=True):
+        ends = []
+        for sign in (1, -1):
+            moved = design.on(with_flat_points(tube, tube.flat_points + sign * step * move))
+            here = simulated(moved).equilibrium.positions
+            here = moved.skin.gather_vertices(here)
+            ends.append(values(here - sign * step * carried_along(moved.skin.pattern, here, move)))
+        expected = (ends[0] - ends[1]) / (2 * step)
+        assert np.abs(rates - expected).max() < 5e-3 * np.abs(expected).max()
+        assert np.abs(expected).max() > 1e-4

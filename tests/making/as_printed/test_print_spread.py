@@ -31,6 +31,6 @@ def test_angles_are_those_of_the_tolerances(alone: MPI.Comm) -> None:
 
 
 def test_none_without_an_equilibrium(comm: MPI.Comm) -> None:
-    problem, printed = printed_tube(comm)
+    _, printed = printed_tube(comm)
     missing = dataclasses.replace(printed, evaluation=None, failure="none")
     assert print_spread(missing, WIDTH / 2) is None

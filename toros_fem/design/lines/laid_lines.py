@@ -15,16 +15,35 @@ from toros_fem.base.rounding import rounded
 from toros_fem.design.lines.centre_lines import BORDER, LINE, PRINTED, CentreLine, Family
 from toros_fem.design.lines.ends import touches
 from toros_fem.design.lines.field import LineOptions
-from toros_fem.design.lines.line_mesh import Complexes, LineMesh
-from toros_fem.design.lines.ribbons import Joint, cleaned, joints_of, ribbons
+from toros_fem.design.lines.line_mesh import Complexes, LineMesh, coordinates
+from toros_fem.design.lines.ribbons import Joint, cleaned, joints_of, kept_width, ribbons
 from toros_fem.design.lines.stripes import Stripes
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
+from toros_fem.meshes.triangles import gradients
 
 # Places and widths of lines are rounded to this part of the least width: the same lines then make
 # the same polygons, and these the same mesh.
 RESOLUTION = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class LineChange:
+    """A change of lines that were laid.
+
+    Attributes:
+        widths: Logarithm of the factor on the width of each family at each vertex of the lines'
+            mesh, (K, n).
+        warp: Way of the lines there in m, (n,), x + iy in the chart of each vertex's first corner.
+    """
+
+    widths: Floats
+    warp: Complexes
+
+    def scaled(self, factor: float) -> LineChange:
+        """Return a multiple of the change."""
+        return LineChange(factor * self.widths, factor * self.warp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +59,8 @@ class LaidLines:
         planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
         options: Widths and limits.
         regions: Printed region of each panel, polygons in its chart, in m.
+        warp: Way in m by which all lines have moved since, (n,), as of `LineChange`; None if they
+            lie as they were laid.
     """
 
     pattern: Pattern
@@ -49,6 +70,7 @@ class LaidLines:
     planes: tuple[int, ...]
     options: LineOptions
     regions: tuple[BaseGeometry, ...] = ()
+    warp: Complexes | None = None
 
     @property
     def area(self) -> float:
@@ -98,30 +120,68 @@ def with_regions(lines: LaidLines) -> LaidLines:
     return replace(lines, families=families, regions=tuple(regions))
 
 
-def widened(lines: LaidLines, factors: Floats) -> LaidLines:
-    """Return the same lines with other widths, within the bounds of the options and the spacing.
+def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidLines:
+    """Return lines with other widths, and moved, within the bounds of the options and the spacing.
+
+    Centre lines move, and are drawn anew with their widths. Where the warp brings lines nearer to
+    each other their widths leave room for the gap.
 
     Args:
         lines: Lines that were laid.
-        factors: Factor on the width of each family at each vertex of `lines.mesh`, (K, n),
-            positive.
+        change: The change.
+        draw: Whether regions are those of the changed lines, or none.
 
     Raises:
-        ParameterError: The factors do not fit, or there are no lines.
+        ParameterError: It does not fit, or there are no lines.
     """
     if lines.mesh is None:
-        raise ParameterError("there are no lines whose widths could be changed.")
+        raise ParameterError("there are no lines that could be changed.")
     shape = len(lines.families), lines.mesh.size
-    if factors.shape != shape or not np.all(np.isfinite(factors) & (factors > 0)):
+    fits = change.widths.shape == shape and change.warp.shape == shape[1:]
+    if not (fits and np.isfinite(change.widths).all() and np.isfinite(change.warp).all()):
         raise ParameterError(
-            f"factors has shape {factors.shape}; it must hold positive numbers of shape {shape}, "
-            "one for each family and vertex."
+            f"the change has widths of shape {change.widths.shape} and a warp of shape "
+            f"{change.warp.shape}; they must be finite, and of shape {shape} and {shape[1:]}: one "
+            "entry for each family and vertex."
         )
-    families = tuple(
-        replace(family, radius=np.clip(factor * family.radius, *family.bounds))
-        for family, factor in zip(lines.families, factors, strict=True)
-    )
-    return with_regions(replace(lines, families=families))
+    warp = change.warp if lines.warp is None else lines.warp + change.warp
+    strain = _strain(lines.mesh, warp)
+    families = []
+    for family, own in zip(lines.families, change.widths, strict=True):
+        least, most = family.bounds
+        # Where the gap bounds the width, it tells the spacing.
+        gap, wide = kept_width(lines.options.print_width), lines.options.spread * family.width / 2
+        bounded = most < (1 - RESOLUTION) * wide
+        spacing = np.maximum(2 * most + gap, np.where(bounded, 0.0, family.spacing))
+        nearer = (spacing * (1 + _across(lines.mesh, strain, family.angles)) - gap) / 2
+        most = np.maximum(least, np.minimum(most, nearer))
+        radius = np.clip(np.exp(own) * family.radius, least, most)
+        families.append(replace(family, radius=radius))
+    found = replace(lines, families=tuple(families), warp=warp)
+    return with_regions(found) if draw else replace(found, regions=())
+
+
+def change_between(before: LaidLines, after: LaidLines) -> LineChange:
+    """Return the change that leads from lines to others with the same centre lines."""
+    assert before.mesh is not None
+    none: Complexes = np.zeros(before.mesh.size, dtype=np.complex128)
+    old, new = (none if lines.warp is None else lines.warp for lines in (before, after))
+    pairs = zip(before.families, after.families, strict=True)
+    return LineChange(np.array([np.log(b.radius / a.radius) for a, b in pairs]), new - old)
+
+
+def _strain(mesh: LineMesh, warp: Complexes) -> Floats:
+    """Return the symmetric gradient of a warp in each triangle, (t, 2, 2)."""
+    way = coordinates(warp[mesh.vertex] * np.exp(1j * mesh.turn))
+    slope = np.einsum("tci,tcj->tij", way, gradients(mesh.corners))
+    return np.asarray(slope + np.swapaxes(slope, 1, 2)) / 2
+
+
+def _across(mesh: LineMesh, strain: Floats, angles: Floats) -> Floats:
+    """Return the strain across lines with given directions at the corners, at vertices, (n,)."""
+    angle = np.angle(np.exp(2j * angles).sum(axis=1)) / 2
+    normal = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    return mesh.at_vertices(np.einsum("ti,tij,tj->t", normal, strain, normal))
 
 
 def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[BaseGeometry]:
@@ -133,7 +193,7 @@ def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[Base
     for line in family.lines:
         assert mesh is not None
         panel = mesh.pattern.panel[mesh.cells[line.cell]]
-        points = rounded(line.points, RESOLUTION * least)
+        points = rounded(_warped(lines, line), RESOLUTION * least)
         radii = rounded(_tapered(lines, mesh, family, line), RESOLUTION * least)
         parts.append((panel, points, radii))
         # Where the panel ends, the ribbon runs on straight.
@@ -144,7 +204,19 @@ def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[Base
             parts.append((panel[[-side]], np.array([[end, beyond]]), np.full((1, 2), radius)))
     panel, points, radii = (np.concatenate(part) for part in zip(*parts, strict=True))
     margin = radii.max(initial=0.0) + 3 * least
+    margin += 0.0 if lines.warp is None else float(np.abs(lines.warp).max(initial=0.0))
     return ribbons(panel, points, radii, joints, margin, len(lines.pattern.panel_names))
+
+
+def _warped(lines: LaidLines, line: CentreLine) -> Floats:
+    """Return the points of a line where the warp has moved them, (m, 2, 2), in m."""
+    mesh, warp = lines.mesh, lines.warp
+    assert mesh is not None
+    if warp is None:
+        return line.points
+    at = mesh.barycentric(line.cell[:, None], line.places)
+    way = warp[mesh.vertex[line.cell]] * np.exp(1j * mesh.turn[line.cell])
+    return coordinates(line.places + np.einsum("mkc,mc->mk", at, way))
 
 
 def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine) -> Floats:

@@ -16,7 +16,7 @@ from toros_fem.design.lines.ends import close_ends
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
 from toros_fem.design.lines.line_mesh import Values
-from toros_fem.design.lines.ribbons import EXCESS
+from toros_fem.design.lines.ribbons import kept_width
 from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
 from toros_fem.meshes.pattern import Pattern
@@ -123,7 +123,7 @@ def _fine(
 
 def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
     """Return the distance in m between lines of a width that cover a share."""
-    most = width / (width + options.print_width)
+    most = width / (width + kept_width(options.print_width))
     return np.asarray(width / np.clip(share, options.least_share, most))
 
 
@@ -179,8 +179,9 @@ def _on_whole(
     products = stripes.change * stripes.wanted, stripes.wanted**2
     top, bottom = (smoother(even)(mesh.around(each)) for each in products)
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
-    low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
-    high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
+    least = kept_width(options.print_width)
+    low = max(least, width / options.spread)
+    high = np.maximum(low, np.minimum(width * options.spread, spacing - least))
     radius, bounds = np.clip(local * spacing, low, high) / 2, (low / 2, high / 2)
     return Family(width, lines, waves.corner_angles(), waves.spacing, radius, bounds), stripes
 

@@ -108,6 +108,13 @@ class LineMesh:
         """Whether side c … c + 1 of each triangle runs from its edge's first end, (t, 3)."""
         return self.vertex == self.edges.ends[self.edges.of_triangle, 0]
 
+    @cached_property
+    def edge_angles(self) -> Floats:
+        """Angle in rad by which directions turn from each edge's first end to its second, (e,)."""
+        half = self.edges.twins[:, 0]
+        change = (self.turn - np.roll(self.turn, -1, axis=1)).ravel()[half]
+        return np.where(self.forward.ravel()[half], change, -change)
+
     def barycentric(self, cell: Ints | int, place: Complexes | complex) -> Floats:
         """Return barycentric coordinates of places in triangles, (…, 3)."""
         return barycentric(self.corners[cell], coordinates(place)[..., None, :])[..., 0, :]
@@ -148,10 +155,8 @@ class LineMesh:
         """
         if distance is None:
             return lambda values: values
-        half = self.edges.twins[:, 0]
-        change = (self.turn - np.roll(self.turn, -1, axis=1)).ravel()[half]
-        along = np.where(self.forward.ravel()[half], change, -change)
-        area, factors = self.vertex_areas, np.exp(2j * along) if turned else 1.0
+        area = self.vertex_areas
+        factors = np.exp(2j * self.edge_angles) if turned else 1.0
         diffusion = distance**2 / 4 * self.laplacian(self.weights, factors)
         factor = spd_factor(diags_array(area) + diffusion)
         return lambda values: factor.solve(area * factor.solve(area * values))

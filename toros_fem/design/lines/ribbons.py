@@ -116,6 +116,11 @@ def ribbons(
     return [shapely.union_all(capsule[panel == k]) for k in range(panels)]
 
 
+def kept_width(print_width: float) -> float:
+    """Return the least width in m of lines and gaps that `cleaned` keeps."""
+    return (1 + 2 * EXCESS) * print_width
+
+
 def cleaned(region: BaseGeometry, print_width: float, hole_area: float) -> BaseGeometry:
     """Return a region without lines and gaps, in m, holes and pieces, in m², that are too small."""
     radius = (1 + EXCESS) * print_width / 2

@@ -1,21 +1,26 @@
-"""The design problem of an inflated skin, and the derivatives of its metrics."""
+"""The design problem of an inflated skin, and derivatives of what is measured of its shape."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.mpi import largest
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import gradients
 
 # Largest displacement in differences of metrics, over the size of the skin.
 METRIC_STEP = 1e-5
+# Largest move of a flat point in differences of forces, over the size of the least triangle.
+FLAT_STEP = 1e-3
 
 
 @dataclass(eq=False)
@@ -36,33 +41,55 @@ class ShapeProblem(DesignProblem[Equilibrium]):
         positions, pattern = self.skin.gather_vertices(owned), self.skin.pattern
         return {m.key: m.value(pattern, positions) for m in self.metrics}
 
-    def metric_derivatives(
-        self, evaluation: Evaluation[Equilibrium], changes: Sequence[Floats]
-    ) -> dict[str, Floats]:
-        """Return the derivatives of all metrics along changes of ρ̄, by key (collective).
+    def shape_derivatives(
+        self,
+        evaluation: Evaluation[Equilibrium],
+        moves: Sequence[Floats],
+        values: Callable[[Floats], Floats],
+    ) -> Floats:
+        """Return the derivatives of values along moves of the flat points, (j, m) (collective).
 
-        K y = −(∂f/∂ρ̄) δρ̄ with the last tangent gives the motion y along each change; metrics, which
-        are functions of the positions alone, are differenced along it.
+        K y = −(∂f/∂X) δX with the last tangent gives the motion y of the vertices. Points of the
+        material, by which shapes are compared, move by y − F δX. Forces are differenced in the flat
+        points, values along the motion.
 
         Args:
             evaluation: A simulation of this problem.
-            changes: δρ̄ at owned triangles, one array for each derivative.
+            moves: δX of the pattern's flat points, (k, 2), in m, one array for each of m
+                derivatives. Both sides of a seam move alike.
+            values: Function of the positions of all vertices, (n, 3), in m, that returns j numbers.
         """
-        at, solver, model = evaluation.equilibrium, self.solver, self.solver.model
-        solver.tangent_at(at)
-        force = model.residual(at.state)
-        found: dict[str, list[float]] = {metric.key: [] for metric in self.metrics}
-        for change in changes:
-            if model.composite.mixes_linearly:
-                # The energy is linear in ρ̄, so that this difference is exact.
-                model.set_density(evaluation.projected + change)
-                push = force - model.residual(at.state)
-            else:
-                push = -model.density_variation(at.state, change)
-            for key, slope in self.metrics_along(at, solver.solve_tangent(push, at)).items():
-                found[key].append(slope)
-        model.set_density(evaluation.projected)
-        return {key: np.array(values) for key, values in found.items()}
+        at, skin, model = evaluation.equilibrium, self.skin, self.solver.model
+        pattern, places = skin.pattern, skin.mesh.geometry.x
+        self.solver.tangent_at(at)
+        here, rest, flat = skin.gather_vertices(at.positions), places.copy(), _flat_points(skin)
+        least = FLAT_STEP * float(np.sqrt(pattern.areas.min()))
+
+        def put(now: Floats) -> None:
+            places[:] = now
+            for term in model.terms:
+                term.after_move()
+
+        def force(way: Floats) -> Floats:
+            moved = rest.copy()
+            moved[: len(flat), :2] += way[flat]
+            try:
+                put(moved)
+                return np.array(model.residual(at.state))
+            finally:
+                put(rest)
+
+        columns = []
+        for move in moves:
+            step = least / max(float(np.abs(move).max()), np.finfo(float).tiny)
+            push = np.asarray((force(-step * move) - force(step * move)) / (2 * step))
+            motion = skin.gather_vertices(model.positions(self.solver.solve_tangent(push, at)))
+            motion = motion - carried_along(pattern, here, move)
+            longest = max(float(np.abs(motion).max()), np.finfo(float).tiny)
+            step = METRIC_STEP * pattern.size / longest
+            ends = (values(here + sign * step * motion) for sign in (1, -1))
+            columns.append(np.subtract(*ends) / (2 * step))
+        return np.stack(columns, axis=1)
 
     def metrics_along(self, at: Equilibrium, motion: Floats) -> dict[str, float]:
         """Return the derivatives of all metrics along a motion of the state (collective)."""
@@ -71,3 +98,33 @@ class ShapeProblem(DesignProblem[Equilibrium]):
         step = METRIC_STEP * self.skin.pattern.size / way if way > 0 else 1.0
         less, more = (self.metrics_at(at.positions + sign * step * moved) for sign in (-1, 1))
         return {key: (more[key] - less[key]) / (2 * step) for key in more}
+
+
+def _flat_points(skin: Skin) -> Ints:
+    """Return the pattern's flat point at each corner of this rank's triangles, (3 c,)."""
+    cell = skin.cell[skin.density_space.dofmap.list.ravel()]
+    vertex = skin.vertex[skin.position_space.dofmap.list]
+    there = skin.pattern.triangles[cell]
+    corner = np.argmax(there[:, None, :] == vertex[:, :, None], axis=2)
+    points: Ints = np.take_along_axis(skin.pattern.flat_triangles[cell], corner, axis=1).ravel()
+    return points
+
+
+def carried_along(pattern: Pattern, positions: Floats, motion: Floats) -> Floats:
+    """Return F δX at the vertices, (n, 3): their way if flat points move with the material.
+
+    F is the mean over the triangles around a vertex, by area.
+
+    Args:
+        pattern: The pattern.
+        positions: Positions of all vertices, (n, 3), in m.
+        motion: δX of the flat points, (k, 2), in m.
+    """
+    corners = positions[pattern.triangles]
+    gradient = np.einsum("tci,tcj->tij", corners, gradients(pattern.corners))
+    each = np.einsum("tij,tcj->tci", gradient, motion[pattern.flat_triangles])
+    weight, vertex = np.repeat(pattern.areas, 3), pattern.triangles.ravel()
+    size = len(pattern.points)
+    total = np.bincount(vertex, weight, size)
+    rows = (np.bincount(vertex, weight * way, size) for way in each.reshape(-1, 3).T)
+    return np.stack([row / total for row in rows], axis=1)

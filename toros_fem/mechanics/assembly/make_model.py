@@ -15,7 +15,7 @@ from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
-from toros_fem.mechanics.skin.flaps import find_flaps
+from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
@@ -88,9 +88,8 @@ def make_model(
     make_design = further.get("design")
     if make_design is not None:
         require_callable("design", make_design, "a function of skin and composite, or None")
-    flaps = find_flaps(skin, supports) if composite.membrane.smoothed else None
     if make_design is None:
-        design = Densities(skin, None if flaps is None else flaps.neighbour)
+        design = Densities(skin, neighbours(skin)[0] if composite.membrane.smoothed else None)
     else:
         design = make_design(skin, composite)
     if isinstance(design, LineDesign):
@@ -101,7 +100,7 @@ def make_model(
     planes = Planes(pattern, supports)
 
     sheet = TensionSheet if composite.membrane.relaxed else Sheet
-    terms: list[Term] = [sheet(skin, composite, design, flaps)]
+    terms: list[Term] = [sheet(skin, composite, supports, design)]
     if composite.bladder is not None:
         terms.append(RubberLayer(skin, composite.bladder))
     if isinstance(design, LineDesign):

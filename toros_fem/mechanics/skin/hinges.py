@@ -72,13 +72,6 @@ def find_hinges(
     has_moment = ~alone | mirrored
     if bending.seams == "hinged":
         has_moment &= ~_on_seam(skin, corner)
-    flat = flat_corners(skin)
-    average = _average(flat)
-    angles: Floats = np.asarray(np.linalg.inv(average))
-    if bending.curvature == "quadratic":
-        fitted = _quadratic_angles(flat, unfolded(flat, corner, neighbour, opposite))
-        smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
-        angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
     rotation: Floats = np.zeros(alone.shape)
     if bending.curvature == "midedge":
         first, second = np.moveaxis(opposite_edges(skin.vertex[corner]), -1, 0)
@@ -94,10 +87,23 @@ def find_hinges(
         flap=flap.astype(np.int32),
         has_moment=has_moment,
         mirror=mirror,
-        tensors=_tensors(angles, has_moment | (rotation != 0), poisson),
+        tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
         rest=rest,
         rotation=rotation,
     )
+
+
+def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) -> Floats:
+    """Return `Hinges.tensors` for the flat corners where they are; known edges have an angle."""
+    flat = flat_corners(skin)
+    average = _average(flat)
+    angles: Floats = np.asarray(np.linalg.inv(average))
+    if bending.curvature == "quadratic":
+        corner = skin.position_space.dofmap.list
+        fitted = _quadratic_angles(flat, unfolded(flat, corner, *neighbours(skin)))
+        smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
+        angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
+    return _tensors(angles, known, poisson)
 
 
 def _require_unfolded(skin: Skin, rest: Floats) -> None:

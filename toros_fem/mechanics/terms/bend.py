@@ -15,8 +15,8 @@ from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.offset import coupling_energy
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space
-from toros_fem.mechanics.skin.hinges import Hinges, edge_angles, find_hinges
+from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
+from toros_fem.mechanics.skin.hinges import Hinges, edge_angles, find_hinges, hinge_tensors
 from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.constants import constants, lame_constants
@@ -43,6 +43,7 @@ class Bend(Term):
             skin.mesh.topology.create_entities(1)
             self.unknowns = _rotations(skin, self.hinges)
         self.edges = _coefficients(skin, self.hinges, rotations=rotations)
+        self._skin, self._bending, self._poisson = skin, bending, poisson
         sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
         moments = [m.thickness**3 / 12 + offset**2 * m.thickness for m, offset in sheets]
         self._mu, self._lam = lame_constants(skin, composite, moments)
@@ -50,6 +51,14 @@ class Bend(Term):
     @override
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
         return bending_energy(Lambda, t.mix(*self._mu), t.mix(*self._lam))
+
+    @override
+    def after_move(self) -> None:
+        assert self.edges is not None
+        known = self.hinges.has_moment | (self.hinges.rotation != 0)
+        tensors = hinge_tensors(self._skin, self._bending, known, self._poisson)
+        for i, function in enumerate(self.edges.tensors):
+            set_cells(function, tensors[:, i])
 
     def folds(self, patch: Floats, angle: float) -> int:
         """Return how many hinges of owned triangles fold by more than an angle in rad.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, override
 
+import numpy as np
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats
@@ -19,8 +21,9 @@ from toros_fem.forms.tension_field import relaxed
 from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
 from toros_fem.mechanics.skin.designs import Densities
-from toros_fem.mechanics.skin.flaps import Flaps
+from toros_fem.mechanics.skin.flaps import Flaps, find_flaps
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
@@ -36,15 +39,13 @@ class Sheet(Term):
     bounds: StretchBounds
 
     def __init__(
-        self, skin: Skin, composite: Composite, design: Densities, flaps: Flaps | None = None
+        self, skin: Skin, composite: Composite, supports: Supports, design: Densities
     ) -> None:
-        self._design, self.flaps = design, flaps
+        self._design, self._find = design, partial(find_flaps, skin, supports)
+        flaps = self._find() if composite.membrane.smoothed else None
+        self.flaps = flaps
         if flaps is not None:
-            self._stiffnesses = tuple(
-                sheet.membrane_stiffness for sheet in (composite.fabric, composite.reinforcement)
-            )
-            self._shares = cell_function(cell_space(skin, 3), flaps.share)
-            self.smoothing = _smoothing(skin, flaps, self._shares, design, self._stiffnesses)
+            self.smoothing = self._smoothing(skin, composite, flaps)
         thicknesses = composite.fabric.thickness, composite.reinforcement.thickness
         self._mu, self._lam = lame_constants(skin, composite, thicknesses)
         # Owned triangles come first in the mesh, each with flat corners of its own.
@@ -59,6 +60,15 @@ class Sheet(Term):
         else:
             self.bounds = MixedBounds(design.density, flat, composite, flaps)
             self._limits = self.bounds.coefficients
+
+    def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
+        """Return the constants of the flaps as coefficients."""
+        both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
+        self._stiffnesses, space = both, cell_space(skin, 4)
+        self._shares = cell_function(cell_space(skin, 3), flaps.share)
+        charts = (flaps.chart[:, k].reshape(-1, 4) for k in range(3))
+        self._charts = [cell_function(space, chart) for chart in charts]
+        return Smoothing(self._charts, self._shares, self._design.around, constants(skin, *both))
 
     def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
         """Stiffnesses and bounds of a triangle."""
@@ -89,7 +99,16 @@ class Sheet(Term):
         rows = design.density.function_space.dofmap.list[:owned]
         own = interpolate(design.density.x.array[rows], *self._stiffnesses)
         other = interpolate(around.x.array.reshape(-1, 3)[place], *self._stiffnesses)
-        self.bounds.set_shares(shares[:owned] * likeness(own, other))
+        self.bounds.set_shares(np.clip(shares[:owned] * likeness(own, other), 0.0, 1.0))
+
+    @override
+    def after_move(self) -> None:
+        if self.flaps is None:
+            return
+        flaps = self._find()
+        set_cells(self._shares, flaps.share)
+        for k, chart in enumerate(self._charts):
+            set_cells(chart, flaps.chart[:, k].reshape(-1, 4))
 
     @override
     @contextmanager
@@ -118,9 +137,9 @@ class TensionSheet(Sheet):
     """The same sheet where it wrinkles instead of taking compression."""
 
     def __init__(
-        self, skin: Skin, composite: Composite, design: Densities, flaps: Flaps | None = None
+        self, skin: Skin, composite: Composite, supports: Supports, design: Densities
     ) -> None:
-        super().__init__(skin, composite, design, flaps)
+        super().__init__(skin, composite, supports, design)
         self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
 
     @override
@@ -142,17 +161,3 @@ class RubberLayer(Term):
     @override
     def moduli(self, design: Densities) -> Floats | float:
         return 4 / 3 * self._stiffness  # μ = E/3, λ = 2 μ
-
-
-def _smoothing(
-    skin: Skin,
-    flaps: Flaps,
-    shares: fem.Function,
-    design: Densities,
-    stiffnesses: Sequence[float],
-) -> Smoothing:
-    """Return the constants of the flaps as coefficients."""
-    space, (fabric, print_) = cell_space(skin, 4), stiffnesses
-    charts = [cell_function(space, flaps.chart[:, k].reshape(-1, 4)) for k in range(3)]
-    both = fem.Constant(skin.mesh, fabric), fem.Constant(skin.mesh, print_)
-    return Smoothing(charts, shares, design.around, both)

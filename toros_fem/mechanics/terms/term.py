@@ -52,6 +52,9 @@ class Term(EnergyTerm):
     def after_design(self) -> None:
         """Follow a change of the design."""
 
+    def after_move(self) -> None:
+        """Follow a move of the mesh's flat corners."""
+
     def add_rest(self, x: Floats) -> None:
         """Change the state at rest, whose positions are the assembled ones."""
 

@@ -6,38 +6,42 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import free_dropped, on_first_rank
-from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.loop.carried import CarriedDesign
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
+from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
+from toros_fem.products.actuators.asked_shape import (
+    Answer,
+    asking,
+    strains_beyond,
+    strains_to_ask,
+)
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, Shape, print_of_lines
-from toros_fem.products.actuators.line_widths import mended_widths
-from toros_fem.products.actuators.space_mapping import (
-    CLOSE,
-    FINE,
-    HELPS,
-    aims_of,
-    asked_next,
-    largest_error,
-)
+from toros_fem.products.actuators.mended_lines import Mending, mending
+from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.space_mapping import CLOSE, FINE, asked_next
 from toros_fem.results.console import print_line
 
-if TYPE_CHECKING:
-    from toros_fem.products.actuators.scene import ActuatorScene
-
-# Below this error lines stay where they are, and corrections change their widths first.
-NEAR = 0.3
+# Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
+NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
+# Far from the targets a change of lines must promise to leave no more than this part of all misses.
+ENOUGH = 0.5
+# Miss of a shape below which a search ends; the error of the mesh is of this size.
+CLOSE_SHAPE = TOLERANCE / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +55,30 @@ class Round:
         relaxed: The relaxed design.
         laid: Its lines.
         metrics: Metrics of their print, by key; empty without an equilibrium.
-        error: Largest distance of a metric from its target, over its scale; infinite without an
-            equilibrium.
+        of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Misses`;
+            infinite without an equilibrium.
+        missed: Size of all misses, as of `Misses`.
         failure: Why the print has no equilibrium; empty if it has one.
-        widened: Whether these are the lines of the round before, with other widths.
+        answer: What was asked of the shape, and what its print has; None where metrics are asked,
+            or without an equilibrium.
+        mended: The change of earlier lines that made these; None if they were laid.
     """
 
     asked: Mapping[str, float]
     relaxed: RelaxedResult
     laid: LaidLines
     metrics: Mapping[str, float]
-    error: float
+    of_metrics: float
+    of_shape: float
+    missed: float
     failure: str
-    widened: bool
+    answer: Answer | None
+    mended: Mending | None
+
+    @property
+    def error(self) -> float:
+        """The larger one of both misses."""
+        return max(self.of_metrics, self.of_shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +125,8 @@ class Discovery:
             "lines": {
                 **best.metrics,
                 "rounds": [
-                    {"asked": dict(r.asked), "widened": r.widened, **r.metrics} for r in self.rounds
+                    {"asked": dict(r.asked), "mended": r.mended is not None, **r.metrics}
+                    for r in self.rounds
                 ],
                 "families": [
                     {
@@ -131,10 +147,10 @@ class Discovery:
 def discover(job: Job) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
-    The relaxed design is laid as lines, which are simulated as printed. Where the print misses by
-    far, the next relaxed design asks for more (space mapping, Bandler et al. 1994): it costs a
-    fraction of a simulated print. The widths of the lines take away a small miss
-    (`mended_widths`). Where a target is in no field of the scene (`targets`), there is one round.
+    The relaxed design is laid as lines, which are simulated as printed. Then lines are moved and
+    change their widths, by what the print misses (`mending`). Where this does not promise enough,
+    the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
+    no cross-sections count, metrics are asked for, if they are in fields of the scene (`targets`).
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -157,7 +173,7 @@ class _Search:
 
     Attributes:
         plain: The case on the mesh that is moved onto lines.
-        aims: Targets of its metrics, by key.
+        misses: What its shapes are judged by.
         best: The best round and its print. Only this print and the last one keep their problems.
         last: The last print.
         number: Of the next round.
@@ -167,64 +183,92 @@ class _Search:
     def __init__(self, job: Job) -> None:
         self.job = job
         self.plain = job.scene.case(job.comm, job.scene.print_level)
-        self.aims = aims_of(self.plain.judged)
+        self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint] | None = None
         self.last: LinePrint | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
 
     def first(self) -> Round:
-        """Return the first round: the scene's own targets, which may be in none of its fields.
+        """Return the first round: the scene's own target, which may be in none of its fields.
 
         Raises:
             NoEquilibriumError: The random start has no equilibrium.
         """
-        asked = {key: aim.target for key, aim in self.aims.items()}
-        return self._asked(self.job.scene, asked, None, None)
+        scene = self.job.scene
+        case = scene.case(self.job.comm, scene.relaxed_level)
+        strains = None
+        if self.misses.labels is not None:
+            strains = np.zeros_like(misses_of(case).rod(case.goal).strains)
+        asked = {key: aim.target for key, aim in self.misses.aims.items()}
+        return self._asked(case, asked, strains, None, None)
 
     def again(self, rounds: Sequence[Round]) -> Round | None:
-        """Return a round of wider lines, or of lines that are asked for more; None if it cannot."""
-        last, near = rounds[-1], [k for k, one in enumerate(rounds) if one.error < NEAR]
-        helped = not last.widened or last.error < HELPS * rounds[-2].error
-        if last.error < NEAR and (helped or _best(rounds).error < FINE):
-            wider = self._wider(last)
-            if wider is not None:
-                return wider
-        # Once lines are near, all later ones are like them: only these tell what one more asks for.
-        begin, like = (near[0], rounds[near[0]].laid) if near else (0, None)
-        asked = asked_next([one for one in rounds[begin:] if not one.widened], self.aims)
-        try:
-            scene = self.job.scene.asked(asked)
-        except ParameterError:  # beyond what the targets' fields allow
-            return None
-        try:
-            return self._asked(scene, asked, last.relaxed, like)
-        except NoEquilibriumError:  # of the relaxed skin
-            return None
+        """Return a round of changed lines, or of others that are asked for; None if it cannot.
+
+        A change after which the print is no better is halved once.
+        """
+        last, best = rounds[-1], _best(rounds)
+        failed = last.mended is not None and last is not best
+        if failed and last.mended is not None and last.mended.whole:
+            return self._mended(best, last.mended.halved)
+        found = None if failed else self._mending(best)
+        if found is None or (found.promised > ENOUGH * found.before and best.error > FINE):
+            return self._asked_again(rounds)
+        return self._mended(best, found)
 
     def enough(self, rounds: Sequence[Round]) -> bool:
         """Return whether the search ends with these rounds."""
         last, best = rounds[-1], _best(rounds)
         return (
-            last.error < CLOSE
-            or not set(self.aims) <= set(self.job.scene.targets())
-            or (bool(last.failure) and not last.widened)
+            (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
+            or (bool(last.failure) and last.mended is None)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
         )
 
+    def _asked_again(self, rounds: Sequence[Round]) -> Round | None:
+        """Return a round that asks for what the prints of laid lines have missed."""
+        laid = [one for one in rounds if one.mended is None]
+        near = [k for k, one in enumerate(laid) if _near(one)]
+        # Once lines are near, all later ones are like them: only these tell what one more asks for.
+        begin, like = (near[0], laid[near[0]].laid) if near else (0, None)
+        scene, comm = self.job.scene, self.job.comm
+        answers = [one.answer for one in laid[begin:] if one.answer is not None]
+        if answers:
+            case = scene.case(comm, scene.relaxed_level)
+            strains = strains_to_ask(case, answers)
+            case = asking(case, strains)
+            asked = {
+                m.key: m.value(case.pattern, case.goal)
+                for m in case.judged
+                if m.key in self.misses.aims
+            }
+        elif set(self.misses.aims) <= set(scene.targets()):
+            strains, asked = None, asked_next(laid[begin:], self.misses.aims)
+            try:
+                case = scene.asked(asked).case(comm, scene.relaxed_level)
+            except ParameterError:  # beyond what the targets' fields allow
+                return None
+        else:
+            return None
+        try:
+            return self._asked(case, asked, strains, laid[-1].relaxed, like)
+        except NoEquilibriumError:  # of the relaxed skin
+            return None
+
     def _asked(
         self,
-        scene: ActuatorScene,
+        case: Case,
         asked: Mapping[str, float],
+        strains: Floats | None,
         after: RelaxedResult | None,
         like: LaidLines | None,
     ) -> Round:
-        """Return the round of a relaxed design of a scene with these targets."""
-        job, level = self.job, scene.relaxed_level
+        """Return the round of a relaxed design of a case that asks for a shape."""
+        job, scene = self.job, self.job.scene
         with self._timed("relaxed"):
-            case = scene.case(job.comm, level)
             relaxed = find_lines(
-                job.problem(case, level),
+                job.problem(case, scene.relaxed_level),
                 scene.relaxed_options,
                 seed=scene.design.seed,
                 callback=job.reporter,
@@ -240,40 +284,66 @@ class _Search:
                     relaxed.field, options, printed=printed, planes=planes, like=like
                 ),
             )
-        return self._print(asked, relaxed, laid, (case.pattern, relaxed.positions), widened=False)
+        made = self._made(laid, (case.pattern, relaxed.positions), relaxed)
+        answer = None
+        if strains is not None and not made.printed.failure:
+            answer = Answer(strains, strains_beyond(made.case, made.shape[1]))
+        return self._round(dict(asked), relaxed, laid, made, answer, None)
 
-    def _wider(self, last: Round) -> Round | None:
-        """Return a round of the last lines with other widths; None where these cannot help."""
-        made = self.last
-        assert made is not None
+    def _mending(self, best: Round) -> Mending | None:
+        """Return the change that mends the best print most."""
+        assert self.best is not None
+        made = self.best[1]
         with self._timed("lines"):
-            laid, near = mended_widths(made, last.laid, self.aims), made.shape
-        del made  # or its problem would not be freed before the next one
-        if laid is None:
-            return None
-        return self._print(last.asked, last.relaxed, laid, near, widened=True)
+            return mending(made, best.laid, misses_of(made.case))
 
-    def _print(
-        self,
-        asked: Mapping[str, float],
-        relaxed: RelaxedResult,
-        laid: LaidLines,
-        near: Shape,
-        *,
-        widened: bool,
-    ) -> Round:
-        """Simulate the print of lines, and return the round."""
+    def _mended(self, best: Round, step: Mending) -> Round:
+        """Return the round of changed lines."""
+        assert self.best is not None
+        near = self.best[1].shape
+        with self._timed("lines"):
+            laid = on_first_rank(self.job.comm, lambda: changed(step.lines, step.change))
+        made = self._made(laid, near, best.relaxed)
+        return self._round(best.asked, best.relaxed, laid, made, None, step)
+
+    def _made(self, laid: LaidLines, near: Shape, relaxed: RelaxedResult) -> LinePrint:
+        """Simulate the print of lines."""
         self.last = None  # its problem is freed if it is not the best one's
         free_dropped(self.job.comm)
         with self._timed("prints"):
             level, pressures = self.job.scene.print_level, relaxed.pressures or None
-            made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
-            metrics = made.metrics
-            error = largest_error(metrics, self.aims)
-            failure = made.printed.failure
-            found = Round(dict(asked), relaxed, laid, metrics, error, failure, widened)
-        self.last = made
-        if self.best is None or error < self.best[0].error:
+            self.last = print_of_lines(self.job, level, self.plain, laid, near, pressures)
+        return self.last
+
+    def _round(
+        self,
+        asked: Mapping[str, float],
+        relaxed: RelaxedResult,
+        laid: LaidLines,
+        made: LinePrint,
+        answer: Answer | None,
+        mended: Mending | None,
+    ) -> Round:
+        """Return the round of a print, report it, and keep the print if it is the best."""
+        of_metrics = of_shape = missed = np.inf
+        failure = made.printed.failure
+        if not failure:
+            misses, shape = misses_of(made.case), made.shape[1]
+            of_metrics, of_shape = misses.of_metrics(shape), misses.of_shape(shape)
+            missed = float(np.linalg.norm(misses(shape)))
+        found = Round(
+            asked,
+            relaxed,
+            laid,
+            made.metrics,
+            of_metrics,
+            of_shape,
+            missed,
+            failure,
+            answer,
+            mended,
+        )
+        if self.best is None or found.missed < self.best[0].missed:
             self.best = found, made
         _report(self.job.comm, self.number, made.problem.metrics, found)
         self.number += 1
@@ -311,8 +381,13 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
         return None
 
 
+def _near(one: Round) -> bool:
+    """Return whether the lines of a round may stay where they are."""
+    return one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
+
+
 def _best(rounds: Sequence[Round]) -> Round:
-    return min(rounds, key=lambda one: one.error)
+    return min(rounds, key=lambda one: one.missed)
 
 
 def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round) -> None:
@@ -327,5 +402,6 @@ def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round)
     ]
     lines = sum(len(f.lines) for f in made.laid.families)
     found = "no equilibrium" if made.failure else "; ".join(parts)
-    widths = " of other widths" if made.widened else ""
-    print_line(f"round {number}: {lines} lines{widths}, as printed {found}")
+    how = "" if made.mended is None else ", mended"
+    shape = "" if made.failure else f"; shape off by {100 * made.of_shape:.2g} %"
+    print_line(f"round {number}: {lines} lines{how}, as printed {found}{shape}")

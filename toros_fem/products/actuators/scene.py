@@ -386,7 +386,12 @@ class ActuatorScene(Scene):
             ParameterError: A width is under `print_width`, or under the edge length of the print.
         """
         self.require_fine_print()
-        return LineOptions(widths=self.laid_widths, print_width=self.print.print_width)
+        return LineOptions(
+            widths=self.laid_widths,
+            print_width=self.print.print_width,
+            least_share=self.lines.least_share,
+            spread=self.lines.spread,
+        )
 
     def require_fine_print(self) -> None:
         """Check that the mesh of the print is fine enough for the lines that are laid.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -67,25 +66,37 @@ def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> floa
 
 
 def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:
-    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
-
-    Broyden's matrix, the change of printed by that of asked metrics, also knows what one of them
-    does to another.
-    """
+    """Return which targets of metrics to ask for next, by `next_asked`."""
     size = np.array([aim.scale for aim in aims.values()])
 
     def vector(values: Mapping[str, float]) -> Floats:
         return np.array([values[key] for key in aims]) / size
 
-    slope: Floats = np.eye(len(size))
-    for before, after in pairwise(rounds):
-        step = vector(after.asked) - vector(before.asked)
-        change = vector(after.metrics) - vector(before.metrics)
+    asked, printed = [vector(r.asked) for r in rounds], [vector(r.metrics) for r in rounds]
+    target = vector({key: aim.target for key, aim in aims.items()})
+    found = next_asked(asked, printed, target, LARGEST_STEP)
+    return dict(zip(aims, map(float, size * rounded(found, RESOLUTION)), strict=True))
+
+
+def next_asked(
+    asked: Sequence[Floats], printed: Sequence[Floats], target: Floats, largest: float
+) -> Floats:
+    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
+
+    Broyden's matrix, the change of printed by that of asked numbers, also knows what one of them
+    does to another.
+
+    Args:
+        asked, printed: Numbers of each round, (j,).
+        target: What shall be printed.
+        largest: Largest change of a number.
+    """
+    slope: Floats = np.eye(len(target))
+    for k in range(1, len(asked)):
+        step, change = asked[k] - asked[k - 1], printed[k] - printed[k - 1]
         if step @ step > 0:
             slope += np.outer(change - slope @ step, step) / (step @ step)
     left, value, right = np.linalg.svd(slope)
     value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
-    missing = vector({key: aim.target for key, aim in aims.items()}) - vector(rounds[-1].metrics)
-    step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
-    asked = size * rounded(vector(rounds[-1].asked) + step, RESOLUTION)
-    return dict(zip(aims, map(float, asked), strict=True))
+    step = right.T @ (left.T @ (target - printed[-1]) / value)
+    return np.asarray(asked[-1] + np.clip(step, -largest, largest))

@@ -204,6 +204,12 @@ class Lines(Table):
     second_laid_width: Length | None = key(
         None, "width of those along the second family; none takes the same"
     )
+    least_share: Annotated[float, In(above=0, at_most=1)] = key(
+        0.03, "where a family has less than this share of the area it has no lines"
+    )
+    spread: Annotated[float, In(at_least=1, at_most=10)] = key(
+        1.5, "largest local width of a line over the width asked, and that over the smallest one"
+    )
     print_edge_length: Length = key(
         0.75e-3, "edge length of the mesh that printed lines are simulated on"
     )

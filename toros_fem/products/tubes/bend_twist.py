@@ -34,10 +34,12 @@ class BendTwistScene(SectionTubeScene):
 
     target: BendTwistTarget = BendTwistTarget(angle=90.0)
     pressure: Pressing = Pressing(pressure=10e3)
-    # Few lines would answer to a correction by leaps.
-    lines: Lines = Lines(share_weight=3e-3)
+    # Many lines, also where few are asked for, and with room for other widths: of a few wide ones
+    # each decides about the shape.
+    lines: Lines = Lines(share_weight=1e-3, relaxed_iterations=60, least_share=0.012, spread=2.0)
 
     KIND: ClassVar = "bend-twist"
+    COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
     FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:

@@ -1,0 +1,127 @@
+"""Smooth changes of printed lines that mend what their print misses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.lines.changes import (
+    PrintBorders,
+    SmoothChanges,
+    print_borders,
+    smooth_fields,
+    smooth_functions,
+)
+from toros_fem.design.lines.laid_lines import LaidLines, LineChange, change_between, changed
+from toros_fem.making.print.regions import regions_on
+from toros_fem.meshes.following import border_motion
+from toros_fem.products.actuators.line_print import LinePrint
+from toros_fem.products.actuators.misses import Misses
+
+# Number of smooth functions by which the widths of each family change, and of smooth warps.
+FUNCTIONS, FIELDS = 12, 24
+# Largest relative change of a width in one step, and largest way of a line over the square root of
+# the area of the lines: the rates tell what a print does up to there.
+WIDER, FARTHER = 0.3, 0.04
+# Ridges of the least squares that are tried, over the largest singular value.
+RIDGES = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.5)
+# The largest ridge counts that promises this part of the largest decrease: rates hold for small
+# changes, and what is left near the target is of the size of the mesh's error.
+PART = 0.9
+# A step that promises to take away less of the misses than this fraction is not worth a print.
+WORTH = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Mending:
+    """A change of lines, and what it promises.
+
+    Attributes:
+        lines: The lines before.
+        change: Their change.
+        before: Size of the misses of their print, as of `Misses`.
+        promised: The same after the change, by its derivatives.
+        whole: Whether the change was not halved.
+    """
+
+    lines: LaidLines
+    change: LineChange
+    before: float
+    promised: float
+    whole: bool = True
+
+    @property
+    def halved(self) -> Mending:
+        """Half of the change."""
+        between = (self.before + self.promised) / 2
+        return Mending(self.lines, self.change.scaled(0.5), self.before, between, whole=False)
+
+
+def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None:
+    """Return the smooth change of lines that promises most for their print (collective).
+
+    A Gauss–Newton step with a ridge: misses are linear in the widths of the families and in a warp
+    of all lines, by a solve with the print's tangent for each smooth function. None where this
+    does not promise a fair part.
+
+    Args:
+        made: The print of the lines.
+        lines: The lines.
+        misses: What its shape is judged by.
+    """
+    problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
+    if mesh is None or evaluation is None:
+        return None
+    comm, pattern, far = problem.comm, problem.skin.pattern, farthest(lines)
+    printed = problem.skin.gather_cells(evaluation.projected) > 0.5
+
+    def basis() -> tuple[SmoothChanges, PrintBorders]:
+        fields = smooth_fields(mesh, FIELDS, lines.planes)
+        changes = SmoothChanges(
+            len(lines.families), smooth_functions(mesh, FUNCTIONS), fields, (WIDER, far)
+        )
+        under = [regions_on(lines.pattern, family.under, pattern) for family in lines.families]
+        normals = border_motion(pattern, made.regions, printed, 1e-3 * far)
+        return changes, print_borders(lines, pattern, under, printed, normals)
+
+    changes, borders = on_first_rank(comm, basis)
+    before = misses(made.shape[1])
+
+    def rates(found: list[LineChange]) -> Floats:
+        moves = [borders.moves(change) for change in found]
+        return problem.shape_derivatives(evaluation, moves, misses)
+
+    whole = changes.change(_amounts(changes, rates(list(changes.each())), before, far))
+    # What bounds leave of the change.
+    change = on_first_rank(comm, lambda: change_between(lines, changed(lines, whole, draw=False)))
+    promised = before + rates([change])[:, 0]
+    sizes = float(np.linalg.norm(before)), float(np.linalg.norm(promised))
+    if sizes[1] > (1 - WORTH) * sizes[0]:
+        return None
+    return Mending(lines, change, *sizes)
+
+
+def farthest(lines: LaidLines) -> float:
+    """Return the largest way of a line in one step, in m."""
+    assert lines.mesh is not None
+    return FARTHER * float(np.sqrt(lines.mesh.areas.sum()))
+
+
+def _amounts(changes: SmoothChanges, slope: Floats, before: Floats, far: float) -> Floats:
+    """Return amounts of the changes by which misses with these rates become small."""
+    left, size, right = np.linalg.svd(slope, full_matrices=False)
+    tried: list[Floats] = []
+    for ridge in RIDGES:
+        part = size / (size**2 + (ridge * size[0]) ** 2)
+        amounts = -right.T @ (part * (left.T @ before))
+        change = changes.change(amounts)
+        wide = float(np.abs(change.widths).max(initial=0.0)) / np.log1p(WIDER)
+        way = float(np.abs(change.warp).max(initial=0.0)) / far
+        tried.append(amounts / max(1.0, wide, way))
+    less = [np.linalg.norm(before) - np.linalg.norm(before + slope @ each) for each in tried]
+    return next(
+        a for a, won in zip(tried[::-1], less[::-1], strict=True) if won >= PART * max(less)
+    )
