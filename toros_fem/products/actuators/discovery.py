@@ -150,7 +150,8 @@ def discover(job: Job) -> Discovery:
     The relaxed design is laid as lines, which are simulated as printed. Then lines are moved and
     change their widths, by what the print misses (`mending`). Where this does not promise enough,
     the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
-    no cross-sections count, metrics are asked for, if they are in fields of the scene (`targets`).
+    places of cross-sections do not all count, metrics are asked for, if they are in fields of the
+    scene (`targets`).
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -198,7 +199,7 @@ class _Search:
         scene = self.job.scene
         case = scene.case(self.job.comm, scene.relaxed_level)
         strains = None
-        if self.misses.labels is not None:
+        if self.misses.labels is not None and self.misses.compared.all():
             strains = np.zeros_like(misses_of(case).rod(case.goal).strains)
         asked = {key: aim.target for key, aim in self.misses.aims.items()}
         return self._asked(case, asked, strains, None, None)
