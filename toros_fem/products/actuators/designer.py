@@ -25,6 +25,7 @@ from toros_fem.making.as_printed.free_islands import connect_islands, remove_isl
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.mechanics.readings.limit_shape import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
@@ -374,15 +375,19 @@ class Designer(Job):
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:
         """Return the errors of the metrics of a print; None without an equilibrium."""
-        made = found.made.printed.evaluation
+        printed = found.made.printed
+        made = printed.evaluation
         if made is None:
             return None
-        problem = made.problem
+        problem, lines = made.problem, self.scene.design.start == "relaxed"
         assert isinstance(problem, ShapeDesign)
         keys = list(found.made.shape)
         measures = {metric.key: metric.measure for metric in problem.metrics}
         measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
-        return metric_errors(problem.solver, made.equilibrium, measures)
+        shape = limit_shape(problem.solver, made.equilibrium)
+        level = self.scene.print_level if lines else self.scene.finest_level
+        regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
+        return metric_errors(self, level, shape, measures, regions, pressures)
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:

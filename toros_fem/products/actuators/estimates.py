@@ -1,17 +1,31 @@
-"""Errors of what a run tells of a print: half-widths of intervals, from two elements."""
+"""Errors of what a run tells of a print: half-widths of intervals, from a coarser mesh."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.making.as_printed.printed_lines import state_near
+from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.mechanics.readings.limit_shape import LimitShape
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.job import Job
+from toros_fem.results.shape_miss import shape_of
+
+if TYPE_CHECKING:
+    from toros_fem.products.actuators.scene import Level
+
+Measures = Mapping[str, Callable[[Pattern, Floats], float]]
+Regions = tuple[Pattern, Sequence[BaseGeometry]]
 
 
 @dataclass(frozen=True)
@@ -20,35 +34,88 @@ class MetricErrors:
 
     Attributes:
         computed: Values of the equilibrium on its mesh, by key; those that are told are its limit.
+        coarser: Those that would be told on a coarser mesh; empty where there is none.
         intervals: Half-width of the interval of each, by key.
+        failure: Why there is nothing to compare with; None if there is.
         seconds: Wall time.
     """
 
     computed: Mapping[str, float]
+    coarser: Mapping[str, float] = field(default_factory=dict)
     intervals: Mapping[str, float] = field(default_factory=dict)
+    failure: str | None = None
     seconds: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it; the intervals are with the figures."""
         return {name: value for name, value in asdict(self).items() if name != "intervals"}
 
+    @property
+    def words(self) -> str:
+        """Why errors are unknown, in words; empty if they are known."""
+        return "" if self.failure is None else "nothing to compare with, so that errors are unknown"
+
 
 def metric_errors(
-    solver: EquilibriumSolver,
-    at: Equilibrium,
-    measures: Mapping[str, Callable[[Pattern, Floats], float]],
+    job: Job,
+    level: Level,
+    shape: LimitShape,
+    measures: Measures,
+    regions: Regions | None,
+    pressures: Sequence[float] | None,
 ) -> MetricErrors:
-    """Return the errors of measures of a print with smoothed strains, as of `limit_shape`.
+    """Return the errors of measures of a print, from the same print on a coarser mesh (collective).
+
+    Errors of first order are the change over the ratio of the edges less 1; those of higher orders
+    are smaller. What the limit of two elements corrects on the mesh itself comes on top.
 
     Args:
-        solver: The solver of the print.
-        at: The equilibrium.
-        measures: Functions of a pattern and the positions of its vertices, by key (collective).
+        job: What was printed.
+        level: The mesh of the print.
+        shape: Its shape.
+        measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
+            what the shape misses.
+        regions: A pattern and the print on each of its panels, polygons in m; None for a skin
+            without a print.
+        pressures: Pressure of each chamber in Pa; None takes those of the scene.
     """
     begin = time.perf_counter()
-    shape = limit_shape(solver, at)
-    return MetricErrors(
-        {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()},
-        {key: shape.half_width(measure) for key, measure in measures.items()},
-        time.perf_counter() - begin,
-    )
+    computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
+    try:
+        ratio, other = job.scene.coarser(level)
+        coarser = _told(job, other, shape, regions, pressures)
+    except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
+        return MetricErrors(computed, failure=str(caught))
+    intervals = {
+        key: shape.half_width(measures[key])
+        + abs(measures[key](shape.pattern, shape.limit) - value) / (ratio - 1)
+        for key, value in coarser.items()
+        if key in measures and np.isfinite(value)
+    }
+    return MetricErrors(computed, coarser, intervals, seconds=time.perf_counter() - begin)
+
+
+def _told(
+    job: Job,
+    level: Level,
+    near: LimitShape,
+    regions: Regions | None,
+    pressures: Sequence[float] | None,
+) -> dict[str, float]:
+    """Return what would be told of a print on another mesh (collective).
+
+    Raises:
+        NoEquilibriumError: There is none.
+    """
+    comm, case = job.comm, job.scene.case(job.comm, level)
+    part: Floats = np.zeros(len(case.pattern.panel))
+    if regions is not None:
+        plain, whole = case.pattern, case.pattern if case.whole is None else case.whole.pattern
+        own = on_first_rank(comm, lambda: part_regions(plain, regions_on(*regions, whole)))
+        case = case.following(comm, own)
+        fine = case.pattern
+        part = on_first_rank(comm, lambda: printed_fractions(fine, own))
+    problem = job.problem(case.smoothed(), level)
+    start = state_near(problem, near.pattern, near.computed)
+    made = problem.simulate_binary(part[problem.skin.owned_cells], start=start, pressure=pressures)
+    return {**problem.metrics_of(made.equilibrium), **shape_of(made)}

@@ -142,6 +142,7 @@ class ActuatorResult(RunResult):
             laid = len(self.search.lines.rounds)
             words = [figure.words for figure in self.made.metric_figures]
             told = self.made.told(words, f"lines laid {laid} times")
+        doubt = "" if self.errors is None else self.errors.words
         tried = "" if self.trial is None else self.trial.words
         start = f"from a {self.search.start} start, seed {self.search.seed}"
-        return "; ".join(filter(None, (told, start, tried)))
+        return "; ".join(filter(None, (told, start, doubt, tried)))

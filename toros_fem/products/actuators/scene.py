@@ -39,6 +39,9 @@ FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
 DENSITY_FILTER_EDGES = 1.5
 
+# Ratio of edge lengths of two meshes whose difference tells an error.
+COARSER = 1.5
+
 
 @dataclass(frozen=True)
 class Level:
@@ -320,6 +323,14 @@ class ActuatorScene(Scene):
                 width_tolerance=design.robust_against,
             ),
         )
+
+    def coarser(self, level: Level) -> tuple[float, Level]:
+        """Return how much longer the edges of a mesh to compare with are, and that mesh.
+
+        Raises:
+            ParameterError: There is none.
+        """
+        return COARSER, level.scaled(COARSER)
 
     @property
     def density_options(self) -> DesignOptions:

@@ -23,18 +23,20 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.readings.limit_shape import limit_shape
 from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
+from toros_fem.products.actuators.estimates import MetricErrors, Regions, metric_errors
+from toros_fem.products.actuators.job import Job
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import RunResult, write_summary
 from toros_fem.results.writer import draw_pictures
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
-    from toros_fem.products.actuators.scene import ActuatorScene
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
 
@@ -106,7 +108,7 @@ def simulate_actuator(
         raise ParameterError(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
         )
-    made, density = _printed(comm, scene, pattern)
+    made, level, density, regions = _printed(comm, scene, pattern)
     made = made.smoothed()
     skin = sew(comm, made.pattern)
     log = print_step(comm) if verbose else None
@@ -143,8 +145,12 @@ def simulate_actuator(
     write_pressure_path(comm, output, path)
     errors = None
     if scene.results.estimate_error:
-        measures = {metric.key: metric.measure for metric in made.judged}
-        errors = metric_errors(solver, points[-1].result, measures)
+        last, measures = points[-1].result, {m.key: m.measure for m in made.judged}
+        shape, job = limit_shape(solver, last), Job(comm, scene)
+        if pattern is not None and regions is None:
+            errors = MetricErrors({}, failure="a file of triangles has no polygons to print anew.")
+        else:
+            errors = metric_errors(job, level, shape, measures, regions, last.pressures)
     where = None if pattern is None else str(pattern)
     found = SimulationResult(path, where, failure, errors)
     write_summary(comm, output, found)
@@ -154,33 +160,36 @@ def simulate_actuator(
 
 def _printed(
     comm: MPI.Comm, scene: ActuatorScene, pattern: Path | str | None
-) -> tuple[Case, Floats]:
-    """Return the case on the mesh to simulate on, and the density of all triangles, (t,)."""
-    made = scene.case(comm, scene.finest_level)
+) -> tuple[Case, Level, Floats, Regions | None]:
+    """Return the case on the mesh to simulate on, the density of all triangles, and the print."""
+    level = scene.finest_level
+    made = scene.case(comm, level)
     if pattern is None:
         count = len(made.pattern.panel)
         passive = np.zeros(count) if made.passive is None else made.passive
-        return made, np.nan_to_num(passive, nan=0.0)
+        return made, level, np.nan_to_num(passive, nan=0.0), None
     path = Path(pattern)
     source, printed = read_print(comm, path / NAME if path.is_dir() else path)
     stored = None
     if path.is_dir() and on_first_rank(comm, (path / PRINT).exists):
         stored = read_print_polygons(comm, path)
     if stored is not None and scene.design.start == "relaxed":
-        made = scene.case(comm, scene.print_level)
+        level = scene.print_level
+        made = scene.case(comm, level)
     try:
         if stored is None:
-            transfer = make_transfer(source, made.pattern)
+            transfer, density = make_transfer(source, made.pattern), printed.astype(np.float64)
             if _same(source, made.pattern):
-                return replace(made, pattern=source), printed.astype(np.float64)
-            return made, (transfer.at_cells(printed.astype(np.float64)) >= 0.5).astype(np.float64)
+                return replace(made, pattern=source), level, density, None
+            return made, level, (transfer.at_cells(density) >= 0.5).astype(np.float64), None
         regions = part_regions(
             made.pattern, regions_on(stored.pattern, stored.regions, _whole(made))
         )
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
     fine = made.following(comm, regions)
-    return fine, on_first_rank(comm, lambda: printed_fractions(fine.pattern, regions))
+    density = on_first_rank(comm, lambda: printed_fractions(fine.pattern, regions))
+    return fine, level, density, (stored.pattern, stored.regions)
 
 
 def _whole(case: Case) -> Pattern:

@@ -414,6 +414,19 @@ class OwnMeshScene(ActuatorScene):
         """The finest mesh, for the print of lines too."""
         return self._lines_on(self.skin.refinements)
 
+    def coarser(self, level: Level) -> tuple[float, Level]:
+        """Return 2, and the mesh that was refined once less.
+
+        Raises:
+            ParameterError: The mesh is that of the file.
+        """
+        if level.refinements == 0:
+            raise ParameterError(
+                "the print is simulated on the mesh of the file, and there is no coarser one to "
+                "compare with. Set refinements = 1, or give a coarser file and refine it."
+            )
+        return 2.0, replace(level, refinements=level.refinements - 1)
+
     def require_fine_print(self) -> None:
         """Check that the finest mesh is fine enough for the lines that are laid.
 
