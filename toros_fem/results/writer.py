@@ -98,7 +98,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, shown.part, printed.cells[: len(shown.part.panel)])
         write_series(folder, shown.skin, [shown.frame])
-        write_fields(folder / "skin.vtu", printed.pattern, shown.frame.positions, shown.fields)
+        write_fields(folder / "skin.vtu", printed.pattern, shown.positions, shown.fields)
         draw_wrinkles(folder, printed.pattern, shown.folds)
 
     guarded(comm, folder, write)
@@ -137,6 +137,7 @@ class Shown:
         folds: Wrinkles of a tension field.
         frame: What is recorded of it.
         part: The pattern that was simulated.
+        positions: Positions of all vertices of skin.vtu, (n, 3), in m.
     """
 
     skin: ShownSkin
@@ -144,6 +145,7 @@ class Shown:
     folds: WrinkleField | None
     frame: Frame
     part: Pattern
+    positions: Floats
 
 
 def _shown(found: PrintedResult) -> Shown:
@@ -153,7 +155,9 @@ def _shown(found: PrintedResult) -> Shown:
     problem = shown.problem
     assert isinstance(problem, ShapeProblem)
     there = OnWhole(problem)
-    positions = there.vertices(problem.physics.shape_of(shown.equilibrium))
+    # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
+    positions = there.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
+    told = there.vertices(problem.physics.shape_of(shown.equilibrium))
     composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
     fields = {
         "rho": on.cells(found.design.density),
@@ -169,9 +173,9 @@ def _shown(found: PrintedResult) -> Shown:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
     density = fields["rho_projected"] if printed.evaluation is None else None
-    frame = Frame("print", 0, "", positions, density, values, note)
+    frame = Frame("print", 0, "", told, density, values, note)
     seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
-    return Shown(seen, fields, folds, frame, problem.skin.pattern)
+    return Shown(seen, fields, folds, frame, problem.skin.pattern, positions)
 
 
 def wrinkles_of(

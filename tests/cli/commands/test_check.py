@@ -23,7 +23,7 @@ def test_cost_of_a_design(
     found = json.loads(captured.out)
     assert found["kind"] == "bend"
     assert found["inputs"]["angle"] == 45.0
-    assert found["largest_triangles"] == 4 * found["triangles"]
+    assert found["largest_triangles"] == found["triangles"]
     assert 0.2 < found["memory_gib"] < 1
     assert 0 < found["minutes"][0] < found["minutes"][1]
     assert found["probe"]["newton_steps"] > 3

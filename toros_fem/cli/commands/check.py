@@ -81,8 +81,7 @@ def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
     memory, machine, ranks = found.memory / 2**30, memory_gib(), found.ranks
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(
-            "about %.1f GiB are needed, and this machine has %.1f GiB: take longer edges, or leave "
-            "out estimate_error, which refines the mesh",
+            "about %.1f GiB are needed, and this machine has %.1f GiB: take longer edges",
             memory,
             machine,
         )

@@ -17,6 +17,7 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.triangles import expected_triangles, lowered_limit, require_affordable
+from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.pressure_curve import HALVINGS, PARTS
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
@@ -25,15 +26,15 @@ if TYPE_CHECKING:  # a scene checks its cost before it is designed
 log = logging.getLogger(__name__)
 
 # Memory in bytes, measured on designs of 1.5 to 73 thousand simulated triangles: of a rank with all
-# libraries, and for each triangle of a design and of the refined mesh of the error estimate.
+# libraries, and for each triangle of a design and of a refined mesh.
 OF_RANK, OF_TRIANGLE, OF_REFINED = 0.2 * 2**30, 34e3, 28e3
 # A Newton step by the number n of triangles, in arbitrary units: Python, what grows with n, and
 # the factorisation, which grows with n^1.43 (docs/performance.md).
 FIXED, LINEAR, FACTOR, POWER = 5e-3, 3.3e-6, 0.147 / 12e3**1.43, 1.43
 # Newton steps, fewest and most, as counted in runs of the scenes: of a design step, of a print with
-# its cleaning, of a print of lines, of a point of the curve, and of the refined mesh.
+# its cleaning, of a print of lines, and of a point of the curve.
 DESIGN_STEP, PRINT, LINE_PRINT = (6, 10), (20, 50), (40, 130)
-CURVE_POINT, REFINED = (6, 20), (8, 20)
+CURVE_POINT = (6, 20)
 # Laying of lines takes as long as so many Newton steps.
 LAYING = (6, 15)
 # The probe's mesh is finer by this factor than the coarsest useful one.
@@ -86,7 +87,7 @@ class Cost:
 
     Attributes:
         triangles: Expected triangles of the finest mesh of the design or of its print.
-        largest: Those of the largest mesh at all, that of the error estimate for instance.
+        largest: Those of the largest mesh at all, that of a tile's print for instance.
         unknowns: Unknowns of an equilibrium on the finest mesh.
         ranks: Number of ranks.
         parts: Parts of the run that take time.
@@ -151,7 +152,6 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
     if probing and made is not None:
         tried = probe(scene.problem(comm, made, level), scene.design.seed)
     finest, lines = finest_triangles(scene, area, made), scene.design.start == "relaxed"
-    largest = 4 * finest if scene.results.estimate_error and not lines else finest
     if lines:
         relaxed = 0 if made is None else len(made.pattern.panel)
         if _edges(scene):
@@ -160,7 +160,7 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
     else:
         parts = _density_parts(scene, finest, comm.size)
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, largest, unknowns, comm.size, parts, tried)
+    return Cost(finest, finest, unknowns, comm.size, parts, tried)
 
 
 def probe_level(scene: ActuatorScene) -> Level:
@@ -254,7 +254,7 @@ def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
     parts.append(Part("prints", finest, _times(PRINT, levels, levels + rounds)))
     if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", 4 * finest, REFINED))
+        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
     return [*parts, *_curve_part(scene, finest)]
 
 
@@ -273,7 +273,7 @@ def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
         own = steps + rounds * (scene.design.level_iterations + 1)
         parts.append(Part("densities from lines", finest, _times(DESIGN_STEP, steps, own)))
     if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", finest // 2, LINE_PRINT))
+        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
     return [*parts, *_curve_part(scene, finest)]
 
 

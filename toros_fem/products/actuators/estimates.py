@@ -24,6 +24,9 @@ from toros_fem.results.shape_miss import shape_of
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
 
+# Ratio of edge lengths of two meshes whose difference tells an error.
+COARSER = 1.5
+
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
 Regions = tuple[Pattern, Sequence[BaseGeometry]]
 

@@ -26,6 +26,7 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import design_actuator
+from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.result import ActuatorResult, Trial
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
 from toros_fem.products.tables.loads import Pressing, Results
@@ -38,9 +39,6 @@ from toros_fem.results.result import RunResult
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
 DENSITY_FILTER_EDGES = 1.5
-
-# Ratio of edge lengths of two meshes whose difference tells an error.
-COARSER = 1.5
 
 
 @dataclass(frozen=True)
