@@ -111,21 +111,22 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
         OutputError: A file cannot be written; on all ranks.
     """
     folder, points, whole = Path(folder), found.points, found.whole
-    skin, shapes, density = found.pattern, [p.positions for p in points], found.density
+    skin, density, last = found.pattern, found.density, points[-1]
+    # Fields are those of the equilibrium on its mesh; figures and frames show its limit.
+    shape = last.positions if last.computed is None else last.computed
     if whole is not None:
-        skin, density = whole.pattern, whole.at_cells(density)
-        shapes = [whole.at_vertices(x) for x in shapes]
+        skin, density, shape = whole.pattern, whole.at_cells(density), whole.at_vertices(shape)
     rows = [
         {"pressure_pa": p.result.pressure, "volume_m3": found.parts * p.result.volume, **p.metrics}
         for p in points
     ]
-    folds = wrinkles_of(skin, found.composite, density, shapes[-1])
+    folds = wrinkles_of(skin, found.composite, density, shape)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
         fields = {"density": density} | wrinkle_fields(folds)
-        write_fields(folder / "skin.vtu", skin, shapes[-1], fields)
+        write_fields(folder / "skin.vtu", skin, shape, fields)
         draw_wrinkles(folder, skin, folds)
 
     guarded(comm, folder, write)

@@ -29,6 +29,8 @@ class TracePoint:
             the energy falls. 0 for a stable equilibrium.
         arc_length: Length of the path up to here, a pure number; None on a path by pressure.
         load_rate: Derivative of the load factor by the arc length; None on a path by pressure.
+        computed: Positions of all vertices in equilibrium on the mesh, (n, 3), in m; None where
+            they are `positions`.
     """
 
     pressure: float | list[float]
@@ -39,6 +41,7 @@ class TracePoint:
     negative_eigenvalues: int = 0
     arc_length: float | None = None
     load_rate: float | None = None
+    computed: Floats | None = None
 
     @property
     def stable(self) -> bool:
@@ -52,9 +55,10 @@ def measured_point(
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin, several = solver.skin, len(result.pressures) > 1
     pressure = list(result.pressures) if several else result.pressure
-    positions = limit_shape(solver, result).limit
+    shape = limit_shape(solver, result)
+    positions = shape.limit
     values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
-    return TracePoint(pressure, positions, values, result)
+    return TracePoint(pressure, positions, values, result, computed=shape.computed)
 
 
 def until_failure(path: Iterator[P]) -> tuple[list[P], str]:
