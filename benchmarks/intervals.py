@@ -1,9 +1,9 @@
 """Told intervals against limits from finer meshes.
 
-A run tells each figure of a print with an interval (`mechanics.readings.limit_shape`). Here prints
-of six kinds are drawn by seeds on a small tube, at several pressures. Each is simulated on three
-meshes, as a run does it, and on two finer ones, from whose computed shapes the limit is
-extrapolated. The interval of each coarse mesh should hold it.
+A run tells each figure of a print with an interval, from a coarser mesh and from two elements on
+its own (`products.actuators.estimates`). Here prints of six kinds are drawn by seeds on a small
+tube, at several pressures. Each is simulated on three meshes, as a run does it, and on two finer
+ones, from whose computed shapes the limit is extrapolated. The intervals should hold it.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped
 from toros_fem.meshes.transfer import make_transfer
+from toros_fem.products.actuators.estimates import COARSER
 
 Floats = npt.NDArray[np.float64]
 Lines = list[Any]
@@ -57,7 +58,7 @@ def braid(rng: np.random.Generator) -> Lines:
 
 def ribs(rng: np.random.Generator, slope: float = 0.0, lean: float = 0.0) -> Lines:
     """Return a spine with ribs on one side, which bend the tube."""
-    count = int(rng.integers(6, 10))
+    count = int(rng.integers(5, 8))
     middle, reach = AROUND / 2, 0.35 * AROUND
     found = [[(middle - slope / 2, 0.0), (middle + slope / 2, LENGTH)]]
     for k in range(count):
@@ -158,26 +159,30 @@ def rows_of(
     kind: str, seed: int, edges: tuple[float, ...], fine: tuple[float, float]
 ) -> Iterator[Row]:
     """Simulate a print on all meshes, and return each figure, its interval and its limit."""
-    shapes, near = [], None
-    for edge in (*edges, *fine):
-        shapes.append(simulated(kind, seed, edge, near))
-        near = shapes[-1][0]
-    (one, *_), (two, *_) = shapes[-2:]
+    found, near = {}, None
+    for edge in sorted((*edges, *(COARSER * edge for edge in edges), *fine), reverse=True):
+        found[edge] = simulated(kind, seed, edge, near)
+        near = found[edge][0]
+    (one, *_), (two, *_) = (found[edge] for edge in fine)
     for name, (measure, unit, factor, least) in FIGURES.items():
         ends = [factor * np.asarray(measure(s.pattern, s.computed)) for s in (one, two)]
         limit = ends[1] + (ends[1] - ends[0]) / ((fine[0] / fine[1]) ** ORDER - 1)
         rest = factor * np.asarray(measure(one.pattern, one.pattern.points))
         if np.linalg.norm(limit - rest) < least:
             continue
-        for edge, (shape, solving, estimating) in zip(edges, shapes, strict=False):
+        for edge in edges:
+            (shape, solving, estimating), (coarser, *_) = found[edge], found[COARSER * edge]
             place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm")
             told, computed = (
                 np.linalg.norm(factor * np.asarray(measure(shape.pattern, x)) - limit)
                 for x in (shape.limit, shape.computed)
             )
-            width = factor * shape.half_width(measure)
+            change = np.subtract(
+                measure(shape.pattern, shape.limit), measure(coarser.pattern, coarser.limit)
+            )
+            width = shape.half_width(measure) + float(np.linalg.norm(change)) / (COARSER - 1)
             yield Row(*place, f"{name}, error", float(told), unit, seconds=solving)
-            yield Row(*place, f"{name}, half-width", width, unit, seconds=estimating)
+            yield Row(*place, f"{name}, half-width", factor * width, unit, seconds=estimating)
             yield Row(*place, f"{name}, error as computed", float(computed), unit)
             yield Row(*place, f"{name}, limit", float(np.linalg.norm(limit - rest)), unit)
 
