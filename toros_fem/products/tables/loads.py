@@ -148,7 +148,7 @@ class Results(Table):
     """What is simulated of the print, and what counts as reached."""
 
     estimate_error: bool = key(
-        True, "estimate the discretisation error of the metrics on a refined mesh"
+        True, "estimate the discretisation error of the metrics, from a coarser mesh"
     )
     curve_pressure: Modulus | None = key(
         20e3,
