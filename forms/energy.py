@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -210,7 +209,10 @@ def _metrics(t: Triangle, smoothing: Smoothing | None) -> list[Part]:
     if smoothing is None:
         return [(lambda *edges: edge_products((edges[0], edges[1])), t.edges)]
     return [
-        (partial(smoothing.metric, t, k), (*t.edges, minus(t.nodes[3 + k], t.nodes[0])))
+        (
+            lambda *given, k=k: smoothing.metric(t, k, *given),
+            (*t.edges, minus(t.nodes[3 + k], t.nodes[0])),
+        )
         for k in range(3)
     ]
 

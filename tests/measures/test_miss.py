@@ -91,7 +91,7 @@ def test_the_tip_tells_bend_from_lean(
     found = miss_of(pattern, target @ turned(axis, angle).T, target).values()
     assert found["tip_direction_deg"] == pytest.approx(angle)
     assert found["tip_direction_in_plane_deg"] == pytest.approx(in_plane, abs=1e-6)
-    assert found["tip_lean_deg"] == pytest.approx(lean, abs=1e-6)
+    assert found["tip_direction_out_of_plane_deg"] == pytest.approx(lean, abs=1e-6)
 
 
 def test_a_tip_that_bends_less_is_short(pattern: Pattern) -> None:
@@ -114,7 +114,7 @@ def test_a_straight_target_has_no_plane(pattern: Pattern) -> None:
     leaning = target @ turned(1, 6.0).T
     found = miss_of(pattern, leaning, target).values()
     assert found["tip_direction_deg"] == pytest.approx(6.0)
-    assert "tip_lean_deg" not in found
+    assert "tip_direction_out_of_plane_deg" not in found
 
 
 def test_a_length_counts_only_where_it_is_asked_for(pattern: Pattern) -> None:

@@ -37,7 +37,7 @@ def test_a_part_has_the_miss_of_the_whole(alone: MPI.Comm, half: ShapeDesign) ->
         found.append(measure(pattern, less(problem, pattern.points)))
     part, all_of_it = found
     assert part["tip_direction_in_plane_deg"] == pytest.approx(-30.0, abs=0.5)
-    assert part["tip_lean_deg"] == pytest.approx(0.0, abs=1e-6)
+    assert part["tip_direction_out_of_plane_deg"] == pytest.approx(0.0, abs=1e-6)
     assert part == {
         key: pytest.approx(value, rel=0.02, abs=0.02) for key, value in all_of_it.items()
     }

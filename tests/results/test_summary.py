@@ -115,11 +115,13 @@ def test_figures_are_those_of_the_print(
 
 def test_a_miss_is_said(result: DesignResult, printed: PrintedDesign) -> None:
     """In the last line and the summary: by how much, and what binds."""
-    problem, made = shape_problem(result), printed.evaluation
-    assert made is not None
-    shape = shape_of(problem, made)
+    shape = shape_of(printed.evaluation)
     assert shape["shape_distance_percent"] > 3
-    assert {"tip_distance_mm", "tip_lean_deg", "largest_distance_mm"} < shape.keys()
+    assert {
+        "tip_distance_mm",
+        "tip_direction_out_of_plane_deg",
+        "largest_distance_mm",
+    } < shape.keys()
     widths = {"angle_deg": 0.1, **dict.fromkeys(shape, 0.01)}
     found = dataclasses.replace(of(result, printed), intervals=widths, shape=shape)
     figures = {figure.key: figure for figure in found.figures}

@@ -35,7 +35,7 @@ SHAPE_FIGURES = (
     ("largest_distance", "mm"),
     ("tip_distance", "mm"),
     ("tip_direction_in_plane", "deg"),
-    ("tip_lean", "deg"),
+    ("tip_direction_out_of_plane", "deg"),
 )
 
 
@@ -109,7 +109,7 @@ class Miss:
         }
         if tip is not None and tip.in_plane is not None and tip.lean is not None:
             found["tip_direction_in_plane_deg"] = np.degrees(tip.in_plane)
-            found["tip_lean_deg"] = np.degrees(tip.lean)
+            found["tip_direction_out_of_plane_deg"] = np.degrees(tip.lean)
         return {key: float(value) for key, value in found.items() if value is not None}
 
 

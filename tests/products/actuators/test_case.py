@@ -62,8 +62,8 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     skin = problem.solver.skin
     result = optimize(problem, [Stage(2)], start=random_density(skin, 1))
     made = as_printed(problem, result)
-    there = made.evaluation.problem
-    assert made.pattern is there.whole.pattern
+    on = made.evaluation.problem
+    assert made.pattern is on.whole.pattern
     assert np.array_equal(made.pattern.triangles, problem.whole.pattern.triangles)
     for region in made.regions:
         for flip in ([-1, 1], [1, -1]):
@@ -71,9 +71,9 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
             assert np.sort(there * flip, axis=0) == pytest.approx(there, abs=1e-9)
     cells = made.cells[: len(quarter.panel)]
     assert np.array_equal(made.cells, problem.whole.at_cells(cells.astype(float)) > 0)
-    part = there.skin.gather_cells(made.evaluation.projected)
+    part = on.skin.gather_cells(made.evaluation.projected)
     drawn = sum(region.area for region in made.regions) / 4
-    assert there.skin.pattern.areas @ part == pytest.approx(drawn, rel=1e-3)
+    assert on.skin.pattern.areas @ part == pytest.approx(drawn, rel=1e-3)
     assert (np.abs(part - cells) > 0.5).mean() < 0.02
 
 

@@ -101,12 +101,12 @@ def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
     assert [level.refinements for level in levels] == [0, 2, 2]
     radii = [level.regularisation.filter_radius for level in levels]
     assert radii == pytest.approx([2 * edge, 2 * edge / 4, 1.5 * edge / 4])
-    ratio, coarser = lines.coarser_print_level()
+    ratio, coarser = lines.coarser(lines.print_level)
     assert (ratio, coarser.refinements) == (2.0, 1)
     with pytest.raises(errors.ParameterError, match="Set refinements = 2, or lay wider lines"):
         lines.updated(refinements=1)
     with pytest.raises(errors.ParameterError, match="there is no coarser one to compare with"):
-        lines.updated(refinements=0, laid_width=1e-2).coarser_print_level()
+        lines.coarser(replace(lines.print_level, refinements=0))
 
 
 def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:

@@ -23,7 +23,7 @@ class Export(Command, ManufactureOptions):
     cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; bladder.svg and .dxf;
     manufacture.json with all of their content; and make_it.html, which shows how to make the
     skin. The print is as high as the design takes it to be, unless --layer-height says
-    otherwise. Also pattern.svg, pattern.npz, and pattern.png with islands, narrow lines and gaps.
+    otherwise. Also pattern.svg, pattern.npz, print.npz, and pattern.png with islands, narrow lines and gaps.
     """
 
     run: Path = key(MISSING, "folder of a finished design")
@@ -42,7 +42,8 @@ class Export(Command, ManufactureOptions):
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Write the files (collective)."""
         from toros_fem.making.panels.svg import write_svg
-        from toros_fem.making.print.print_file import read_print_polygons
+        from toros_fem.making.print.print_file import NAME as PRINT
+        from toros_fem.making.print.print_file import read_print_polygons, write_print_polygons
         from toros_fem.making.print.printability import printability, printed_cells
         from toros_fem.making.sheets.manifest import NAME as MANIFEST
         from toros_fem.making.sheets.page import NAME as PAGE
@@ -58,7 +59,7 @@ class Export(Command, ManufactureOptions):
         part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.over(made_as(summary))
         output = self.output or run / FOLDER
-        drawings = ["pattern.svg", NAME, "pattern.png"]
+        drawings = ["pattern.svg", NAME, PRINT, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)
 
         def write() -> dict[str, Any]:
@@ -68,6 +69,7 @@ class Export(Command, ManufactureOptions):
             )  # fmt: skip
             printed = printed_cells(stored.pattern, stored.regions)
             write_pattern(output / NAME, part, printed[: len(part.panel)])
+            write_print_polygons(output / PRINT, stored.pattern, stored.regions, stored.limits)
             write_svg(output / "pattern.svg", stored.pattern, stored.regions)
 
             def draw() -> None:

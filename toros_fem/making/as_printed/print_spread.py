@@ -12,7 +12,7 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.print.printability import printed_cells, printed_fractions
 from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.following import border_motion, snapped, with_flat_points
 from toros_fem.meshes.pattern import Pattern
@@ -61,6 +61,7 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
     pattern = snapped(comm, part, regions)
     cells = on_first_rank(comm, lambda: printed_cells(pattern, regions))
+    part_of = on_first_rank(comm, lambda: printed_fractions(pattern, regions))
     motion = on_first_rank(comm, lambda: border_motion(pattern, regions, cells, offset))
 
     def moved(way: float) -> Pattern:
@@ -72,7 +73,7 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     ) -> tuple[Floats, dict[str, float]]:
         skin = problem.on(on)
         found = skin.simulate_binary(
-            cells[skin.skin.owned_cells].astype(np.float64),
+            part_of[skin.skin.owned_cells],
             start=skin.physics.state_at(near),
             pressure=pressures,
         )

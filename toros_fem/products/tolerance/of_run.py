@@ -65,7 +65,7 @@ def tolerances_of_run(
         comm, lambda: part_regions(part, regions_on(stored.pattern, stored.regions, skin))
     )
     near = on_first_rank(comm, lambda: _shape(folder))
-    problem = scene.problem(comm, case.following(comm, regions), level)
+    problem = scene.problem(comm, case.following(comm, regions).smoothed(), level)
 
     values = {m.key: summary.value(m.key) for m in case.judged}
     drawn = Drawn(

@@ -19,7 +19,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.printability import (
     PrintLimits,
     printability,
-    printed_cells,
+    printed_fractions,
 )
 from toros_fem.making.print.regions import part_regions
 from toros_fem.materials.sheet import Composite
@@ -115,9 +115,12 @@ def tolerances(
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
     require_kind("config", config, (ToleranceConfig, type(None)), "a ToleranceConfig, or None")
     require_alike(problem.comm, config=config)
-    made, part = printed.evaluation, problem.skin.pattern
+    made = printed.evaluation
     if made is None:
         raise NoEquilibriumError(f"the print has no equilibrium: {printed.failure}")
+    if isinstance(made.problem, ShapeDesign):
+        problem = made.problem
+    part = problem.skin.pattern
     drawn = Drawn(
         on_first_rank(problem.comm, lambda: part_regions(part, printed.regions)),
         (printed.pattern, printed.regions),
@@ -163,12 +166,12 @@ class _Study:
         self.problem, self.drawn = problem, drawn
         skin, start = problem.skin, None
         self.pattern, self.comm = skin.pattern, skin.comm
-        cells = on_first_rank(self.comm, lambda: printed_cells(self.pattern, drawn.regions))
+        part = on_first_rank(self.comm, lambda: printed_fractions(self.pattern, drawn.regions))
         if drawn.near is not None:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            cells[skin.owned_cells].astype(float), start=start, pressure=drawn.pressure
+            part[skin.owned_cells], start=start, pressure=drawn.pressure
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)
