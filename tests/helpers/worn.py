@@ -21,9 +21,9 @@ RIBS = shapely.union_all(
 Printed = tuple[tf.ShapeDesign, PrintedDesign]
 
 
-def printed_tube(comm: MPI.Comm) -> Printed:
+def printed_tube(comm: MPI.Comm, edge: float = 4e-3) -> Printed:
     """The problem and its print, simulated."""
-    pattern = tf.meshes.cylinder(comm, LENGTH, 0.02, 4e-3)
+    pattern = tf.meshes.cylinder(comm, LENGTH, 0.02, edge)
 
     def angle(pattern: tf.meshes.Pattern, positions: np.ndarray) -> float:
         return float(np.degrees(tf.bend_angle(pattern, positions, sections=4)))

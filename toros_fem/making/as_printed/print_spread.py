@@ -12,7 +12,7 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import printed_cells, printed_fractions
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.following import border_motion, snapped, with_flat_points
 from toros_fem.meshes.pattern import Pattern
@@ -60,9 +60,8 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     comm, part = problem.comm, problem.skin.pattern
     regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
     pattern = snapped(comm, part, regions)
-    cells = on_first_rank(comm, lambda: printed_cells(pattern, regions))
     part_of = on_first_rank(comm, lambda: printed_fractions(pattern, regions))
-    motion = on_first_rank(comm, lambda: border_motion(pattern, regions, cells, offset))
+    motion = on_first_rank(comm, lambda: border_motion(pattern, regions, part_of > 0.5, offset))
 
     def moved(way: float) -> Pattern:
         flat = pattern.flat_points + way * motion
@@ -77,11 +76,12 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
             start=skin.physics.state_at(near),
             pressure=pressures,
         )
-        return skin.physics.shape_of(found.equilibrium), skin.metrics_of(found.equilibrium)
+        there = found.equilibrium.positions
+        return skin.skin.gather_vertices(there), skin.metrics_at(there)
 
     pressures = made.equilibrium.pressures
     shapes, metrics = [], []
-    near = problem.physics.shape_of(made.equilibrium)
+    near = problem.skin.gather_vertices(made.equilibrium.positions)
     try:
         for way in (-offset, offset):
             shape, values = solved(moved(way), near, pressures)
