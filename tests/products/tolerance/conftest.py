@@ -11,7 +11,7 @@ from toros_fem.products.tolerance.result import Tolerances
 
 @pytest.fixture(scope="session")
 def printed(alone: MPI.Comm) -> Printed:
-    return printed_tube(alone, 3e-3)
+    return printed_tube(alone)
 
 
 @pytest.fixture(scope="session")

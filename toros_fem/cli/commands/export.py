@@ -23,7 +23,8 @@ class Export(Command, ManufactureOptions):
     cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; bladder.svg and .dxf;
     manufacture.json with all of their content; and make_it.html, which shows how to make the
     skin. The print is as high as the design takes it to be, unless --layer-height says
-    otherwise. Also pattern.svg, pattern.npz, print.npz, and pattern.png with islands, narrow lines and gaps.
+    otherwise. Also pattern.svg, pattern.npz, print.npz, and pattern.png with islands, narrow
+    lines and gaps.
     """
 
     run: Path = key(MISSING, "folder of a finished design")
