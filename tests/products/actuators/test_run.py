@@ -133,7 +133,10 @@ def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
     assert SHARE * abs(figure.value - computed["angle_deg"]) < figure.interval
     assert set(computed) >= {"angle_deg", "shape_distance_mm"}
     assert "±" in made.sentence()
-    assert made.printed.evaluation.problem.solver.model.composite.membrane.smoothed
+    assert made.printed.evaluation is not None
+    problem = made.printed.evaluation.problem
+    assert isinstance(problem, ShapeDesign)
+    assert problem.solver.model.composite.membrane.smoothed
 
 
 def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) -> None:

@@ -252,7 +252,7 @@ class DesignProblem(Generic[R]):
 
     def simulate_binary(
         self,
-        printed: Floats,
+        printed: Floats | Bools,
         like: Evaluation[R] | None = None,
         *,
         start: Any = None,
