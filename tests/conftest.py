@@ -146,7 +146,7 @@ def without_pictures() -> Generator[None]:
     """
     pictures = {path.stem for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py")}
     with pytest.MonkeyPatch.context() as patch:
-        for name in pictures - {"curves", "style"}:
+        for name in pictures - {"curves", "style", "words"}:
             patch.setitem(sys.modules, f"toros_fem.results.pictures.{name}", None)
         yield
 
