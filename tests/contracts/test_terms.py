@@ -125,10 +125,6 @@ def test_sensitivity(term: Term) -> None:
     way = slope(lambda h: design_of(term, h), 1e-2)
     change = slope(work, 1e-2)
     assert (found * way).sum() == pytest.approx(change, rel=1e-6)
-    if not term.lines:
-        model.set_density(base)
-        along = float(model.density_variation(state, way) @ adjoint)
-        assert along == pytest.approx((found * way).sum(), rel=1e-9)
     assert abs(change) > 1e-6 * np.abs(found * way).sum()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from typing import Annotated, Any
 
 from toros_fem.base.errors import ParameterError
@@ -266,6 +266,10 @@ class Composite(Table):
             "across its wrinkles that a print could bend by. Use None for one of them.",
         )
 
+    def smoothed(self) -> Composite:
+        """Return the same sheet with smoothed strains, as prints have."""
+        return replace(self, membrane=replace(self.membrane, strain="smoothed"))
+
     @property
     def fabric_bounds(self) -> tuple[float, float]:
         """c₁ and c₂ of the plain fabric."""
@@ -286,11 +290,6 @@ class Composite(Table):
     def shares_bounds(self) -> bool:
         """Whether both materials have the same stretch bounds."""
         return self.fabric_bounds == self.reinforcement_bounds
-
-    @property
-    def mixes_linearly(self) -> bool:
-        """Whether the energy is linear in ρ̄: bounds are shared, and no tension field is relaxed."""
-        return self.shares_bounds and not self.membrane.relaxed
 
     @property
     def stated_bounds(self) -> str:

@@ -93,6 +93,11 @@ class Case:
         return mirrored(self.pattern, self.symmetry) if len(self.symmetry) else None
 
     @property
+    def whole_pattern(self) -> Pattern:
+        """The pattern of the whole skin."""
+        return self.pattern if self.whole is None else self.whole.pattern
+
+    @property
     def goal(self) -> Floats:
         """Target positions of all assembled vertices, (n, 3), in m."""
         target = self.target
@@ -110,8 +115,7 @@ class Case:
             goal = target(pattern.points) if callable(target) else np.asarray(target)
             return 1e3 * distance(pattern, positions, goal)
 
-        whole = self.pattern if self.whole is None else self.whole.pattern
-        length = 1e3 * float(np.ptp(whole.points, axis=0).max())
+        length = 1e3 * float(np.ptp(self.whole_pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
 
     def objective(self, skin: Skin) -> Objective:
@@ -142,9 +146,7 @@ class Case:
 
     def smoothed(self) -> Case:
         """Return the same case with smoothed strains (`Membrane.strain`), as prints have."""
-        composite = self.composite or Composite()
-        membrane = replace(composite.membrane, strain="smoothed")
-        return replace(self, composite=replace(composite, membrane=membrane))
+        return replace(self, composite=(self.composite or Composite()).smoothed())
 
     def on(self, pattern: Pattern) -> Case:
         """Return the same case on the same triangles, whose vertices have moved.

@@ -193,8 +193,8 @@ def printed(
     """Measure a print, and simulate it (collective).
 
     Args:
-        problem: The design problem. What is `like` a `ShapeDesign` is simulated on a mesh that
-            follows the print, all else on the problem's own.
+        problem: The design problem. A `ShapeDesign` with `like` is simulated on a mesh that follows
+            the print, every other problem on its own mesh.
         cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
         like, start, pressure: As of `simulate_binary`.
         journal: Keeps the simulation; None keeps nothing.
@@ -206,20 +206,23 @@ def printed(
     pattern = skin.pattern if problem.whole is None else problem.whole.pattern
     pattern.require_flat_panels("a print")
 
-    def inspect() -> tuple[CleanedRegions, Printability, Printability, Bools]:
+    def inspect() -> tuple[CleanedRegions, Printability, Printability, list[BaseGeometry]]:
         cleaned = cleaning()
         before = printability(pattern, cleaned.contours, limits)
         after = printability(pattern, cleaned.regions, limits)
-        return cleaned, before, after, printed_cells(pattern, cleaned.regions)
+        return cleaned, before, after, part_regions(skin.pattern, cleaned.regions)
 
-    cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
-    regions = on_first_rank(skin.comm, lambda: part_regions(skin.pattern, cleaned.regions))
+    cleaned, before, after, regions = on_first_rank(skin.comm, inspect)
     if like is not None and isinstance(problem, ShapeDesign):
         problem, like, start = followed(problem, like, regions)
         skin = problem.skin
         pattern = skin.pattern if problem.whole is None else problem.whole.pattern
-        cells = on_first_rank(skin.comm, lambda: printed_cells(pattern, cleaned.regions))
-    part = on_first_rank(skin.comm, lambda: printed_fractions(skin.pattern, regions))
+
+    def of_triangles() -> tuple[Bools, Floats]:
+        cells = printed_cells(pattern, cleaned.regions)
+        return cells, printed_fractions(skin.pattern, regions)
+
+    cells, part = on_first_rank(skin.comm, of_triangles)
 
     def simulate() -> Evaluation:
         own = part[skin.owned_cells]

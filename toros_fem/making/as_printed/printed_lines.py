@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, require_printable
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import mirrored_regions, regions_on
+from toros_fem.making.print.regions import mirrored_regions, part_regions, regions_on
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
@@ -62,6 +65,28 @@ def printed_lines(
         return clean_print(part, whole, found, limits, island_area)
 
     return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
+
+
+def case_of_print(
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Sequence[BaseGeometry]
+) -> tuple[Case, list[BaseGeometry]]:
+    """Return a case that follows a print, with smoothed strains, and the print there (collective).
+
+    Args:
+        comm: Communicator.
+        case: The case.
+        pattern: Another mesh of the whole skin.
+        regions: The print on each of its panels, polygons in m.
+
+    Raises:
+        PanelError: The panels are others, or the number of regions is not theirs.
+    """
+
+    def laid() -> list[BaseGeometry]:
+        return part_regions(case.pattern, regions_on(pattern, regions, case.whole_pattern))
+
+    own = on_first_rank(comm, laid)
+    return case.following(comm, own).smoothed(), own
 
 
 def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -86,10 +86,10 @@ class SkinModel:
             raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
         self.bounds: StretchBounds = bounds[0]
 
-        around = self._of(Sheet)
+        sheet = self._sheet = self._of(Sheet)
         flaps = None if self._bend is None else self._bend.hinges.flap
-        if around is not None and around.flaps is not None:
-            flaps = around.flaps.flap
+        if sheet is not None and sheet.flaps is not None:
+            flaps = sheet.flaps.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
         self.patch = make_patch(skin, flaps, unknowns)
         dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
@@ -143,17 +143,6 @@ class SkinModel:
             (compiled(form), work_vector(by.function_space))
             for form, by in zip(self.forms.sensitivities, functions, strict=True)
         ]
-
-    @cached_property
-    def _by_density(self) -> tuple[Any, fem.Function, fem.Function | None]:
-        """Compiled derivative of the residual along a change of ρ̄, this change, that around."""
-        density, around = self.design.density, self.design.around
-        change = fem.Function(density.function_space)
-        form = ufl.derivative(self.forms.residual, density, change)
-        if around is None:
-            return compiled(form), change, None
-        beside = fem.Function(around.function_space)
-        return compiled(form + ufl.derivative(self.forms.residual, around, beside)), change, beside
 
     @property
     def assembled(self) -> Floats:
@@ -252,13 +241,10 @@ class SkinModel:
         """Return the first variation of E in N, zero at fixed components."""
         return self.variation(state) * self.free
 
-    @contextmanager
-    def unsmoothed(self, part: float = 1.0) -> Iterator[None]:
+    def unsmoothed(self, part: float) -> AbstractContextManager[None]:
         """Take a part of the smoothing of strains away within a `with`."""
-        with ExitStack() as stack:
-            for term in self.terms:
-                stack.enter_context(term.unsmoothed(part))
-            yield
+        assert self._sheet is not None
+        return self._sheet.unsmoothed(part)
 
     def reaction(self, state: Floats) -> Floats:
         """Return the force in N by which the supports pull at the skin, zero at free components."""
@@ -414,21 +400,6 @@ class SkinModel:
     def further_pairs(self) -> Ints:
         """Global rows and columns, (2, p), of entries that no triangle has."""
         return np.hstack([term.pairs for term in self.terms])
-
-    def density_variation(self, state: Floats, change: Floats) -> Floats:
-        """Return the derivative of the residual along a change of ρ̄ at owned triangles, in N.
-
-        Args:
-            state: Owned unknowns.
-            change: Change of ρ̄; the density that is set may leave [0, 1] by it.
-        """
-        form, along, beside = self._by_density
-        self.set_state(state)
-        along.x.array[: len(change)] = change
-        along.x.scatter_forward()
-        if beside is not None:
-            self.design.set_around(along, beside)
-        return assembled(form, self._buffer) * self.free
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
         """Return ∂(residual · adjoint) by the owned design, in J.

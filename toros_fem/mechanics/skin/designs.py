@@ -96,12 +96,8 @@ class Densities:
         self.density.x.array[: len(design)] = design
         self.density.x.scatter_forward()
         if self.around is not None:
-            self.set_around(self.density, self.around)
-
-    def set_around(self, density: fem.Function, around: fem.Function) -> None:
-        """Set the values of the triangles around each one from those of all."""
-        values = density.x.array[density.function_space.dofmap.list[:, 0]]
-        set_cells(around, values[self._neighbour])
+            values = self.density.x.array[self.density.function_space.dofmap.list[:, 0]]
+            set_cells(self.around, values[self._neighbour])
 
     def backward(self, parts: Sequence[Floats]) -> Floats:
         """Return the derivatives by the design from the owned ones by `functions` (collective)."""

@@ -110,12 +110,10 @@ class Sheet(Term):
         for k, chart in enumerate(self._charts):
             set_cells(chart, flaps.chart[:, k].reshape(-1, 4))
 
-    @override
     @contextmanager
     def unsmoothed(self, part: float) -> Iterator[None]:
-        if self.flaps is None:
-            yield
-            return
+        """Take a part of the smoothing of strains away within a `with`."""
+        assert self.flaps is not None
         shares = self.flaps.share
         self._share((1 - part) * shares)
         try:

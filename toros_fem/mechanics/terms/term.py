@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any, override
 
@@ -92,10 +91,6 @@ class Term(EnergyTerm):
     def refusal(self, x: Floats) -> str | None:
         """Return why a state can be no start, as a sentence; None where it can."""
         return None
-
-    def unsmoothed(self, part: float) -> AbstractContextManager[None]:
-        """Take a part of the smoothing of strains away within a `with`, where they are smoothed."""
-        return nullcontext()
 
     def moduli(self, design: Densities) -> Floats | float:
         """Return its part of h (2μ + λ), of the owned triangles or of all, in N/m."""

@@ -13,9 +13,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.making.as_printed.printed_lines import state_near
+from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
 from toros_fem.making.print.printability import printed_fractions
-from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.limit_shape import LimitShape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
@@ -113,9 +112,7 @@ def _told(
     comm, case = job.comm, job.scene.case(job.comm, level)
     part: Floats = np.zeros(len(case.pattern.panel))
     if regions is not None:
-        plain, whole = case.pattern, case.pattern if case.whole is None else case.whole.pattern
-        own = on_first_rank(comm, lambda: part_regions(plain, regions_on(*regions, whole)))
-        case = case.following(comm, own)
+        case, own = case_of_print(comm, case, *regions)
         fine = case.pattern
         part = on_first_rank(comm, lambda: printed_fractions(fine, own))
     problem = job.problem(case.smoothed(), level)

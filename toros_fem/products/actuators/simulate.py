@@ -14,10 +14,10 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
+from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
-from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -182,18 +182,11 @@ def _printed(
             if _same(source, made.pattern):
                 return replace(made, pattern=source), level, density, None
             return made, level, (transfer.at_cells(density) >= 0.5).astype(np.float64), None
-        regions = part_regions(
-            made.pattern, regions_on(stored.pattern, stored.regions, _whole(made))
-        )
+        fine, own = case_of_print(comm, made, stored.pattern, stored.regions)
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
-    fine = made.following(comm, regions)
-    density = on_first_rank(comm, lambda: printed_fractions(fine.pattern, regions))
+    density = on_first_rank(comm, lambda: printed_fractions(fine.pattern, own))
     return fine, level, density, (stored.pattern, stored.regions)
-
-
-def _whole(case: Case) -> Pattern:
-    return case.pattern if case.whole is None else case.whole.pattern
 
 
 def _same(one: Pattern, other: Pattern) -> bool:

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, OutputError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene
@@ -58,14 +58,10 @@ def tolerances_of_run(
     # A print has no eroded and dilated densities.
     level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
     case = scene.case(comm, level)
-    part = case.pattern
     stored = read_print_polygons(comm, folder)
-    skin = part if case.whole is None else case.whole.pattern
-    regions = on_first_rank(
-        comm, lambda: part_regions(part, regions_on(stored.pattern, stored.regions, skin))
-    )
+    fine, regions = case_of_print(comm, case, stored.pattern, stored.regions)
     near = on_first_rank(comm, lambda: _shape(folder))
-    problem = scene.problem(comm, case.following(comm, regions).smoothed(), level)
+    problem = scene.problem(comm, fine, level)
 
     values = {m.key: summary.value(m.key) for m in case.judged}
     drawn = Drawn(

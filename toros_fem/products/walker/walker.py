@@ -318,10 +318,9 @@ class WalkerScene(ActuatorScene):
         skin, supports, sheets = sew(comm, half), symmetry_plane(half, 1), self.material
         sizes = self.contact_on(half, 0.0).sizes(sheets.composite)
         start, height = flat_on_ground(comm, half, supports, sizes)
-        membrane = replace(sheets.composite.membrane, strain="smoothed")
         solver = EquilibriumSolver(
             skin,
-            replace(sheets.composite, membrane=membrane),
+            sheets.composite.smoothed(),
             supports,
             chambers=chambers(half, self.star),
             weight=Weight(sheets.fabric_mass, sheets.fabric_mass + sheets.print_mass),
