@@ -125,7 +125,7 @@ def _around(count: int, turns: float) -> Lines:
 def drawn(kind: str, seed: int, pattern: Pattern) -> tuple[list[BaseGeometry], float]:
     """Return lines on the tube's wall between printed ends, and a pressure in Pa."""
     rng = np.random.default_rng([54, list(KINDS).index(kind), seed])
-    width, pressure, lines = rng.uniform(1.4e-3, 2.2e-3), rng.uniform(3e3, 8e3), KINDS[kind](rng)
+    width, pressure, lines = rng.uniform(1.0e-3, 2.2e-3), rng.uniform(3e3, 8e3), KINDS[kind](rng)
     regions = [pattern.outline(k) for k in range(len(pattern.panel_names))]
     wall = pattern.panel_index("wall")
     corner = np.array(regions[wall].bounds[:2])

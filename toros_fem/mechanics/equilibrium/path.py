@@ -24,8 +24,10 @@ NEAR = 0.05
 LOAD_STEP, MOTION = 1e-3, 1e-4
 # Inverse iterations for the softest mode.
 ITERATIONS = 12
-# A path that leads straight back to its start explains the motion up to this fraction.
-EXPLAINED = 0.5
+# A path that leads straight back to its start explains the motion up to EXPLAINED of it. Where
+# Newton's method met negative curvature on its way, which tells of its guesses more than of the
+# path, the rest must be SMALL.
+EXPLAINED, SMALL = 0.5, 0.15
 # Halvings of the interval in which the state moves most. Where an interval that is NARROW still
 # has LEAP of the whole motion, the state jumps there.
 HALVINGS, NARROW, LEAP = 7, 1 / 16, 0.5
@@ -69,7 +71,7 @@ def connect(
         newton: Its solver; the tangent at the end is factorised, before and after.
         attempt: Solves from a start under a load, which the model has.
         begin, end: The equilibria.
-        definite: Whether there was no negative curvature on the way: the tangent may settle it.
+        definite: Whether there was no negative curvature on the way.
     """
     comm, size = model.skin.comm, model.skin.pattern.size
 
@@ -81,7 +83,7 @@ def connect(
 
     if same(begin.state, end.state):
         return False, end
-    if definite and leads_back(model, newton.factor, begin, end):
+    if leads_back(model, newton.factor, begin, end, EXPLAINED if definite else SMALL):
         return False, end
 
     def between(start: Floats, fraction: float) -> Attempt:
@@ -143,7 +145,9 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
     return 1 - now / change
 
 
-def leads_back(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: PathPoint) -> bool:
+def leads_back(
+    model: SkinModel, factor: TangentFactor, begin: PathPoint, end: PathPoint, rest: float
+) -> bool:
     """Return whether the tangent at the end of a path predicts its begin (collective).
 
     Across a jump it does not: the path behind the jump leads elsewhere.
@@ -152,6 +156,7 @@ def leads_back(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: P
         model: The skin's model; it is left at the density and load of the end.
         factor: Factors of the tangent at the end.
         begin, end: Equilibria.
+        rest: Part of the motion that the prediction may leave over.
     """
     comm = model.skin.comm
     model.set_density(begin.density)
@@ -163,7 +168,7 @@ def leads_back(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: P
     predicted = -factor.solve(model.residual(with_supports)) if feasible else 0 * chord
     model.set_density(end.density)
     model.set_load(end.load)
-    return norm(comm, predicted - chord) <= EXPLAINED * norm(comm, chord)
+    return norm(comm, predicted - chord) <= rest * norm(comm, chord)
 
 
 def find_jump(
