@@ -1,4 +1,4 @@
-"""Directive that lists every key of every kind of scene, with meaning, bounds and default."""
+"""Directives that list every key of every kind of scene, and the usual ranges of their groups."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from sphinx.util.nodes import nested_parse_with_titles
 from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.layout import keys_of
 from toros_fem.products.kinds import ABOUT, KINDS
+from toros_fem.products.plausibility import RANGES
 
 
 def page_of(kind: type[Scene]) -> list[str]:
@@ -36,21 +37,50 @@ def page_of(kind: type[Scene]) -> list[str]:
     return lines
 
 
-class SceneKeys(SphinxDirective):
-    """List the keys of all kinds, a section for each kind."""
+def ranges() -> list[str]:
+    """Return the table of dimensionless groups in Markdown."""
+    lines = ["| group | usual | refused outside of | source |", "|---|---|---|---|"]
+    for name, one in RANGES.items():
+        usual, possible = (f"{low:g} to {high:g}" for low, high in (one.usual, one.possible))
+        lines.append(f"| {name}: {one.words} | {usual} | {possible} | {one.source} |")
+    return [line.replace("-inf", "−∞").replace("inf", "∞") for line in lines]
+
+
+class Listing(SphinxDirective):
+    """List something in Markdown."""
 
     option_spec: ClassVar = {}
 
+    def lines(self) -> list[str]:
+        """Return the lines."""
+        raise NotImplementedError
+
     def run(self) -> list[nodes.Node]:
-        """Return the nodes of all sections."""
-        lines = [line for kind in KINDS.values() for line in page_of(kind)]
+        """Return their nodes."""
         parent = nodes.Element()
         parent.document = self.state.document
-        nested_parse_with_titles(self.state, StringList(lines, source="KINDS"), parent)
+        nested_parse_with_titles(self.state, StringList(self.lines(), source="KINDS"), parent)
         return parent.children
 
 
+class SceneKeys(Listing):
+    """List the keys of all kinds, a section for each kind."""
+
+    def lines(self) -> list[str]:
+        """Return all sections."""
+        return [line for kind in KINDS.values() for line in page_of(kind)]
+
+
+class UsualRanges(Listing):
+    """List the dimensionless groups."""
+
+    def lines(self) -> list[str]:
+        """Return the table."""
+        return ranges()
+
+
 def setup(app: Any) -> dict[str, Any]:
-    """Register the directive."""
+    """Register the directives."""
     app.add_directive("scene-keys", SceneKeys)
+    app.add_directive("usual-ranges", UsualRanges)
     return {"parallel_read_safe": True}
