@@ -43,6 +43,9 @@ def test_five_steps_say_which_edge_belongs_to_which(page: Path) -> None:
         ("3", "2", "wall to base"),
     ]
     assert "Inflate it slowly to 5 kPa" in text
+    assert "<b>Hold</b> the fabric" in text
+    assert "210 to 230 °C at the nozzle" in text
+    assert "The files are not raised" in " ".join(text.split())
     words = " ".join(text.split())
     assert "through the opening (62 mm of seam 2)" in words
     assert "Sew the rest of seam 2 around the tube." in words

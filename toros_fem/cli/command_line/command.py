@@ -66,7 +66,7 @@ class Command(Table):
         """Return what the help says after the first line."""
         return inspect.cleandoc(cls.__doc__ or "").partition("\n")[2].strip()
 
-    def over(self, settings: T) -> T:
+    def updating(self, settings: T) -> T:
         """Return settings with the values of the options of the same names that were given."""
         given: Mapping[str, Any] = vars(self)["given"]
         known = settings.described()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -75,10 +74,8 @@ def run_scene(
         UsageError: The kind of the scene has no such action.
         TorosError: As of `open_run` and of the action.
     """
-    taken = files_of(scene, name)
-    action = getattr(scene.config, _ACTIONS[name][0])
-    files = {key: scene.files[key].resolve() for key in taken if key in scene.files}
-    inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
+    action, files = getattr(scene.config, _ACTIONS[name][0]), _taken(scene, name)
+    inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     if name == "design":  # what is impossible is refused before a folder is touched
         with scene.located():
@@ -139,13 +136,22 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
 
 
-def _inputs(scene: SceneFile, name: str, files: Mapping[str, Path]) -> dict[str, Any]:
-    """Return all inputs, as JSON has them; files by their content, folders by their place."""
+def _taken(scene: SceneFile, name: str) -> dict[str, Path]:
+    """Return the files of a scene that an action takes."""
+    names = files_of(scene, name)
+    return {key: scene.files[key].resolve() for key in names if key in scene.files}
+
+
+def inputs_of(scene: SceneFile, name: str) -> dict[str, Any]:
+    """Return all inputs of an action, as JSON has them (one rank).
+
+    Files are told by their content, folders by their place.
+    """
     found: dict[str, Any] = {
         "command": name,
         "kind": scene.kind.KIND,
         "config": scene.config.as_dict(),
-        "files": {key: _content(path) for key, path in files.items()},
+        "files": {key: _content(path) for key, path in _taken(scene, name).items()},
     }
     return dict(json.loads(json.dumps(found)))
 

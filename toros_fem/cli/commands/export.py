@@ -58,7 +58,7 @@ class Export(Command, ManufactureOptions):
         # A part of a symmetric skin is simulated; its triangles are the first of the whole.
         there = on_first_rank(comm, (run / NAME).is_file)
         part = read_pattern(comm, run / NAME) if there else stored.pattern
-        options = self.over(made_as(summary))
+        options = self.updating(made_as(summary))
         output = self.output or run / FOLDER
         drawings = ["pattern.svg", NAME, PRINT, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)

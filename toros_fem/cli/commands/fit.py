@@ -119,7 +119,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         from toros_fem.products.fitting.report import library_entry
         from toros_fem.products.fitting.strip import ClampedStrip
 
-        tests, how = on_first_rank(comm, self._tests), self.over(FitOptions())
+        tests, how = on_first_rank(comm, self._tests), self.updating(FitOptions())
         if not self.clamped:
             result = on_first_rank(comm, lambda: fit_material(tests, how))
         elif self.gauge_length is None or self.width is None:
@@ -144,7 +144,7 @@ class Fit(Command, FitOptions, _Entry, _Sheet, _Unsaid):
         # A stress per section needs a thickness; that of a sheet is the same everywhere.
         thickness = tile.composite.reinforcement.thickness
         tests = on_first_rank(comm, partial(self._tests, thickness))
-        how = self.over(FitOptions())
+        how = self.updating(FitOptions())
         return fit_printed_sheet(comm, tests, tile, self.along, self.across, how)
 
     def _tests(self, thickness: float | None = None) -> list[TensileTest]:

@@ -41,6 +41,7 @@ from toros_fem.cli.commands.materials import Materials
 from toros_fem.cli.commands.new import New
 from toros_fem.cli.commands.resume import Resume
 from toros_fem.cli.commands.simulate import Simulate
+from toros_fem.cli.commands.study import Study
 from toros_fem.cli.commands.tolerance import Tolerance
 from toros_fem.cli.commands.unwrap import Unwrap
 from toros_fem.cli.commands.view import View
@@ -50,8 +51,8 @@ COMMANDS: Mapping[str, type[Command]] = MappingProxyType(
     {
         one.__name__.lower(): one
         for one in (
-            New, Explain, Materials, Check, Simulate, Design, Resume, View, Export, Tolerance,
-            Unwrap, Fit, Doctor,
+            New, Explain, Materials, Check, Simulate, Design, Study, Resume, View, Export,
+            Tolerance, Unwrap, Fit, Doctor,
         )
     }
 )  # fmt: skip

@@ -46,7 +46,9 @@ class Tolerance(Command, ToleranceConfig):
         output = self.output or self.run
         with triangle_limit(None):  # what was designed was allowed
             scene, files = scene_of_run(comm, self.run)
-            found = tolerances_of_run(comm, self.run, scene, files, self.over(ToleranceConfig()))
+            found = tolerances_of_run(
+                comm, self.run, scene, files, self.updating(ToleranceConfig())
+            )
         write_tolerances(comm, output, found)
         text = f"{found.report()}; see {output}/{FILES[2]}"
         return Answer(text, {"folder": output, "files": FILES, **found.summary()})

@@ -62,7 +62,7 @@ class Unwrap(Command, Unwrapping):
             "worst_stretch": distortion.worst_stretch,
             "mean_stretch": distortion.mean_stretch,
             "worst_seam": distortion.worst_seam,
-            "inputs": self.over(Unwrapping()).as_dict(),
+            "inputs": self.updating(Unwrapping()).as_dict(),
         }
 
         def draw() -> None:

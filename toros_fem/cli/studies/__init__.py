@@ -1,0 +1,1 @@
+"""Studies: one scene with many values."""

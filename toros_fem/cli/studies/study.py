@@ -1,0 +1,253 @@
+"""A study: one scene with all combinations of some values, side by side, in one table."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError, TorosError
+from toros_fem.base.files import naming, write_table
+from toros_fem.base.keys import METRIC_UNITS, Key
+from toros_fem.cli.command_line.running import inputs_of
+from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
+from toros_fem.cli.scene_files.reading import SceneFile, read_scene
+from toros_fem.cli.studies.values import combinations, values_of
+from toros_fem.results.pictures.study import draw_study
+from toros_fem.results.runs.folder import read_record
+from toros_fem.results.runs.summary_file import Summary, summary_of
+
+log = logging.getLogger(__name__)
+TABLE, PICTURE, LOGS = "study.csv", "study.png", "logs"
+# Letters that may stand in the name of a folder.
+PLAIN = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.,=_+-")
+# Environment of a run beside others: each has one core.
+ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+@dataclass
+class Trial:
+    """One run of a study.
+
+    Attributes:
+        values: Its values by key.
+        folder: Folder of the run.
+        summary: What it found; None before.
+        failure: Why there is no result; empty if there is one.
+        seconds: Wall time in this study; None for a run that was finished before.
+    """
+
+    values: Mapping[str, Any]
+    folder: Path
+    summary: Summary | None = None
+    failure: str = ""
+    seconds: float | None = None
+
+    def row(self, keys: Mapping[str, Key]) -> dict[str, Any]:
+        """Return values and figures as a row of the table."""
+        row = {column_of(keys[name]): value for name, value in self.values.items()}
+        found = {} if self.summary is None else self.summary.figures
+        for key, figure in found.items():
+            if key in row:  # the pressure is given, and told too
+                continue
+            row[key] = figure.value
+            if figure.interval is not None:
+                row[f"{figure.name}_error_{figure.unit}"] = figure.interval
+            if figure.state is not None:
+                row[f"{figure.name}_state"] = str(figure.state)
+        return row | {"run": self.folder.name, "failure": self.failure}
+
+
+@dataclass
+class Study:
+    """A study, and what it found.
+
+    Attributes:
+        keys: What is known of each key that varies.
+        trials: The runs, in the order of the table.
+        table, picture: Its files.
+    """
+
+    keys: Mapping[str, Key]
+    trials: Sequence[Trial]
+    table: Path
+    picture: Path
+    failed: list[Trial] = field(default_factory=list)
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows of the table."""
+        return [trial.row(self.keys) for trial in self.trials]
+
+
+def column_of(one: Key) -> str:
+    """Return the column of a key: its name, and the unit that ends it."""
+    unit = METRIC_UNITS.get(one.within.unit, one.within.unit)
+    plain = one.kind is float and one.within.unit is not None
+    return f"{one.name}_{str(unit).lower()}" if plain else one.name
+
+
+def run_study(
+    scene: Path | str,
+    over: Mapping[str, Sequence[Any]] | Sequence[str],
+    output: Path | str,
+    *,
+    command: str = "design",
+    coarse: bool = False,
+    changes: Sequence[str] = (),
+    jobs: int | None = None,
+) -> Study:
+    """Run a scene with all combinations of some values, and put all figures into one table.
+
+    Each run has a folder of its own. Those that are finished stay, those that were stopped go on.
+
+    Args:
+        scene: The scene file.
+        over: Values by key, or words KEY=VALUES as of `values_of`.
+        output: Folder of the study, made if missing: study.csv, study.png, a folder for each run.
+        command: "design" or "simulate".
+        coarse: Whether to take the scene's quick variant.
+        changes: Texts "KEY=VALUE" that hold for all runs.
+        jobs: Runs at a time; None takes one for each core.
+
+    Raises:
+        SceneError: A value is wrong; before anything runs.
+        ParameterError: A key is wrong, or there are too many values.
+        OutputError: The folder cannot be written.
+    """
+    path, folder = Path(scene), Path(output)
+    first = read_scene(path, coarse=coarse, changes=changes)
+    tables = keys_of(first.kind)
+    known = {
+        key: one for at in tables if at not in (FILES, QUICK) for key, one in tables[at].items()
+    }
+    words = [] if isinstance(over, Mapping) else list(over)
+    varied: dict[str, Sequence[Any]] = dict(over) if isinstance(over, Mapping) else {}
+    for one in words:
+        name, given = values_of(one, known)
+        if name in varied:
+            raise ParameterError(f"{name} is given twice. Give all of its values at once.", name)
+        varied[name] = given
+    for name in varied:
+        if name not in known:
+            raise ParameterError(f"the scene has no key {name!r}.", name)
+    keys = {name: known[name] for name in varied}
+    trials, scenes = [], []
+    for values in combinations(varied):
+        own = [*changes, *(f"{name}={_text(value)}" for name, value in values.items())]
+        scenes.append((read_scene(path, coarse=coarse, changes=own), own))
+        trials.append(Trial(values, folder / _name(values)))
+    with naming(folder):
+        (folder / LOGS).mkdir(parents=True, exist_ok=True)
+    study = Study(keys, trials, folder / TABLE, folder / PICTURE)
+    waiting = []
+    for trial, (own_scene, own) in zip(trials, scenes, strict=True):
+        state = _state_of(trial.folder, own_scene, command)
+        if state == "finished":
+            trial.summary = summary_of(trial.folder)
+        else:
+            line = [command, str(path), *(["--coarse"] if coarse else [])]
+            line += [word for change in own for word in ("--set", change)]
+            line += ["--output", str(trial.folder)]
+            waiting.append((trial, ["resume", str(trial.folder)] if state == "stopped" else line))
+    _run_all(study, waiting, jobs or os.cpu_count() or 1)
+    with naming(study.picture):
+        draw_study(study.picture, study.rows, [column_of(one) for one in keys.values()],
+                   [one.summary for one in trials if one.summary is not None])  # fmt: skip
+    return study
+
+
+def _run_all(study: Study, waiting: Sequence[tuple[Trial, list[str]]], jobs: int) -> None:
+    """Run what waits, so many at a time, and write the table after each."""
+    running: set[subprocess.Popen[bytes]] = set()
+    begin, done, count = time.perf_counter(), 0, len(study.trials)
+    before = count - len(waiting)
+    write_table(study.table, study.rows)
+    if before:
+        log.info("%d of %d runs are finished already", before, count)
+    with ThreadPoolExecutor(jobs) as pool:
+        alone = ALONE if jobs > 1 else {}
+        found = {pool.submit(_run, *one, running, alone): one[0] for one in waiting}
+        try:
+            for future in as_completed(found):
+                trial = future.result()
+                done += 1
+                write_table(study.table, study.rows)
+                left = (time.perf_counter() - begin) / done * (len(waiting) - done)
+                told = trial.failure or _told(trial)
+                log.info(
+                    "%d of %d: %s: %s; %.0f s, about %.1f min left",
+                    before + done, count, trial.folder.name, told, trial.seconds or 0.0, left / 60,
+                )  # fmt: skip
+        except BaseException:  # Ctrl-C: runs write their state and can go on
+            for future in found:
+                future.cancel()
+            for process in list(running):
+                process.terminate()
+            raise
+    study.failed = [trial for trial in study.trials if trial.failure]
+
+
+def _run(
+    trial: Trial, words: list[str], running: set[subprocess.Popen[bytes]], alone: Mapping[str, str]
+) -> Trial:
+    """Run one scene in a process of its own."""
+    begin = time.perf_counter()
+    kept = trial.folder.parent / LOGS / f"{trial.folder.name}.txt"
+    with kept.open("wb") as file:
+        line = [sys.executable, "-m", "toros_fem", *words, "--quiet"]
+        file.write((shlex.join(line) + "\n").encode())
+        file.flush()
+        process = subprocess.Popen(
+            line, stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL,
+            env={**os.environ, **alone},
+        )  # fmt: skip
+        running.add(process)
+        code = process.wait()
+        running.discard(process)
+    trial.seconds = time.perf_counter() - begin
+    try:
+        trial.summary = summary_of(trial.folder) if code == 0 else None
+    except TorosError as caught:
+        trial.failure = str(caught)
+    if code != 0:
+        last = kept.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1]
+        trial.failure = f"exit code {code}: {last}"
+    return trial
+
+
+def _told(trial: Trial) -> str:
+    figures = () if trial.summary is None else trial.summary.figures.values()
+    return ", ".join(f"{one.label} {one.shown}" for one in figures if one.interval is not None)
+
+
+def _state_of(folder: Path, scene: SceneFile, command: str) -> str:
+    """Return whether a folder holds this very run: "finished", "stopped", or "none"."""
+    try:
+        record, _ = read_record(MPI.COMM_SELF, folder)
+    except TorosError:
+        return "none"
+    if record.inputs != inputs_of(scene, command):
+        return "none"
+    return "finished" if record.finished else "stopped"
+
+
+def _name(values: Mapping[str, Any]) -> str:
+    text = ",".join(f"{name}={_text(value)}" for name, value in values.items())
+    return "".join(letter if letter in PLAIN else "_" for letter in text)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return "none" if value is None else str(value).lower()
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
