@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -205,22 +205,52 @@ def held_between(held: int, count: int, level: float = 0.95) -> tuple[float, flo
     return float(low), float(high)
 
 
-def table(rows: Rows) -> str:
-    """Return how often intervals hold the limit, and how wide they are, by kind and by mesh."""
-    values = {(row.case, row.variant, row.size, row.figure): row.value or 0.0 for row in rows}
+class Told(NamedTuple):
+    """A figure that was told, and its limit.
+
+    Attributes:
+        kind: Kind of the print.
+        size: Edge length.
+        name: Name of the figure.
+        error: Distance of what is told from the limit.
+        width: Half-width of the interval.
+        computed: Distance of what the mesh computes from the limit.
+        change: Change from rest to the limit.
+        seconds: Time of the solve.
+    """
+
+    kind: str
+    size: str
+    name: str
+    error: float
+    width: float
+    computed: float
+    change: float
+    seconds: float
+
+
+def told_figures(rows: Rows) -> list[Told]:
+    """Return all figures of the study."""
+    by_place = {(row.case, row.variant, row.size, row.figure): row for row in rows}
     found = []
-    for (kind, seed, size, figure), error in values.items():
+    for (kind, seed, size, figure), row in by_place.items():
         name, _, what = figure.partition(", ")
         if what == "error":
             width, computed, change = (
-                values[kind, seed, size, f"{name}, {other}"]
+                by_place[kind, seed, size, f"{name}, {other}"].value or 0.0
                 for other in ("half-width", "error as computed", "limit")
             )
-            found.append((kind, size, name, error, width, computed, change))
-    lines = []
+            numbers = row.value or 0.0, width, computed, change, row.seconds or 0.0
+            found.append(Told(kind, size, name, *numbers))
+    return found
+
+
+def table(rows: Rows) -> str:
+    """Return how often intervals hold the limit, and how wide they are, by kind and by mesh."""
+    found, lines = told_figures(rows), []
     groups = [(k, 0) for k in KINDS] + [(s, 1) for s in dict.fromkeys(f[1] for f in found)]
     for label, column in [*groups, *((name, 2) for name in FIGURES), ("all", None)]:
-        own = [one[3:] for one in found if column is None or one[column] == label]
+        own = [one[3:7] for one in found if column is None or one[column] == label]
         if not own:
             continue
         error, width, computed, change = np.array(own).T

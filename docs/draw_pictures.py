@@ -24,6 +24,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 from mpi4py import MPI
 
+from benchmarks import intervals
 from benchmarks.accuracy import paths, snapping, tubes
 from benchmarks.bench import ROWS, read, values_of
 from benchmarks.figures import DEMOS, folder_of
@@ -62,6 +63,8 @@ PARTS = {
         "objective_s", "metrics_s", "mma_s",
     ),
 }  # fmt: skip
+# Colours of the kinds of prints.
+KIND_COLOURS = (DARK, ACCENT, SECOND, "#009E73", "#CC79A7", "#E69F00")
 # Pressure in Pa that fills the tube.
 FILLED = 100.0
 BROWSER = (
@@ -226,6 +229,52 @@ def draw_times(path: Path) -> None:
         axes.grid(axis="y")
 
 
+def intervals_told() -> str:
+    """Return what the picture of told intervals tells."""
+    found = intervals.told_figures(read(ROWS / "intervals.csv"))
+    held = sum(one.error <= one.width for one in found)
+    return f"{held} of {len(found)} told intervals hold the limit ({held / len(found):.0%})"
+
+
+def draw_intervals(path: Path) -> None:
+    """Draw errors over time, and half-widths over true errors, in parts of the change from rest."""
+    found = intervals.told_figures(read(ROWS / "intervals.csv"))
+    sizes = sorted({one.size for one in found}, reverse=True)
+    colours = dict(zip(intervals.KINDS, KIND_COLOURS, strict=True))
+    with page(path, intervals_told(), SIZE) as figure:
+        left, right = figure.subplots(
+            1, 2, gridspec_kw={"left": 0.08, "right": 0.98, "bottom": 0.12, "top": 0.86,
+                               "wspace": 0.25},
+        )  # fmt: skip
+        for kind, colour in colours.items():
+            own = [one for one in found if one.kind == kind]
+            rows = [[one for one in own if one.size == size] for size in sizes]
+            rows = [row for row in rows if row]
+            time = [np.median([one.seconds for one in row]) for row in rows]
+            told = [np.median([one.error / one.change for one in row]) for row in rows]
+            left.plot(time, 100 * np.array(told), "o-", color=colour, ms=4, lw=1.2)
+            right.plot(
+                [100 * one.error / one.change for one in own],
+                [100 * one.width / one.change for one in own],
+                "o", color=colour, ms=3, alpha=0.7, label=kind,
+            )  # fmt: skip
+        ends = np.array([0.05, 100.0])
+        right.plot(ends, ends, color=INK, lw=0.8)
+        right.plot(ends, 3 * ends, color=SOFT, lw=0.8, ls="--")
+        right.text(30, 24, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
+        right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
+        left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
+        left.set_ylabel("error of what is told (% of the change), median")
+        right.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
+        right.set(xlabel="true error (% of the change)", ylabel="half-width (% of the change)")
+        for axes in (left, right):
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            axes.grid()
+        right.legend(loc="lower right", frameon=False)
+
+
 def limit_points_told() -> str:
     """Return what the picture of the limit points tells."""
     found = values_of(read(ROWS / "accuracy.csv"), "path-")
@@ -368,6 +417,7 @@ def in_browser(
 # What the pictures of committed tables tell.
 TOLD: Mapping[str, Callable[[], str]] = {
     "crossed_lines.png": crossed_told,
+    "intervals.png": intervals_told,
     "limit_points.png": limit_points_told,
     "limits.png": limits_told,
     "performance.png": times_told,
@@ -380,6 +430,7 @@ DRAWN: Mapping[str, Callable[[Path], None]] = {
     ),
     "crossed_lines.png": draw_crossed,
     "curves_empty.png": draw_empty,
+    "intervals.png": draw_intervals,
     "limit_points.png": draw_limit_points,
     "limits.png": draw_limits,
     "performance.png": draw_times,
