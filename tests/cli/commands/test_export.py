@@ -1,6 +1,7 @@
 """`toros export`: the machine files of one small design, and the design read back from them."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,18 @@ def test_exported_print_is_the_design(
     captured = capsys.readouterr()
     angle = value_of(summary_of(folder), "angle_deg")
     assert value_of(json.loads(captured.out), "angle_deg") == pytest.approx(angle, rel=BOUND)
+
+
+@pytest.mark.slow
+def test_a_height_that_is_not_known_is_told(
+    alone: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lone, output = tmp_path / "lone", tmp_path / "out"
+    lone.mkdir()
+    shutil.copy(designed[1] / "print.npz", lone)
+    capsys.readouterr()
+    assert run(alone, ["export", str(lone), "--output", str(output)]) == 0
+    assert "no summary.json" in capsys.readouterr().err
+    words = ["export", str(lone), "--output", str(output), "--layer-height", "0.3 mm"]
+    assert run(alone, words) == 0
+    assert "no summary.json" not in capsys.readouterr().err

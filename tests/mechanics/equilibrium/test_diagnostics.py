@@ -10,7 +10,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
-from toros_fem.mechanics.equilibrium.diagnostics import Condition, failure, success
+from toros_fem.mechanics.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
@@ -32,14 +32,24 @@ def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
 
 
 def test_success_and_its_warnings(short_tube: Skin, model: SkinModel) -> None:
-    assert success(model, LOAD, 1e-11, [1.0], USUAL) == "A stable equilibrium was found at 2000 Pa."
-    assert "a residual of 3e-06 of the load" in success(model, LOAD, 3e-6, [1.0], USUAL)
+    assert success(LOAD, 1e-11, USUAL) == "A stable equilibrium was found at 2000 Pa."
+    assert "a residual of 3e-06 of the load" in success(LOAD, 3e-6, USUAL)
+    assert condition_of(model, model.assembled, None, None) == USUAL
+    out = model.assembled.copy()
+    model.positions(out)[:, 0] *= -1
+    told = condition_of(model, out, None, None).sentences
+    assert "has a volume of -" in told
+    assert "turned inside out" in told
     upper = short_tube.pattern.points[short_tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
     two = make_model(
         short_tube, Composite(bending=None), clamp(short_tube.pattern, ["base"]), chambers=chambers
     )
-    assert "chamber 'high' has a volume of -2e-06" in success(two, LOAD, 0.0, [1e-5, -2e-6], USUAL)
+    two.set_load(Load(np.array([2e3, 2e3])))
+    state = two.assembled.copy()
+    points = two.positions(state)
+    points[points[:, 2] > 0.03, 0] *= -1
+    assert "chamber 'high' has a volume of -" in condition_of(two, state, None, None).sentences
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -13,6 +14,8 @@ from toros_fem.base.keys import key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.making.options import ManufactureOptions
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +62,13 @@ class Export(Command, ManufactureOptions):
         there = on_first_rank(comm, (run / NAME).is_file)
         part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.updating(made_as(summary))
+        if not summary and options.layer_height == ManufactureOptions.layer_height:
+            height = 1e3 * options.layer_height
+            if comm.rank == 0:
+                log.warning(
+                    "%s has no summary.json, which tells the height of the print: %g mm is taken. "
+                    "Give --layer-height.", run, height,
+                )  # fmt: skip
         output = self.output or run / FOLDER
         drawings = ["pattern.svg", NAME, PRINT, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
@@ -58,12 +56,14 @@ class Condition:
             nothing but the stretch bounds holds it.
         folded_edges: Number of edges that are folded by more than 170 degrees; 0 with
             self-contact, where layers may lie on each other.
+        inside_out: What encloses a negative volume, in words; empty if nothing does.
     """
 
     snapped: bool | None = None
     critical_load: float | None = None
     blown_up: bool = False
     folded_edges: int = 0
+    inside_out: str = ""
 
     @property
     def sentences(self) -> str:
@@ -88,6 +88,8 @@ class Condition:
                 f"{self.folded_edges} edges are folded by more than {math.degrees(FOLDED):.0f} "
                 "degrees: the skin lies on itself there. Give the solver a Contact."
             )
+        if self.inside_out:
+            found.append(self.inside_out)
         return " ".join(found)
 
 
@@ -105,6 +107,7 @@ def condition_of(
         critical_load=critical,
         blown_up=model.load.largest > 0 and held,
         folded_edges=_folds(model, state),
+        inside_out=_inside_out(model, model.volumes(state)),
     )
 
 
@@ -115,27 +118,30 @@ def _folds(model: SkinModel, state: Floats) -> int:
     return model.count_folds(state, FOLDED) // 2  # each edge is seen from both sides
 
 
-def success(
-    model: SkinModel,
-    load: Load,
-    residual: float,
-    volumes: Sequence[float],
-    condition: Condition,
-) -> str:
+def _inside_out(model: SkinModel, volumes: Floats) -> str:
+    """Return what encloses a negative volume, in words; empty if nothing does."""
+    if model.pressure is None or not len(volumes) or volumes.min() >= 0:
+        return ""
+    chambers, least = model.pressure.chambers, f"{volumes.min():.3g} m³"
+    if chambers is None:
+        return (
+            f"But the skin has a volume of {least}: it is turned inside out, or its triangles "
+            "face inwards. Reverse them, or look at the shape."
+        )
+    return (
+        f"But chamber {chambers.names[int(volumes.argmin())]!r} has a volume of {least}: its wall, "
+        "which has no stiffness, crosses the skin. Lower the difference of the pressures, or "
+        "stiffen the skin where the wall is fixed."
+    )
+
+
+def success(load: Load, residual: float, condition: Condition) -> str:
     """Return the sentence for an equilibrium, with warnings: rounding, a crossed wall, a snap."""
     found = f"A stable equilibrium was found at {load}."
     if condition.sentences:
         found += f" {condition.sentences}"
     if residual > STAGNATED:
         found += f" Rounding leaves a residual of {residual:.0e} of the load."
-    chambers = None if model.pressure is None else model.pressure.chambers
-    if chambers is not None and min(volumes) < 0:
-        name = chambers.names[int(np.argmin(volumes))]
-        found += (
-            f" But chamber {name!r} has a volume of {min(volumes):.3g} m³: its wall, which has no "
-            "stiffness, crosses the skin. Lower the difference of the pressures, or stiffen the "
-            "skin where the wall is fixed."
-        )
     return found
 
 

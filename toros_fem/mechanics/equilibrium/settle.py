@@ -97,7 +97,7 @@ def _read(
     if reached and search.trial:
         reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
     elif reached:
-        reason = success(model, load, residual, seen["volumes"], condition)
+        reason = success(load, residual, condition)
     else:
         assert attempts.last is not None
         steps, once = search.max_steps, search.direct
