@@ -170,7 +170,6 @@ COMMAND = Command(
     tables=(
         Table("accuracy.md", "accuracy, summary", summary),
         Table("accuracy.md", "accuracy, bending terms", comparison),
-        Table("accuracy.md", "accuracy, cases", sections),
         Table("limit_points.md", "limits of the roof", roof_table),
         Table("tiles.md", "time and error of tiles", tile_table),
     ),

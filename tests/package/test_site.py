@@ -63,7 +63,7 @@ def test_files_that_pages_name_exist() -> None:
     ]
     assert len(named) > 60
     gone = {(page, name) for page, name in named if not any((p / name).is_file() for p in places)}
-    assert gone == {("performance.md", "topopt.py")}  # a file of another program
+    assert gone == set()
 
 
 def public_names() -> list[str]:
