@@ -7,7 +7,7 @@ penetrated. All cells of the matrix take an hour of one core or more; `--cases 5
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from itertools import groupby
 
@@ -159,8 +159,12 @@ def _counts(
         yield Row(*place, figure, float(value), machine=last.machine, measured=last.measured)
 
 
-def _table(rows: Rows, name: str, *columns: str) -> str:
-    found = {key[1]: figures for key, figures in values_of(rows, f"{name}{IN_ALL}").items()}
+def _table(rows: Rows, name: str, *columns: str, without: Collection[str] = ()) -> str:
+    found = {
+        key[1]: figures
+        for key, figures in values_of(rows, f"{name}{IN_ALL}").items()
+        if key[1] not in without
+    }
     lines = [
         (variant, *(f"{figures[column]:.0f}" for column in columns))
         for variant, figures in found.items()
@@ -178,12 +182,12 @@ def _listed(rows: Rows, name: str, figure: str) -> str:
 
 
 def matrix_table(rows: Rows) -> str:
-    """Return counts by scene and by contrast, and the cells that contradict the solver."""
+    """Return counts by contrast, and the cells that contradict the solver."""
     every = sum(len(matrix.full_matrix(scene)) for scene in BUILDERS)
     (played,) = (r.value for r in rows if r.case == f"matrix{IN_ALL}"
                  and r.variant == "all" and r.figure == "cases")  # fmt: skip
     text = f"{played:.0f} of {every} cells were run, drawn at random if not all.\n\n"
-    text += _table(rows, "matrix", "cases", *VERDICTS, *STEPS)
+    text += _table(rows, "matrix", "cases", *VERDICTS, *STEPS, without=BUILDERS)
     text += "\n\nSteps are those of all solves of a cell."
     return text + "".join(_listed(rows, "matrix", verdict) for verdict in ("wrong", "failed"))
 
