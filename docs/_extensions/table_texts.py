@@ -11,12 +11,15 @@ from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, TRUSTS, LibraryMaterial
 from toros_fem.materials.library.table import HEADER, TITLES, row, sentence
 from toros_fem.products.kinds import ABOUT, KINDS
+from toros_fem.products.plausibility import RANGES
 
 
 def table_of(name: str) -> list[str]:
-    """Return the lines of a table by its name: scene-keys, materials, accuracy-cases."""
+    """Return the lines of a table: scene-keys, usual-ranges, materials or accuracy-cases."""
     if name == "scene-keys":
         return [line for kind in KINDS.values() for line in page_of(kind)]
+    if name == "usual-ranges":
+        return usual_ranges()
     if name == "materials":
         return materials(read_library().values())
     if name == "accuracy-cases":
@@ -47,6 +50,15 @@ def page_of(kind: type[Scene]) -> list[str]:
             "",
         ]
     return lines
+
+
+def usual_ranges() -> list[str]:
+    """Return the table of dimensionless groups."""
+    lines = ["| group | usual | refused outside of | source |", "|---|---|---|---|"]
+    for name, one in RANGES.items():
+        usual, possible = (f"{low:g} to {high:g}" for low, high in (one.usual, one.possible))
+        lines.append(f"| {name}: {one.words} | {usual} | {possible} | {one.source} |")
+    return [line.replace("-inf", "−∞").replace("inf", "∞") for line in lines]
 
 
 def materials(entries: Iterable[LibraryMaterial]) -> list[str]:

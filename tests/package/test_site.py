@@ -15,6 +15,7 @@ import toros_fem
 from benchmarks.accuracy.command import KNOWN
 from toros_fem import meshes
 from toros_fem.products.kinds import KINDS
+from toros_fem.products.plausibility import RANGES
 
 DOCS = ROOT / "docs"
 ALONE = {"__version__", "errors", "meshes"}  # no page has these names
@@ -73,9 +74,10 @@ def test_tables_that_only_the_site_has_are_made() -> None:
     site = runpy.run_path(str(DOCS / "_extensions" / "table_texts.py"))
     text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
     named = re.findall(r"^```\{table-of\} (\S+)$", text, re.MULTILINE)
-    assert sorted(named) == ["accuracy-cases", "materials", "scene-keys"]
+    assert sorted(named) == ["accuracy-cases", "materials", "scene-keys", "usual-ranges"]
     heads = {name: [line for line in site["table_of"](name) if line[:2] == "##"] for name in named}
     assert heads["scene-keys"] == [f"## {kind}" for kind in KINDS]
+    assert len(site["table_of"]("usual-ranges")) == 2 + len(RANGES)
     cases = {head.removeprefix("### ") for head in heads["accuracy-cases"] if head[:3] == "###"}
     assert cases == {known.name for known in KNOWN}
     with pytest.raises(ValueError, match="no table"):

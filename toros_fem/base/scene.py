@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import functools
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Self
+
+from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Table, nearest
@@ -65,6 +68,23 @@ class Scene:
     def files(cls) -> dict[str, str]:
         """Return the files that a design or a simulation can take, with their help."""
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
+
+    def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
+        """Return the scene with what its files hold (collective).
+
+        Args:
+            comm: Communicator.
+            files: Paths, by the names in `DESIGN_FILES`; most scenes need none.
+
+        Raises:
+            TorosError: A file cannot be read, or does not fit.
+        """
+        del comm, files
+        return self
+
+    def groups(self) -> Iterator[Any]:
+        """Yield the groups of the scene that are known, of `products.plausibility`."""
+        return iter(())
 
     def coarse(self) -> Self:
         """Return the quick variant, a coarse mesh and few steps: values times `COARSE`."""

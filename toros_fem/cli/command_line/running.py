@@ -18,10 +18,11 @@ from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
+from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import RunResult
 from toros_fem.results.runs.files import SCENE
 from toros_fem.results.runs.folder import open_run, read_record
-from toros_fem.results.runs.summary_file import read_content
+from toros_fem.results.runs.summary_file import read_content, summary_of
 
 log = logging.getLogger(__name__)
 
@@ -79,12 +80,38 @@ def run_scene(
     files = {key: scene.files[key].resolve() for key in taken if key in scene.files}
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
     text = scene_text(scene.config, files, scene.materials)
-    with open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
+    if name == "design":  # what is impossible is refused before a folder is touched
+        with scene.located():
+            doubts(scene.config)
+    with scene.located(), open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
         if resume:
             log.info("the run in %s goes on", folder)
         found: RunResult = action(comm, folder, files, verbose=verbose)
     summary = on_first_rank(comm, lambda: read_content(folder))
+    used = on_first_rank(comm, lambda: summary_of(folder).value("stretch_use"))
+    if (beyond := beyond_tests(scene, used)) and comm.rank == 0:
+        log.warning(beyond)
     return Answer(f"{found.sentence()}; see {folder}/", summary)
+
+
+def beyond_tests(scene: SceneFile, used: float | None) -> str:
+    """Return that a fabric stretches further than its values are known for; empty if not.
+
+    Args:
+        scene: The scene.
+        used: Part of the stretch bounds that the skin uses; None if it is not told.
+    """
+    fabric = scene.materials.get("fabric")
+    if fabric is None or used is None:
+        return ""
+    most, known = 1 + used * (scene.config.value("c1") - 1), fabric.stretch_range[1]
+    if most <= known:
+        return ""
+    return (
+        f"the skin stretches up to about {most:.2f}, and the values of {fabric.name} are known up "
+        f"to {known:g}: what is told beyond that is eq. (1) and no test. Test the fabric further "
+        "(toros fit), or take less pressure."
+    )
 
 
 def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> Answer:

@@ -13,6 +13,7 @@ from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.products.kinds import ABOUT
+from toros_fem.products.plausibility import doubts
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.cost import Cost
@@ -26,9 +27,10 @@ CROWDED = 0.8
 class Check(SceneCommand):
     """Reads a scene file and says what is wrong, or what the design will cost.
 
-    Everything is read. An error names file, line and key, and the nearest right key. Otherwise
-    it says how many triangles and unknowns there will be, the memory, and the time, from a few
-    real steps on a coarse mesh. Meshes of too many triangles are refused before they are made.
+    Everything is read. An error names file, line and key, and the nearest right key. What is out
+    of the usual range of skins that work is told as a doubt, what no skin can do is refused.
+    It also says how many triangles and unknowns there will be, the memory, and the time, from a
+    few real steps on a coarse mesh. Meshes of too many triangles are refused before they are made.
     """
 
     no_probe: bool = key(False, "leave out the probe, and with it the time")
@@ -49,12 +51,16 @@ class Check(SceneCommand):
             "inputs": scene.config.as_dict(),
             "materials": {role: entry.name for role, entry in scene.materials.items()},
         }
-        lines = [f"{scene.path} is in order: {ABOUT[scene.kind.KIND]}."]
-        for role, entry in scene.materials.items():
-            lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
-        with self.meshes_allowed():
+        with self.meshes_allowed(), scene.located():
+            read = scene.config.with_files(comm, scene.files)
+            figures["doubts"] = doubtful = doubts(read)
             cost_of = getattr(scene.config, "expected_cost", None)
             cost = cost_of and cost_of(comm, scene.files, probing=not self.no_probe)
+        state = "is in order" if not doubtful else "can be read, but is doubtful"
+        lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
+        lines += [f"doubt       {one}" for one in doubtful]
+        for role, entry in scene.materials.items():
+            lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
         if cost is None:
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -32,7 +33,8 @@ class SceneFile:
         kind: Its kind.
         config: Its numbers.
         files: Files and folders that it names, by name, absolute or relative to the current folder.
-        lines: Line of each of these in the file; none where the command line gives it.
+        lines: Line of each key and of each of these, "files.mesh", in the file; none where the
+            command line gives it.
         materials: Materials of the library that it names, by "fabric", "reinforcement" and
             "bladder"; numbers that are given beside a name beat those of the material.
     """
@@ -54,7 +56,7 @@ class SceneFile:
             comm, lambda: [name for name, path in self.files.items() if not path.exists()]
         )
         for name in missing:
-            line = self.lines.get(name)
+            line = self.lines.get(f"files.{name}")
             at = "" if line is None else f"{self.path}, line {line}: "
             raise SceneError(
                 f"{at}files.{name}: there is no {self.files[name]}. Paths in a scene file are "
@@ -63,6 +65,20 @@ class SceneFile:
                 line,
                 f"files.{name}",
             )
+
+    @contextlib.contextmanager
+    def located(self) -> Iterator[None]:
+        """Tell file and line of the key that an error names, inside a `with` block.
+
+        Raises:
+            SceneError: A value is wrong, as is found only now; with file, line and key.
+        """
+        try:
+            yield
+        except ParameterError as caught:
+            line = self.lines.get(str(caught.key))
+            at = f"{self.path}: " if line is None else f"{self.path}, line {line}: "
+            raise SceneError(f"{at}{caught}", self.path, line, caught.key) from None
 
 
 def read_scene(
@@ -165,8 +181,11 @@ class _Reader(Document):
             layers += [("", self.quick(given)), (QUICK, quick)]
         config, materials = self.resolved([*layers, (CHANGED, over)])
         files = {name: path for name, path in files.items() if path is not None}
-        places = [(FILES, name) for name in files if (FILES, name) not in self.changes]
-        lines = {place[1]: self.lines[place] for place in places if place in self.lines}
+        lines = {
+            f"{FILES}.{place[1]}" if place[0] == FILES else str(place[-1]): line
+            for place, line in self.lines.items()
+            if len(place) == 2 and place not in self.changes and place[1] not in over
+        }
         return SceneFile(self.path, self.kind, config, files, lines, materials)
 
     def change(self, text: str) -> None:

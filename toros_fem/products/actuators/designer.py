@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +41,7 @@ from toros_fem.products.actuators.space_mapping import (
     asked_next,
     largest_error,
 )
+from toros_fem.products.plausibility import doubts
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import journal_of, run_of
@@ -49,6 +51,8 @@ from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene
+
+log = logging.getLogger(__name__)
 
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
@@ -94,6 +98,10 @@ class Designer(Job):
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
+        doubtful = doubts(self.scene)
+        if self.comm.rank == 0:
+            for one in doubtful:
+                log.warning("%s", one)
         require_affordable_meshes(self.comm, self.scene)
         if self.scene.design.start == "relaxed":
             return self._from_lines()

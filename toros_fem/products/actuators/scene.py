@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Self
@@ -29,6 +29,7 @@ from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.result import ActuatorResult, Trial
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.plausibility import Group, sheet_groups, width_groups
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
@@ -152,18 +153,30 @@ class ActuatorScene(Scene):
                 raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
         return self.updated(**{keys[metric]: value for metric, value in targets.items()})
 
-    def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
-        """Return the scene with what its files hold (collective).
+    @property
+    def radius(self) -> float | None:
+        """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
+        return None
 
-        Args:
-            comm: Communicator.
-            files: Paths, by the names in `DESIGN_FILES`; this scene has none.
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene that are known."""
+        radius, sheet = self.radius, self.material.composite
+        if radius is None:
+            return
+        yield from sheet_groups(sheet, radius)
+        yield Group("load", "pressure", max(self.pressures) * radius / sheet.least_stiffness)
+        design, girth = self.design, 2 * np.pi * radius
+        widths: dict[str, float | None] = {"print_width": self.print.print_width}
+        if design.constrained_iterations:
+            widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
+        if design.start == "relaxed":
+            widths |= {"laid_width": max(self.laid_widths)}
+        yield from width_groups(widths, girth)
 
-        Raises:
-            TorosError: A file cannot be read, or does not fit.
-        """
-        del comm, files
-        return self
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Least and largest pressure in Pa, or the one that is prescribed."""
+        return self.pressure.bounds or (self.pressure.pressure,)
 
     def run_design(
         self,

@@ -165,6 +165,11 @@ class GripperScene(ActuatorScene):
             )
 
     @property
+    def radius(self) -> float:
+        """Radius in m of the inflated finger: two flat layers become round."""
+        return self.skin.finger_width / np.pi
+
+    @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: four edges across half a finger."""
         return self.skin.finger_width / 8

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
@@ -25,7 +25,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.surfaces.files import from_copy, from_mesh
 from toros_fem.meshes.surfaces.planes import cut_at_planes, require_symmetric, straightened
-from toros_fem.meshes.surfaces.surface import Surface
+from toros_fem.meshes.surfaces.surface import Surface, volume
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
@@ -33,6 +33,7 @@ from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
+from toros_fem.products.plausibility import Group, bending_strain, reach_groups, twisting_strain
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import (
@@ -308,6 +309,40 @@ class OwnMeshScene(ActuatorScene):
         if self.read is None:
             raise ParameterError("the mesh is not read yet: call with_files first.")
         return self.read
+
+    @property
+    def radius(self) -> float | None:
+        """Radius in m of a round body of the same volume and area; None before it is read."""
+        if self.read is None:
+            return None
+        whole = self.read.whole
+        return abs(2 * volume(whole.points, whole.triangles)) / float(whole.areas.sum())
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene, once its files are read."""
+        yield from super().groups()
+        if self.read is None or self.radius is None:
+            return
+        radius, asked, sheet = self.radius, self.target, self.material.composite
+        edge = self.read.edge_length / 2.0**self.skin.refinements
+        yield Group("edges", "refinements", 2 * np.pi * radius / edge)
+        if self.read.target is not None:
+            return
+        body = asked.of_body(self.read.whole)
+        length = body.end - body.begin
+        for name, value in (("bend", asked.bend), ("twist", asked.twist)):
+            if value is None:
+                continue
+            yield Group("angle", name, abs(value) / 360)
+            angle, neutral = np.radians(value), asked.neutral or body.half_width
+            strain = (
+                bending_strain(angle, length, body.half_width, neutral)
+                if name == "bend"
+                else twisting_strain(angle, length, radius)
+            )
+            yield from reach_groups(name, strain, sheet, self.pressures, radius)
+        if asked.shorten is not None and asked.shorten > 0:
+            yield Group("shortening", "shorten", asked.shorten / 100)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the case of the skin on its mesh, refined as the level says.

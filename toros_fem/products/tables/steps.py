@@ -41,7 +41,7 @@ class Filtering(Table):
     move_limit: Fraction = key(0.2, "largest change of a density in one step")
     filter: Annotated[str, OneOf(FILTERS)] = key("cone", "density filter")
     filter_radius: Length = key(2.15e-3, "radius R of the filter")
-    beta: Positive = key(20.0, "steepness of the projection")
+    beta: Annotated[float, In(above=0, at_most=300)] = key(20.0, "steepness of the projection")
     eta: Annotated[float, In(above=0, below=1)] = key(0.5, "threshold of the projection")
     line_width: Length | None = key(None, "smallest width of a printed line; none takes R")
     gap_width: Length | None = key(None, "smallest width of a gap between lines; none takes R")

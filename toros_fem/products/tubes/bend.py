@@ -7,6 +7,7 @@ counts as much as all the rest. The target is symmetric about y = 0, so half the
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,6 +19,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.scene import Level
+from toros_fem.products.plausibility import Group, bending_strain
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
@@ -31,6 +33,14 @@ class BendTarget(Table):
     neutral: Place = key(
         0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
+
+    def groups(self, scene: TubeScene) -> Iterator[Group]:
+        """Yield the groups of the bend of a tube."""
+        angle, radius = np.radians(self.angle), scene.radius
+        yield Group("angle", "angle", abs(self.angle) / 360)
+        yield Group("neutral", "neutral", self.neutral / radius)
+        strain = bending_strain(angle, scene.skin.length, radius, self.neutral)
+        yield from scene.reach("angle", strain)
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,11 @@ class BendScene(TubeScene):
         "angle", "neutral", "length", "diameter", "pressure", "design_pressure", "seed",
     )  # fmt: skip
     MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups()
+        yield from self.target.groups(self)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""

@@ -5,6 +5,7 @@ The positions and orientations of cross-sections and of the tip count; the skin 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,11 +15,17 @@ from mpi4py import MPI
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
+from toros_fem.products.plausibility import Group
 from toros_fem.products.tables.loads import Pressing
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
-from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
+from toros_fem.products.tubes.tube import (
+    SectionTubeScene,
+    bend_metric,
+    twist_groups,
+    twist_metric,
+)
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,12 @@ class BendTwistScene(SectionTubeScene):
     KIND: ClassVar = "bend-twist"
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
     FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups()
+        yield from self.target.groups(self)
+        yield from twist_groups(self, self.target.twist)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""

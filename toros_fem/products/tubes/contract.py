@@ -6,6 +6,7 @@ that all of them stay perpendicular to it. Half the tube is designed, by symmetr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.scene import Level
+from toros_fem.products.plausibility import Group
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Designing, Lines
 from toros_fem.products.tables.targets import Shortening, shortening_key
@@ -50,6 +52,15 @@ class ContractScene(SectionTubeScene):
     FEW: ClassVar = ("contraction", "length", "diameter", "pressure", "seed")
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "print_edge_length": 9 / 5}
     MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups()
+        share = self.target.contraction / 100
+        if share < 0:
+            yield from self.reach("contraction", -share)
+        else:
+            yield Group("shortening", "contraction", share)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""

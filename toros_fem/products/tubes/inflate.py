@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -23,6 +23,7 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, Probe
+from toros_fem.products.plausibility import Group, sheet_groups
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
@@ -73,6 +74,13 @@ class InflateScene(Scene):
     KIND: ClassVar = "inflate"
     COARSE: ClassVar = {"edge_length": 2.0, "levels": 0.5}
     FEW: ClassVar = ("length", "diameter", "pressure", "highest_pressure", "levels")
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        radius, sheet = self.skin.diameter / 2, self.material.composite
+        highest = max(self.pressure.pressure, self.pressure.highest_pressure)
+        yield from sheet_groups(sheet, radius)
+        yield Group("load", "pressure", highest * radius / sheet.least_stiffness)
 
     @property
     def planes(self) -> tuple[int, ...]:

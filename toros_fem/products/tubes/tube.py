@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
@@ -30,6 +30,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.plausibility import Group, reach_groups, twisting_strain
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -92,6 +93,20 @@ class TubeScene(ActuatorScene):
         """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
         around = float(np.pi * self.skin.diameter / LEAST_AROUND)
         return min(around, self.skin.length / LEAST_ALONG)
+
+    @property
+    def radius(self) -> float:
+        """Radius in m of the tube."""
+        return self.skin.diameter / 2
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield Group("slenderness", "length", self.skin.length / self.skin.diameter)
+        yield from super().groups()
+
+    def reach(self, key: str, strain: float) -> Iterator[Group]:
+        """Yield the groups of a strain that the target of a key needs."""
+        return reach_groups(key, strain, self.material.composite, self.pressures, self.radius)
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: all its vertices count, those of the tip more."""
@@ -170,6 +185,13 @@ def twist_metric(target: float | None) -> Metric:
 def shortening_metric(target: float) -> Metric:
     """Return the shortening of a tube in per cent, by `measures.shortening`."""
     return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
+
+
+def twist_groups(scene: TubeScene, twist: float) -> Iterator[Group]:
+    """Yield the groups of the twist of a tube in degrees."""
+    yield Group("angle", "twist", abs(twist) / 360)
+    strain = twisting_strain(np.radians(twist), scene.skin.length, scene.radius)
+    yield from scene.reach("twist", strain)
 
 
 def length_metric(target: float | None) -> Metric:

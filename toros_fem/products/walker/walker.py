@@ -164,6 +164,11 @@ class WalkerScene(ActuatorScene):
         return {**super().coarse_values(), "foot_length": feet}
 
     @property
+    def radius(self) -> float:
+        """Radius in m of the inflated leg: two flat layers become round."""
+        return self.skin.leg_width / np.pi
+
+    @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: six edges across a leg."""
         return self.skin.leg_width / 6

@@ -1,0 +1,120 @@
+"""Scenes that make no sense are refused or doubted before they run; those that work are not."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.scene import Scene
+from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.meshes import cylinder
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.own_mesh.own_mesh import OwnMeshScene, OwnSkin
+from toros_fem.products.plausibility import RANGES, doubts
+
+SCENES = sorted((ROOT / "demos" / "scenes").glob("*.toml"))
+
+
+def scene(kind: str, key: str, value: float) -> Scene:
+    return KINDS[kind].of(**{key: value})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_defaults_are_beyond_doubt(kind: str) -> None:
+    assert doubts(KINDS[kind]()) == doubts(KINDS[kind]().coarse()) == []
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
+    assert doubts(read_scene(path).config) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value", "group"),
+    [
+        ("bend", "pressure", 5.0, "load"),  # kPa were meant
+        ("walker", "pressure", 20.0, "load"),
+        ("bend", "angle", 3.14159, "angle"),  # rad
+        ("twist", "twist", 5.2, "angle"),
+        ("contract", "contraction", 0.08, "shortening"),  # a part, not per cent
+        ("contract", "contraction", 40.0, "shortening"),
+        ("bend", "c2", 1.5, "bounds"),
+        ("bend", "diameter", 0.04, "neutral"),  # and the line that keeps its length is left
+        ("bend", "fabric_young", 1.526e6, "reach"),  # a fabric as stiff as a stockinette
+        ("bend-twist", "angle", 400.0, "bound"),
+        ("bend", "reinforcement_young", 1e5, "contrast"),
+        ("inflate", "highest_pressure", 1e6, "load"),
+    ],
+)
+def test_doubted(kind: str, key: str, value: float, group: str) -> None:
+    found = doubts(scene(kind, key, value))
+    assert any(RANGES[group].words in one for one in found), found
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value"),
+    [
+        ("bend", "pressure", 1e9),
+        ("bend", "pressure", 0.0),
+        ("bend", "bladder_thickness", 1.0),
+        ("gripper", "thickness", 0.1),
+        ("bend", "thickness", 1e-9),
+        ("bend", "print_width", 0.05),
+        ("contract", "laid_width", 1.0),
+        ("walker", "print_width", 1e-9),
+        ("bend", "angle", 720.0),
+        ("twist", "twist", 2160.0),
+        ("contract", "contraction", 60.0),
+        ("twist", "length", 150.0),  # mm
+    ],
+)
+def test_refused(kind: str, key: str, value: float) -> None:
+    with pytest.raises(ParameterError) as caught:
+        doubts(scene(kind, key, value))
+    assert caught.value.key == key
+    assert str(caught.value).startswith(f"{key}: ")
+
+
+def test_steepness_is_bounded() -> None:
+    with pytest.raises(ParameterError, match="beta"):
+        KINDS["bend"].of(beta=1e300)
+
+
+def test_check_tells_doubts_and_refuses_with_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('kind = "bend"\n[pressure]\npressure = 5\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 0
+    text = capsys.readouterr().out
+    assert "can be read, but is doubtful" in text
+    assert "in order" not in text
+    assert text.count("\ndoubt ") == 2
+    path.write_text('kind = "bend"\n[pressure]\npressure = "1 GPa"\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
+    assert f"{path}, line 3: pressure: " in capsys.readouterr().err
+
+
+def test_design_is_refused_with_line_and_leaves_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('kind = "bend"\n[target]\nangle = 700\n', encoding="utf-8")
+    run_folder = tmp_path / "run"
+    assert run(MPI.COMM_SELF, ["design", str(path), "--output", str(run_folder)]) == 2
+    assert f"{path}, line 3: angle: " in capsys.readouterr().err
+    assert not run_folder.exists()
+
+
+def test_own_mesh_too_coarse_to_bend() -> None:
+    def own(edge: float) -> OwnMeshScene:
+        pattern = cylinder(MPI.COMM_SELF, 0.1, 0.02, edge, mesh="structured")
+        return replace(OwnMeshScene.of(bend=60.0), read=OwnSkin(pattern))
+
+    with pytest.raises(ParameterError, match="Refine the mesh"):
+        doubts(own(0.011))
+    assert doubts(own(2e-3)) == []

@@ -1,0 +1,229 @@
+"""What a skin can be expected to do: dimensionless groups of a scene, and their usual ranges.
+
+A number may be within its bounds and still be in the wrong unit, or belong to no skin that works.
+Each group compares numbers of a scene with each other. Outside of the usual range it is told as a
+doubt; what no skin can do is refused. docs/reference/scene_keys.md has the table.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.materials.sheet import Composite
+
+INFINITE = math.inf
+
+
+@dataclass(frozen=True)
+class Range:
+    """Range of a dimensionless group.
+
+    Attributes:
+        words: What it is, with its formula.
+        usual: Least and largest value of skins that work.
+        possible: Those of what makes sense at all; what is outside is refused.
+        source: Where the ranges are from.
+        remedy: What is wrong most often.
+    """
+
+    words: str
+    usual: tuple[float, float]
+    possible: tuple[float, float] = (-INFINITE, INFINITE)
+    source: str = ""
+    remedy: str = ""
+
+
+# r is the radius of the skin, L its length, E h the stiffness of the fabric with its bladder.
+RANGES: Mapping[str, Range] = {
+    "load": Range(
+        "strain by which the pressure would widen the plain skin, p r/(E h)",
+        (0.03, 30.0), (1e-6, 1e4), "hoop force p r of a thin tube; the paper's tubes have 1 to 4",
+        "Is the pressure in the unit that was meant? Numbers without a unit are Pa.",
+    ),
+    "thickness": Range(
+        "thickness of a sheet over the radius, h/r",
+        (2e-4, 0.2), (1e-6, 1.0), "shells are thin up to about 0.1 (Timoshenko 1959)",
+        "Is the thickness in the unit that was meant? Numbers without a unit are m.",
+    ),
+    "slenderness": Range(
+        "length of the tube over its diameter",
+        (1.5, 60.0), (0.2, 1e3), "7.5 for the paper's tubes",
+        "Are both in the unit that was meant? Numbers without a unit are m.",
+    ),
+    "contrast": Range(
+        "stiffness of the reinforced fabric over that of the fabric, E h of each",
+        (3.0, 1e5), (0.0, INFINITE), "260 in the default materials",
+        "A print that is hardly stiffer than the fabric shapes nothing.",
+    ),
+    "bladder": Range(
+        "stiffness of the bladder over that of the fabric, E h of each",
+        (0.0, 3.0), (0.0, INFINITE), "a bladder is to seal, not to carry",
+    ),
+    "bounds": Range(
+        "bound on the sum of both stretches over that on one, (c2 − 1)/(c1 − 1)",
+        (1.0, 4.0), (0.0, INFINITE), "eq. (1); 1.8 in the default materials",
+        "Below 1 the bound c1 is never reached.",
+    ),
+    "width": Range(
+        "width of a line or a gap over the smallest girth of the skin",
+        (1e-3, 0.25), (1e-5, 0.5), "lines that shape a tube are much thinner than its girth",
+        "Is the width in the unit that was meant? Numbers without a unit are m.",
+    ),
+    "neutral": Range(
+        "distance of the line that keeps its length from the axis, over the radius",
+        (0.8, 1.2), (-5.0, 5.0), "print holds the length of a wall, which is at 1 (paper Fig. 8b)",
+        "Set `neutral` to the radius of the skin.",
+    ),
+    "angle": Range(
+        "angle that is asked for, over a full turn",
+        (0.02, 7.0), (0.0, INFINITE), "smaller ones are within the errors of a print",
+        "Angles are in degrees.",
+    ),
+    "shortening": Range(
+        "part of its length by which a skin shortens",
+        (0.005, 0.25), (-INFINITE, 0.423), "braids shorten by less than 1 − 1/√3 (Schulte 1961)",
+        "A number without a unit is in per cent: 8 is 8 %.",
+    ),
+    "reach": Range(
+        "strain that the target needs, over that which the pressure gives the fabric along the "
+        "tube, p r/(2 E h) or its bound",
+        (0.0, 2.5), (0.0, INFINITE), "axial force of a closed thin tube; 0.8 for the paper's bend",
+        "Take a softer fabric, more pressure or a smaller target.",
+    ),
+    "bound": Range(
+        "strain that the target needs, over that at the bound c1 of the fabric",
+        (0.0, 0.9), (0.0, 1.5), "eq. (1): no stretch reaches c1",
+        "Take a longer or thinner skin, a fabric that stretches further, or a smaller target.",
+    ),
+    "edges": Range(
+        "edges of the mesh around the skin, 2 π r over the edge length, r twice its volume over "
+        "its area",
+        (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
+        "Refine the mesh: refinements = 1 divides each triangle into four.",
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Group:
+    """Value of a dimensionless group of a scene.
+
+    Attributes:
+        name: Its name in `RANGES`.
+        key: Key of the scene that it is told with.
+        value: Its value.
+    """
+
+    name: str
+    key: str
+    value: float
+
+    @property
+    def range(self) -> Range:
+        """Its usual range."""
+        return RANGES[self.name]
+
+    @property
+    def doubt(self) -> str | None:
+        """What is doubtful about it, in a sentence or two; None within the usual range."""
+        return None if _inside(self.value, self.range.usual) else self._sentence(self.range.usual)
+
+    def require_possible(self) -> None:
+        """Check that it is possible at all.
+
+        Raises:
+            ParameterError: It is not.
+        """
+        if not _inside(self.value, self.range.possible):
+            raise ParameterError(self._sentence(self.range.possible, "possible"), self.key)
+
+    def _sentence(self, ends: tuple[float, float], word: str = "usual") -> str:
+        low, high = ends
+        span = f"{low:g} to {high:g}" if math.isfinite(low) else f"at most {high:g}"
+        span = span if math.isfinite(high) else f"at least {low:g}"
+        of = self.range
+        return f"{self.key}: the {of.words}, is {self.value:.3g}; {word} is {span}. {of.remedy}"
+
+
+class Judged(Protocol):
+    """What has dimensionless groups, as scenes do."""
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the groups that are known."""
+
+
+def doubts(scene: Judged) -> list[str]:
+    """Return what is doubtful about a scene, a sentence or two each.
+
+    Raises:
+        ParameterError: A group is impossible.
+    """
+    groups = list(scene.groups())
+    for group in groups:
+        group.require_possible()
+    return [group.doubt for group in groups if group.doubt is not None]
+
+
+def sheet_groups(sheet: Composite, radius: float) -> Iterator[Group]:
+    """Yield the groups of the sheets of a skin.
+
+    Args:
+        sheet: Fabric, print and bladder.
+        radius: Radius of the skin in m.
+    """
+    fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
+    yield Group("thickness", "thickness", fabric.thickness / radius)
+    yield Group("thickness", "reinforcement_thickness", printed.thickness / radius)
+    contrast = printed.membrane_stiffness / fabric.membrane_stiffness
+    yield Group("contrast", "reinforcement_young", contrast)
+    if bladder is not None:
+        yield Group("thickness", "bladder_thickness", bladder.thickness / radius)
+        share = bladder.membrane_stiffness / fabric.membrane_stiffness
+        yield Group("bladder", "bladder_young", share)
+    c1, c2 = sheet.fabric_bounds
+    yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
+
+
+def width_groups(widths: Mapping[str, float | None], girth: float) -> Iterator[Group]:
+    """Yield the groups of widths of lines and gaps, by their keys in m; None is left out."""
+    for key, width in widths.items():
+        if width is not None:
+            yield Group("width", key, width / girth)
+
+
+def reach_groups(
+    key: str, strain: float, sheet: Composite, pressures: Sequence[float], radius: float
+) -> Iterator[Group]:
+    """Yield the groups of a strain that a target needs.
+
+    Args:
+        key: Key of the target.
+        strain: What the fabric must stretch by.
+        sheet: Fabric, print and bladder.
+        pressures: Pressures in Pa; the largest counts.
+        radius: Radius of the skin in m.
+    """
+    bound = sheet.fabric_bounds[0] - 1
+    given = max(pressures) * radius / (2 * sheet.least_stiffness)
+    yield Group("bound", key, strain / bound)
+    if given > 0:
+        yield Group("reach", key, strain / min(given, bound))
+
+
+def bending_strain(angle: float, length: float, radius: float, neutral: float) -> float:
+    """Return the strain of the outer side of a tube that bends by an angle in rad."""
+    return abs(angle) * (radius + neutral) / length
+
+
+def twisting_strain(angle: float, length: float, radius: float) -> float:
+    """Return the largest principal strain of the wall of a tube that twists by an angle in rad."""
+    half = abs(angle) * radius / length / 2  # of the shear
+    return half + math.hypot(1.0, half) - 1
+
+
+def _inside(value: float, ends: tuple[float, float]) -> bool:
+    return ends[0] <= value <= ends[1]
