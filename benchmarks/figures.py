@@ -28,6 +28,8 @@ REACHED = {True: "yes", False: "no", None: "not sure"}
 SIZES = ("coarse", "full")
 # Folder of all runs.
 RUNS = ROOT / "output" / "figures"
+# Pictures of the coarse runs, from the top of a checkout.
+PICTURES = "demos/pictures"
 # Entries of summaries beside their figures; dots go down into them.
 DESIGN, ISLANDS = "design.", "manufacture.islands"
 INITIAL, WORST = "load.initial.held_mass_kg", "worst_percent"
@@ -157,8 +159,16 @@ def table(rows: Rows, size: str) -> str:
     return markdown(head, lines)
 
 
+def picture_of(demo: Demo) -> str:
+    """Return a small picture of a scene, of its coarse run; empty where there is none."""
+    for name in (f"{demo.scene}_hero.png", f"{demo.scene}.png"):
+        if (ROOT / PICTURES / name).exists():
+            return f'<img src="{PICTURES}/{name}" alt="{demo.scene}" width="240">'
+    return ""
+
+
 def headline(rows: Rows) -> str:
-    """Return a short table, a line for each scene as it is, coarse and full."""
+    """Return a short table with pictures, a line for each scene as it is, coarse and full."""
     lines = []
     for demo in DEMOS:
         cells = []
@@ -167,8 +177,8 @@ def headline(rows: Rows) -> str:
             shown = [figure_of(own[key]).words for key in demo.keys[:2] if key in own]
             cells.append("; ".join(shown) or NONE)
         if demo.paper and not demo.changes and cells != [NONE, NONE]:
-            lines.append((f"`{demo.name}`", *cells))
-    return markdown(("scene", "`--coarse`", "as it is"), lines)
+            lines.append((picture_of(demo), f"`{demo.scene}`", *cells))
+    return markdown(("", "scene", "`--coarse` (picture)", "finer mesh"), lines)
 
 
 COMMAND = Command(

@@ -261,7 +261,7 @@ def table(rows: Rows) -> str:
         counted = f"{held / len(own):.0%}", f"{low:.0%} to {high:.0%}"
         lines.append((label, len(own), *counted, off, told, wide, ratio))
     head = (
-        "", "figures", "held", "95 %", "error as computed: median", "error as told: median",
+        "", "values", "held", "95 %", "error as computed: median", "error as reported: median",
         "half-width: median", "half-width over error",
     )  # fmt: skip
     return markdown(head, lines)

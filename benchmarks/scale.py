@@ -73,6 +73,8 @@ END = {
     "files_s": "drawing for the printer, fields and pictures",
 }
 PHASES = {**SET_UP, **STEP, **END}
+# Phases that take less on the largest mesh are not in the table, in s.
+SHOWN = 0.1
 MEMORY = {
     "setup_gib": "peak until set-up",
     "step_gib": "peak until the design steps",
@@ -265,7 +267,7 @@ def growth(sizes: list[int], values: list[float]) -> str:
 
 
 def table(rows: Rows) -> str:
-    """Return a column for each size, with the growth."""
+    """Return a column for each size, with the growth; small phases are left out."""
     found = {int(key[2]): figures for key, figures in values_of(rows, "scale").items()}
     sizes = sorted(found)
 
@@ -277,7 +279,11 @@ def table(rows: Rows) -> str:
     lines = [
         line("unknowns", "unknowns", ",.0f", grows=False),
         line("R in mm", "radius_mm", ".2f", grows=False),
-        *(line(f"{text}, s", name) for name, text in PHASES.items()),
+        *(
+            line(f"{text}, s", name)
+            for name, text in PHASES.items()
+            if (found[sizes[-1]][name] or 0.0) > SHOWN
+        ),
         *(line(f"{text}, GiB", name) for name, text in MEMORY.items()),
     ]
     return markdown(("", *(f"{round(size / 1000)} k" for size in sizes), "growth"), lines)

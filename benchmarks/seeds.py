@@ -45,7 +45,6 @@ TUBES: dict[str, tuple[str, str, dict[str, tuple[float, float]], dict[str, Any]]
         {"angle_deg": (87, 93), "twist_deg": (57, 63)}, {},
     ),
 }  # fmt: skip
-STAGES = ("relaxed", "lines", "printed")
 UNITS = {"deg": "°", "percent": " %", "ratio": "×"}
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
@@ -131,50 +130,32 @@ def cases(quick: bool) -> list[Case]:
 
 
 def tubes_table(rows: Rows) -> str:
-    """Return a table for each tube, a line for each seed."""
+    """Return a line for each tube: the prints of all its seeds."""
     seconds = {
-        (row.variant, row.size): row.seconds for row in rows if row.figure == "density steps"
+        (row.variant, row.size): row.seconds or 0.0 for row in rows if row.figure == "density steps"
     }
-    parts = []
+    lines = []
     for scene, (_, title, reach, _) in TUBES.items():
-        lines = []
-        for (_, variant, size), of in values_of(rows, "tubes").items():
-            if variant.rpartition(", seed ")[0] == scene:
-                seed, spent = variant.rpartition(" ")[2], seconds[variant, size]
-                lines.append(_tube_line(seed, of, reach, spent or 0.0))
-        names = ", ".join(key.rsplit("_", 1)[0] for key in reach)
-        head = ("seed", *(f"{stage}: {names}" for stage in STAGES), "line, gap in mm", "steps",
-                "time", "reached")  # fmt: skip
-        parts += [f"**{title}**", markdown(head, lines)] if lines else []
-    return "\n\n".join(parts)
-
-
-def _tube_line(
-    seed: str, of: Mapping[str, float | None], reach: Mapping[str, tuple[float, float]],
-    seconds: float,
-) -> tuple[str, ...]:  # fmt: skip
-    cells = []
-    for stage in STAGES:
-        values = {key: of.get(f"{stage} {key}") for key in reach}
-        if all(value is None for value in values.values()):
-            cells.append("–")
+        own = {
+            key[1:]: of
+            for key, of in values_of(rows, "tubes").items()
+            if key[1].rpartition(", seed ")[0] == scene
+        }
+        if not own:
             continue
-        cells.append(", ".join(_shown(key, value) for key, value in values.items()))
-    printed = {key: of.get(f"printed {key}") for key in reach}
-    met = all(
-        value is not None and reach[key][0] <= value <= reach[key][1]
-        for key, value in printed.items()
-    )
-    widths = ", ".join("–" if of[w] is None else f"{of[w]:.2f}" for w in ("line", "gap"))
-    relaxed = of.get("relaxed steps")
-    steps = "" if relaxed is None else f"{relaxed:.0f} + "
-    steps += f"{of['density steps']:.0f}"
-    return (seed, *cells, widths, steps, f"{seconds:.0f} s", "yes" if met else "no")
+        shown, reached = [], np.ones(len(own), bool)
+        for key, (least, largest) in reach.items():
+            found = [of.get(f"printed {key}") for of in own.values()]
+            values = np.array([np.nan if value is None else value for value in found])
+            reached &= (least <= values) & (values <= largest)
+            ends = [_shown(key, float(q)) for q in np.nanquantile(values, [0, 0.5, 1])]
+            shown.append(f"{key.rpartition('_')[0].partition('_')[0]} {', '.join(ends)}")
+        median = float(np.median([seconds[place] for place in own]))
+        lines.append((title, f"{reached.sum()} of {len(own)}", "; ".join(shown), f"{median:.0f} s"))
+    return markdown(("tube", "reached", "print: least, median, largest", "median time"), lines)
 
 
-def _shown(key: str, value: float | None) -> str:
-    if value is None:
-        return "–"
+def _shown(key: str, value: float) -> str:
     digits = 3 if key.endswith("ratio") else 1
     return f"{value:.{digits}f}{UNITS[key.rpartition('_')[2]]}"
 

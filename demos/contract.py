@@ -8,7 +8,7 @@
 #     E(x) = ∫ f(s) ψ_fabric(F) + Σ sₖ ½ E h (|F dₖ| − 1)² dA + W_bend(x) − p V(x),
 #
 # where in each triangle two families of fine stiff lines have shares sₖ and directions
-# dₖ = (cos tₖ, sin tₖ) (docs/discovery.md). The design minimises, over twelve cross-sections and
+# dₖ = (cos tₖ, sin tₖ) (docs/theory/lines.md). The design minimises, over twelve cross-sections and
 # the end plate,
 #
 #     T = ½ Σᵢ wᵢ |x̄ᵢ − x̄ᵢ*|² + vᵢ |Rᵢ − Rᵢ*|²  +  share of the lines,

@@ -28,7 +28,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     "public_names",
-    "scene_keys",
+    "tables",
 ]
 exclude_patterns = ["_extensions"]
 nitpicky = False

@@ -7,7 +7,7 @@ penetrated. All cells of the matrix take an hour of one core or more; `--cases 5
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from itertools import groupby
 
@@ -159,8 +159,12 @@ def _counts(
         yield Row(*place, figure, float(value), machine=last.machine, measured=last.measured)
 
 
-def _table(rows: Rows, name: str, *columns: str) -> str:
-    found = {key[1]: figures for key, figures in values_of(rows, f"{name}{IN_ALL}").items()}
+def _table(rows: Rows, name: str, *columns: str, without: Collection[str] = ()) -> str:
+    found = {
+        key[1]: figures
+        for key, figures in values_of(rows, f"{name}{IN_ALL}").items()
+        if key[1] not in without
+    }
     lines = [
         (variant, *(f"{figures[column]:.0f}" for column in columns))
         for variant, figures in found.items()
@@ -178,39 +182,36 @@ def _listed(rows: Rows, name: str, figure: str) -> str:
 
 
 def matrix_table(rows: Rows) -> str:
-    """Return counts by scene and by contrast, and what to look at."""
+    """Return counts by contrast, and the cells that contradict the solver."""
     every = sum(len(matrix.full_matrix(scene)) for scene in BUILDERS)
     (played,) = (r.value for r in rows if r.case == f"matrix{IN_ALL}"
                  and r.variant == "all" and r.figure == "cases")  # fmt: skip
     text = f"{played:.0f} of {every} cells were run, drawn at random if not all.\n\n"
-    text += _table(rows, "matrix", "cases", *VERDICTS, *STEPS)
+    text += _table(rows, "matrix", "cases", *VERDICTS, *STEPS, without=BUILDERS)
     text += "\n\nSteps are those of all solves of a cell."
-    text += "".join(_listed(rows, "matrix", verdict) for verdict in ("wrong", "failed"))
-    text += _listed(rows, "matrix", "error right") + "\n\nMost steps:\n\n"
-    most = sorted((r for r in rows if r.case == "matrix"), key=lambda row: -(row.value or 0))[:MOST]
-    return text + "\n".join(f"- {r.variant}: {r.value:.0f} steps, {r.figure}" for r in most)
+    return text + "".join(_listed(rows, "matrix", verdict) for verdict in ("wrong", "failed"))
 
 
 def with_contact_table(rows: Rows) -> str:
-    """Return what becomes of folded cells in contact."""
+    """Return what becomes of folded cells in contact, counted."""
     before = {row.variant: row.figure for row in rows if row.case == "matrix"}
-    says = {"failed": "failed", "error right": "the oracle gives up too"}
-    lines = [
-        (row.variant, says.get(before.get(row.variant, ""), "not known"),
-         row.note if row.figure == "late" else row.figure, f"{row.value:.0f}")
+    known = ("failed", "error right")
+    found = Counter(
+        (of if (of := before.get(row.variant)) in known else "not known",
+         row.note if row.figure == "late" else row.figure)
         for row in rows
         if row.case == "matrix with contact"
-    ]  # fmt: skip
-    return markdown(("case", "without contact", "with self-contact", "steps"), lines)
+    )  # fmt: skip
+    lines = [(*outcome, count) for outcome, count in sorted(found.items())]
+    return markdown(("without contact", "with self-contact", "cells"), lines)
 
 
 def random_table(rows: Rows) -> str:
-    """Return outcomes and Newton steps by shape, and what is no equilibrium."""
+    """Return outcomes and Newton steps by shape, and the scenes that contradict the solver."""
     text = "`refused`: a typed error before anything is solved. `no equilibrium`: an error of the "
     text += "solver that the oracle does not contradict.\n\n"
     text += _table(rows, "random", "cases", *drawn.OUTCOMES, *STEPS)
-    names = ("no equilibrium", "failed", "wrong")
-    return text + "".join(_listed(rows, "random", outcome) for outcome in names)
+    return text + "".join(_listed(rows, "random", outcome) for outcome in ("wrong", "failed"))
 
 
 def random_contact_table(rows: Rows) -> str:

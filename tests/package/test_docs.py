@@ -25,6 +25,8 @@ BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL
 COMMAND = re.compile(r"python3? ((?:demos|benchmarks|packaging)/\w+\.py)([^\n`]*)")
 BENCHMARK = re.compile(r"python3? -m (benchmarks [a-z]+)([^\n`]*)")
 TOROS = re.compile(r"(?:^|`|scripts/|-n \w+ )(toros [a-z]+)([^\n`]*)", re.MULTILINE)
+FENCED = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
+INLINE = re.compile(r"`[^`\n]+`")
 KINDS = (COMMAND, BENCHMARK, TOROS)
 
 
@@ -69,11 +71,16 @@ def test_code_of_a_page_runs(tmp_path: Path, page: Path) -> None:
             exec(compile("\n" * line + code, str(page), "exec"), names)
 
 
+def code_of(text: str) -> str:
+    """Blocks and inline code of a page: its prose may begin a line with the name of a program."""
+    return "\n".join([*FENCED.findall(text), *INLINE.findall(FENCED.sub("", text))])
+
+
 def commands() -> list[tuple[str, tuple[str, ...]]]:
     """Scripts and commands of `toros` that pages run, and the options that they are run with."""
     found: dict[str, set[str]] = {}
     for page in PAGES:
-        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        text = code_of(page.read_text(encoding="utf-8")).replace("\\\n", " ")
         for script, rest in [run for kind in KINDS for run in kind.findall(text)]:
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             found.setdefault(script, set()).update(options)

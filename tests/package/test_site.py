@@ -2,6 +2,7 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 import zlib
@@ -11,7 +12,10 @@ import pytest
 from helpers.scenes import ROOT
 
 import toros_fem
+from benchmarks.accuracy.command import KNOWN
 from toros_fem import meshes
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.plausibility import RANGES
 
 DOCS = ROOT / "docs"
 ALONE = {"__version__", "errors", "meshes"}  # no page has these names
@@ -63,7 +67,21 @@ def test_files_that_pages_name_exist() -> None:
     ]
     assert len(named) > 60
     gone = {(page, name) for page, name in named if not any((p / name).is_file() for p in places)}
-    assert gone == {("performance.md", "topopt.py")}  # a file of another program
+    assert gone == set()
+
+
+def test_tables_that_only_the_site_has_are_made() -> None:
+    site = runpy.run_path(str(DOCS / "_extensions" / "table_texts.py"))
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = re.findall(r"^```\{table-of\} (\S+)$", text, re.MULTILINE)
+    assert sorted(named) == ["accuracy-cases", "materials", "scene-keys", "usual-ranges"]
+    heads = {name: [line for line in site["table_of"](name) if line[:2] == "##"] for name in named}
+    assert heads["scene-keys"] == [f"## {kind}" for kind in KINDS]
+    assert len(site["table_of"]("usual-ranges")) == 2 + len(RANGES)
+    cases = {head.removeprefix("### ") for head in heads["accuracy-cases"] if head[:3] == "###"}
+    assert cases == {known.name for known in KNOWN}
+    with pytest.raises(ValueError, match="no table"):
+        site["table_of"]("another")
 
 
 def public_names() -> list[str]:

@@ -114,11 +114,11 @@ class Membrane(Table):
 
     Triangles of constant strain are too stiff where a printed line bends in its plane and has few
     of them across. Smoothed strains are means over the two triangles of an edge, at the same cost;
-    they take half of that error away (docs/accuracy.md).
+    they are much less stiff there (docs/theory/error.md).
 
     A tension field lets the sheet wrinkle finely without resistance, so that it carries no
     compression (Pipkin 1986). Without any residual stiffness the equilibrium of a slack sheet is
-    not unique; docs/materials.md has its effect on results.
+    not unique (docs/materials.md).
     """
 
     wrinkling: Annotated[str, OneOf(WRINKLINGS)] | None = key(

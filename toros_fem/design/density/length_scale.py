@@ -48,7 +48,7 @@ class LengthScale:
         decay: c in m²: a place where ‖∇ρ̃‖ exceeds 1/√c counts as a border, not as a ridge.
             None: R⁴/h² for edge length h, but at least 25 R². With less, borders of wide lines
             count too. With much more, the result depends on how the mesh lies under the ridge of a
-            thin line (docs/optimisation.md has the measured table).
+            thin line.
         epsilon: ε, the upper bound of both constraints; 1e-3 in the paper, with which any number
             of thin lines passes. None: for each of the two, the value for straight lines or gaps
             of 0.85 times the requested width and of length R.

@@ -37,8 +37,8 @@ def printed_lines(
 ) -> PrintedDesign:
     """Clean, measure and simulate lines that come as polygons (collective).
 
-    A mesh whose edges follow the lines, by `Case.following`, sees them as they are; others see
-    triangles, and docs/manufacture.md says how much that matters.
+    A mesh whose edges follow the lines, by `Case.following`, sees them as they are. On others lines
+    come out too stiff or with steps in their borders (docs/manufacture.md).
 
     Args:
         problem: The design problem, on the mesh that the print is simulated on.

@@ -16,7 +16,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import dihedral_angles, edges_of
 
-# Error with smoothed strains over what smoothing has changed (docs/accuracy.md).
+# Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
 # Parts of the half-width of an interval: of the correction; of the change from rest; and of that
 # times the mean square of the angles at edges, by which a skin of triangles is no round one.
