@@ -17,8 +17,9 @@ from mpi4py import MPI
 from toros_fem.base import files
 from toros_fem.base.archive import Archive
 from toros_fem.base.errors import OutputError, RunError
-from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
+from toros_fem.base.files import LISTED, UNFINISHED, guarded, write_json, write_table
 from toros_fem.results.runs.folder import open_run, read_record
+from toros_fem.results.runs.lock import NAME
 
 # The child writes files alone, and uses none of the threads that it does not have.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
@@ -51,7 +52,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {
         place.as_posix(): path.read_bytes()
         for place, path in places.items()
-        if path.is_file() and place.name != ".lock" and not place.parts[0].startswith("earlier")
+        if path.is_file()
+        and place.name not in (NAME, LISTED)
+        and not place.parts[0].startswith("earlier")
     }
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
+import secrets
+import stat
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,19 +31,87 @@ UNWRITTEN = (
 )
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
+# List of the files that this package wrote into a folder and below it, one a line.
+LISTED = ".toros_files"
+# What may stand where a file is written.
+_REPLACED = (stat.S_IFREG, stat.S_IFLNK)
+# Folder whose files are listed; None while a caller names each file.
+_listing: ContextVar[Path | None] = ContextVar("listing", default=None)
+
+
+def listed(folder: Path) -> dict[str, None]:
+    """Return the files that this package wrote into a folder, relative to it (one rank).
+
+    Raises:
+        OSError: The list cannot be read.
+    """
+    try:
+        lines = (folder / LISTED).read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        return {}
+    return dict.fromkeys(filter(None, lines))
+
+
+@contextmanager
+def listing(folder: Path) -> Iterator[None]:
+    """List each file that the block writes below a folder; a file of somebody else stays.
+
+    All that is in a folder which the list names belongs to it. A folder inside one that has a list
+    shares it.
+
+    Raises:
+        OutputError: A file that is there, and in no list, has the name of one that is written.
+    """
+    folder = Path(os.path.abspath(folder))
+    with_list = (one for one in (folder, *folder.parents) if (one / LISTED).is_file())
+    before = _listing.set(next(with_list, folder))
+    try:
+        yield
+    finally:
+        _listing.reset(before)
+
+
+def _claim(path: Path) -> None:
+    """List a file before it is written."""
+    folder, path = _listing.get(), Path(os.path.abspath(path))
+    if folder is None or folder not in path.parents:
+        return
+    inside = path.relative_to(folder)
+    name, known = inside.as_posix(), listed(folder)
+    if any(one.as_posix() in known for one in (inside, *inside.parents)):
+        return
+    if os.path.lexists(path):
+        raise OutputError(
+            f"{path} is there, and {LISTED} does not list it as written by toros. Move it, or "
+            "choose another folder; nothing was done to it."
+        )
+    add_to_list(folder, [name])
+
+
+def add_to_list(folder: Path, names: Sequence[str]) -> None:
+    """Add names to the list of a folder; none is half written where a kill cut one off."""
+    known = listed(folder)
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    with os.fdopen(os.open(folder / LISTED, flags, 0o666), "ab") as file:
+        file.write("".join(f"\n{name}\n" for name in names if name not in known).encode())
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Hand out a path beside a file; what the block writes there takes its place at the end.
+    """Hand out a new file beside another; what the block writes there takes its place at the end.
 
     It is forced to the disk and renamed, so that the file is never seen half written, whatever
-    happens (one rank).
+    happens. Of a link the name is taken, and what it points at stays (one rank).
 
     Raises:
-        OSError: It cannot be written; what was there before stays.
+        OSError: It cannot be written, or is a device or a folder; what was there before stays.
+        OutputError: Inside `listing`, it is a file of somebody else.
     """
-    beside = path.with_name(path.name + UNFINISHED)
+    _claim(path)
+    if os.path.lexists(path) and stat.S_IFMT(os.lstat(path).st_mode) not in _REPLACED:
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    beside = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
+    os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
         yield beside
         with beside.open("rb") as file:
@@ -53,6 +125,12 @@ def replacing(path: Path) -> Iterator[Path]:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes were writing into a folder that is locked (one rank)."""
+    for path in (*folder.glob(f".*{UNFINISHED}"), *folder.glob(f"*/.*{UNFINISHED}")):
+        path.unlink(missing_ok=True)
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -129,6 +207,8 @@ def guarded(
 ) -> T:
     """Do something with a folder on the first rank, and return what it finds (collective).
 
+    Files that it writes there are listed, and others stay (`listing`).
+
     Args:
         comm: Communicator.
         folder: The folder.
@@ -145,7 +225,8 @@ def guarded(
         with naming(folder, error, says):
             if make:
                 folder.mkdir(parents=True, exist_ok=True)
-            return action()
+            with listing(folder):
+                return action()
 
     return on_first_rank(comm, named)
 

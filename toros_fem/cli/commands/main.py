@@ -77,7 +77,7 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         with contextlib.redirect_stdout(place), _spoken(comm, quiet=quiet):
             try:
                 answer = _answer(comm, words)
-            except (Exception, KeyboardInterrupt) as error:
+            except (Exception, KeyboardInterrupt, RunStoppedError) as error:
                 answer = _failed(comm, error)
     if answer is None:
         return DONE
