@@ -11,8 +11,8 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.design.loop.options import Iteration
 from toros_fem.base.files import guarded, replace_file
+from toros_fem.design.loop.options import Iteration
 from toros_fem.results.reporter import DesignReporter
 
 NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}

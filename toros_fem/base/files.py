@@ -71,21 +71,33 @@ def listing(folder: Path) -> Iterator[None]:
         _listing.reset(before)
 
 
+def is_listed(folder: Path, path: Path) -> bool:
+    """Return whether a file, or a folder that it lies in, is in the list of a folder (one rank)."""
+    folder, path = Path(os.path.abspath(folder)), Path(os.path.abspath(path))
+    if folder not in path.parents:
+        return False
+    inside, known = path.relative_to(folder), listed(folder)
+    return any(one.as_posix() in known for one in (inside, *inside.parents))
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, in the block of `listing` only if it is listed (one rank)."""
+    folder = _listing.get()
+    if folder is None or is_listed(folder, path):
+        path.unlink(missing_ok=True)
+
+
 def _claim(path: Path) -> None:
     """List a file before it is written."""
     folder, path = _listing.get(), Path(os.path.abspath(path))
-    if folder is None or folder not in path.parents:
-        return
-    inside = path.relative_to(folder)
-    name, known = inside.as_posix(), listed(folder)
-    if any(one.as_posix() in known for one in (inside, *inside.parents)):
+    if folder is None or folder not in path.parents or is_listed(folder, path):
         return
     if os.path.lexists(path):
         raise OutputError(
             f"{path} is there, and {LISTED} does not list it as written by toros. Move it, or "
             "choose another folder; nothing was done to it."
         )
-    add_to_list(folder, [name])
+    add_to_list(folder, [path.relative_to(folder).as_posix()])
 
 
 def add_to_list(folder: Path, names: Sequence[str]) -> None:

@@ -22,6 +22,7 @@ from toros_fem.base.errors import (
     RunStoppedError,
 )
 from toros_fem.base.files import LISTED, guarded, if_possible, replace_file, write_json
+from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
 
@@ -409,3 +410,12 @@ def test_a_stop_is_no_error_that_is_passed_over(
     assert not (folder / "print_1.stl").exists()
     with open_run(alone, folder, INPUTS, resume=True):
         pass
+
+
+def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: Path) -> None:
+    """A script that writes there moves it aside, or is refused before it has written anything."""
+    leave(comm, folder, finished=True)
+    with pytest.raises(RunError, match="holds a run, whose files would be replaced"):
+        DesignReporter(comm, folder)
+    with open_run(comm, folder, INPUTS):
+        DesignReporter(comm, folder)

@@ -12,6 +12,7 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, SceneError
+from toros_fem.base.files import is_listed
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
@@ -71,12 +72,14 @@ def run_scene(
         resume: Whether to go on with the run in the folder.
 
     Raises:
-        UsageError: The kind of the scene has no such action.
+        UsageError: The kind of the scene has no such action, or its run would move a file aside
+            that it reads.
         TorosError: As of `open_run` and of the action.
     """
     taken = files_of(scene, name)
     action = getattr(scene.config, _ACTIONS[name][0])
     files = {key: scene.files[key].resolve() for key in taken if key in scene.files}
+    on_first_rank(comm, lambda: _require_apart(folder, files))
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
     text = scene_text(scene.config, files, scene.materials)
     with open_run(comm, folder, inputs, scene=text, resume=resume, every=every):
@@ -110,6 +113,16 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
         ) from None
     scene.require_files(comm)
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
+
+
+def _require_apart(folder: Path, files: Mapping[str, Path]) -> None:
+    """Check that no file of a scene belongs to the run whose place its own run takes."""
+    for name, path in files.items():
+        if path == folder.resolve() or is_listed(folder.resolve(), path):
+            raise UsageError(
+                f"{name} = {path} belongs to the run in {folder}, which would be moved aside. "
+                "Choose another --output."
+            )
 
 
 def _inputs(scene: SceneFile, name: str, files: Mapping[str, Path]) -> dict[str, Any]:

@@ -159,6 +159,19 @@ def journal_of(folder: str | Path) -> RunJournal | None:
     return None if run is None else run.journal(folder)
 
 
+def require_open(folder: Path) -> None:
+    """Check that a folder holds no run, or one that is open (one rank).
+
+    Raises:
+        RunError: It holds a run whose files would be replaced.
+    """
+    if run_of(folder) is None and (folder / STATE / RECORD).exists():
+        raise RunError(
+            f"{folder} holds a run, whose files would be replaced. Choose another folder, or let "
+            "`open_run` move it aside."
+        )
+
+
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,
