@@ -254,7 +254,7 @@ FILES: Table = {
         s.comm, s.file("mm.obj", obj(TETRAHEDRON, size=80.0))
     ),
     "mesh scaled away": lambda s: m.read_surface(
-        s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e300
+        s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e50
     ),
     "mesh scaled to nothing": lambda s: m.read_surface(
         s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e-9

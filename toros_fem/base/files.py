@@ -10,6 +10,7 @@ import os
 import secrets
 import stat
 import sys
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -22,6 +23,10 @@ from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.base.mpi import on_first_rank
 
 T = TypeVar("T")
+# Most bytes of a file that is read whole, by what it is, far beyond what makes sense.
+MOST_BYTES = {"keys": 1_000_000, "table": 50_000_000, "JSON": 100_000_000, "mesh": 1_000_000_000}
+# Most bytes of what a packed file holds: these, or as many for each byte of the file.
+UNPACKED, EXPANSION = 256_000_000, 100
 # Characters of a reason.
 LONGEST = 150
 # What is said of a folder or file that the system refuses.
@@ -123,7 +128,10 @@ def replacing(path: Path) -> Iterator[Path]:
     if os.path.lexists(path) and stat.S_IFMT(os.lstat(path).st_mode) not in _REPLACED:
         raise OSError(errno.EINVAL, "it is no regular file", str(path))
     beside = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
-    os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    try:
+        os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    except OSError as caught:
+        raise OSError(caught.errno, caught.strerror, str(path)) from None
     try:
         yield beside
         with beside.open("rb") as file:
@@ -153,24 +161,75 @@ def replace_file(path: Path, content: bytes) -> None:
 
 def reason(caught: Exception) -> str:
     """Return what an error says of a damaged file, in one line: zipfile may quote half of it."""
-    text = str(caught)
+    text = " ".join(str(caught).split()).rstrip(".") or type(caught).__name__
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
-def read_json(path: Path) -> dict[str, Any]:
+@contextmanager
+def reading(path: Path, failure: type[TorosError], remedy: str) -> Iterator[None]:
+    """Raise whatever a reader raises in the block as one error that names a file and a remedy.
+
+    Errors of the package pass. A damaged file may raise anything: UnicodeDecodeError,
+    RecursionError, MemoryError …
+    """
+    try:
+        yield
+    except TorosError:
+        raise
+    except Exception as caught:
+        raise failure(f"{path} cannot be read: {reason(caught)}. {remedy}") from None
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """Return the content of a file (one rank).
+
+    Args:
+        path: The file.
+        what: What it is, a key of `MOST_BYTES`.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is longer than such files are.
+    """
+    most = MOST_BYTES[what]
+    with path.open("rb") as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise ValueError(f"it is longer than {most} bytes")
+    return content
+
+
+def require_unpackable(path: Path) -> None:
+    """Check the size of what a zip file unpacks to, before it is read (one rank).
+
+    Raises:
+        OSError, zipfile.BadZipFile: It cannot be read, or is none.
+        ValueError: It would fill the memory.
+    """
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise zipfile.BadZipFile("it is no zip file")
+    with zipfile.ZipFile(path) as packed:
+        size = sum(one.file_size for one in packed.infolist())
+    if size > max(UNPACKED, EXPANSION * path.stat().st_size):
+        raise ValueError(f"it would unpack to {size} bytes")
+
+
+def read_json(
+    path: Path, failure: type[TorosError] = OutputError, remedy: str = "Delete it, or mend it."
+) -> dict[str, Any]:
     """Return what a JSON file of a run holds, empty if there is none (one rank).
 
     Raises:
-        OutputError: It cannot be read, or holds something else.
+        TorosError: `failure`: it cannot be read, or holds something else.
     """
-    if not path.exists():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
-    if not isinstance(content, dict):
-        raise OutputError(f"{path} holds no summary of a run. Delete it.")
+    with reading(path, failure, remedy):
+        try:
+            content = json.loads(read_bytes(path, "JSON"))
+        except (FileNotFoundError, NotADirectoryError):
+            return {}
+        if not isinstance(content, dict):
+            raise TypeError("it holds no table")
     return content
 
 

@@ -23,6 +23,19 @@ from toros_fem.base.validation import is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
+# Sizes that quantities have, by their units: of what must be positive the least, and of all the
+# largest. What lies beyond would overflow, or ask for more memory than there is.
+SIZES: Mapping[str | None, tuple[float, float]] = {
+    "m": (1e-7, 1e3),
+    "m²": (1e-14, 1e6),
+    "Pa": (1e-6, 1e15),
+    "deg": (1e-9, 1e5),
+    "%": (1e-9, 1e6),
+    None: (1e-12, 1e12),
+}
+OTHERS = (1e-12, 1e12)
+# Least size of what may be 0: rounding leaves such numbers.
+TINY = 1e-50
 # Types that a value may come in, where it is not that of the key alone.
 TYPES: Mapping[type, tuple[type, ...]] = {
     float: (int, float, np.integer, np.floating),
@@ -183,6 +196,12 @@ class Key:
         number: float = self.kind(value)
         if number not in self.within:
             self.refuse(value)
+        least, most = sizes_of(self)
+        tiny = 0 < abs(number) < least
+        if self.kind is float and (tiny or abs(number) > most):
+            unit = f" {self.within.unit}" * (self.within.unit is not None)
+            ends = f"at least {least:g}{unit}" if tiny else f"at most {most:g}{unit}"
+            self.refuse(value, f"must be {ends}: no such thing is made")
         return number
 
     def refuse(self, value: Any, why: str = "") -> NoReturn:
@@ -234,6 +253,12 @@ class Key:
         if isinstance(value, float) and self.within.unit is not None:
             return f'"{write_quantity(value, self.within.unit)}"'
         return repr(value)
+
+
+def sizes_of(key: Key) -> tuple[float, float]:
+    """Return the least and the largest size of a number of a key, if it is not 0."""
+    least, most = SIZES.get(key.within.unit, OTHERS)
+    return least if key.within.above == 0 else TINY, most
 
 
 def quoted(text: str) -> str:

@@ -9,6 +9,7 @@ from decimal import Decimal, localcontext
 from types import MappingProxyType
 
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import shown
 
 # What each unit of a field measures, and all units that are read, as multiples of it.
 _TABLE = {
@@ -35,6 +36,8 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
 )
 # Units that templates show, from small to large, where it is not the field's own.
 SHOWN = {"m": ("mm",), "m²": ("mm²",), "Pa": ("Pa", "kPa", "MPa"), "kg": ("g",), "kg/m²": ("g/m²",)}
+# Characters of the longest text that is a number with a unit.
+LONGEST = 200
 _VALUE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
@@ -54,24 +57,24 @@ def read_quantity(text: str, unit: str | None) -> float:
         ParameterError: There is no number, no unit, an unknown unit, or one of something else.
     """
     known = "" if unit is None else "; known are " + ", ".join(DIMENSIONS[unit][1])
-    match = _VALUE.fullmatch(text)
-    if match is None:
-        raise ParameterError(f"{text!r} does not start with a number{known}.")
+    match, given = _VALUE.fullmatch(text[: LONGEST + 1]), shown(text)
+    if match is None or len(text) > LONGEST:
+        raise ParameterError(f"{given} does not start with a number{known}.")
     number, word = match[1], spelt(match[2])
     if not word:
         advice = "without quotes" if unit is None else f"without quotes, in {unit}"
-        raise ParameterError(f"{text!r} has no unit{known}; a plain number, {advice}.")
+        raise ParameterError(f"{given} has no unit{known}; a plain number, {advice}.")
     found = next((one for one, (_, words) in DIMENSIONS.items() if word in words), None)
     if found is None:
-        raise ParameterError(f"{text!r} has the unknown unit {word!r}{known}.")
+        raise ParameterError(f"{given} has the unknown unit {shown(word)}{known}.")
     if found != (unit or "%"):
         wanted = "a pure number" if unit is None else DIMENSIONS[unit][0]
-        raise ParameterError(f"{text!r} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
+        raise ParameterError(f"{given} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
     with localcontext(prec=40):
         factor = DIMENSIONS[found][1][word] / (100 if unit is None else 1)
         value = float(Decimal(number) * factor)
     if not math.isfinite(value):
-        raise ParameterError(f"{text!r} is too large for a number.")
+        raise ParameterError(f"{given} is too large for a number.")
     return value
 
 

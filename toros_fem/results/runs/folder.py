@@ -19,7 +19,16 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
-from toros_fem.base.files import add_to_list, guarded, listed, remove_unfinished, replace_file
+from toros_fem.base.files import (
+    add_to_list,
+    guarded,
+    listed,
+    read_bytes,
+    read_json,
+    reading,
+    remove_unfinished,
+    replace_file,
+)
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.results.runs.earlier import MovedFiles, move_aside
@@ -280,7 +289,8 @@ def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | No
 
     def read() -> tuple[RunRecord, str | None]:
         record = _read_record(folder)
-        return record, scene.read_text(encoding="utf-8") if scene.exists() else None
+        with reading(scene, CheckpointError, ANEW):
+            return record, read_bytes(scene, "keys").decode() if scene.exists() else None
 
     return _in_folder(comm, folder, read)
 
@@ -300,13 +310,12 @@ def _write_record(folder: Path, record: RunRecord) -> None:
 
 def _read_record(folder: Path) -> RunRecord:
     path = folder / STATE / RECORD
-    try:
-        content = json.loads(path.read_bytes())
-        found = int(content["format"])
-    except (FileNotFoundError, NotADirectoryError):
-        raise RunError(f"{folder} holds no run: {path} is missing. Start one there.") from None
-    except (ValueError, TypeError, KeyError) as fault:
-        raise CheckpointError(f"{path} is damaged: {fault}. {ANEW}") from None
+    content = read_json(path, CheckpointError, ANEW)
+    if not content:
+        raise RunError(f"{folder} holds no run: {path} is missing. Start one there.")
+    found = content.get("format")
+    if not isinstance(found, int):
+        raise CheckpointError(f"{path} is damaged: it has no format. {ANEW}")
     if found != FORMAT:
         raise CheckpointError(
             f"{path} has format {found}; this version, {__version__}, reads format {FORMAT}. Go on "
