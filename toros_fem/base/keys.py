@@ -19,7 +19,7 @@ import numpy as np
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.units import read_quantity, write_quantity
-from toros_fem.base.validation import is_number, shown
+from toros_fem.base.validation import LONGEST, is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
@@ -218,7 +218,8 @@ class Key:
             what += f" in {unit}"
         parts = filter(None, [what, str(self.within), f"or {NONE}" if self.optional else ""])
         why = why or f"must be {', '.join(parts)}"
-        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
+        word = value[:LONGEST] if isinstance(value, str) else ""
+        near = difflib.get_close_matches(word, self.words)
         end = f"; did you mean {near[0]!r}?" if near else "."
         given = f"{shown(value)} {unit}" if unit and number else shown(value)
         raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
@@ -352,7 +353,7 @@ class Table:
 def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
     """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
-    if near := difflib.get_close_matches(str(word), words, n=1):
+    if near := difflib.get_close_matches(str(word)[:LONGEST], words, n=1):
         return f"did you mean {near[0]!r}?"
     every = f"known are {', '.join(words)}." if words else "none is known here."
     return otherwise or every

@@ -151,7 +151,7 @@ def pointed(kind: str, text: str, mark: str) -> str:
 
 def split_header(text: str) -> tuple[str, str]:
     """Return the name and the unit of "Load [N]", "load" and "N"; it is empty without brackets."""
-    match = _HEADER.fullmatch(text)
+    match = _HEADER.fullmatch(text := text[:LONGEST])
     name, unit = (text, None) if match is None else match.groups()
     return " ".join(name.replace("_", " ").lower().split()), unit or ""
 
