@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import on_first_rank, require_alike
 
 T = TypeVar("T")
 # Most bytes of a file that is read whole, by what it is, far beyond what makes sense.
@@ -289,8 +289,10 @@ def guarded(
         make: Whether the folder is made if it is missing.
 
     Raises:
+        ParameterError: The folder differs between the ranks.
         Exception: `error`, or what the action raises; on all ranks.
     """
+    require_alike(comm, folder=folder)
     folder = Path(folder)
 
     def named() -> T:

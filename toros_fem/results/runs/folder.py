@@ -29,6 +29,7 @@ from toros_fem.base.files import (
     remove_unfinished,
     replace_file,
 )
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.results.runs.earlier import MovedFiles, move_aside
@@ -181,6 +182,7 @@ def require_open(folder: Path) -> None:
         )
 
 
+@collective("comm")
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,
