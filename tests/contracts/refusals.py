@@ -213,6 +213,9 @@ def _pattern(s: Scene, **changes: Any) -> tf.meshes.Pattern:
 
 
 PATTERNS: Table = {
+    "a panel's name breaks a line": lambda s: _pattern(s, panel_names=["a\nb"]),
+    "a panel's name is no text": lambda s: _pattern(s, panel_names=["\ud800"]),
+    "a panel's name is long": lambda s: _pattern(s, panel_names=[300 * "a"]),
     "pattern's points are text": lambda s: _pattern(s, points="far"),
     "pattern's points are complex": lambda s: _pattern(s, points=np.ones((25, 3)) * 1j),
     "pattern's triangles are halves": lambda s: _pattern(s, flat_triangles=np.full((32, 3), 0.5)),

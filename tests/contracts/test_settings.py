@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import NONE, Key, Table, sizes_of
+from toros_fem.base.keys import MANY, NONE, Key, Table, sizes_of
 from toros_fem.cli.commands import main  # noqa: F401
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
@@ -60,6 +60,8 @@ def near(key: Key) -> Iterator[tuple[float, bool]]:
             if bound - outwards * step * max(1, abs(bound)) in key.within:
                 inside = bound - outwards * step * max(1, abs(bound))
                 yield inside, key.kind is int or abs(inside) >= sizes_of(key)[0]
+    if key.kind is int and key.within.at_least == 1:
+        yield MANY + 1, False
     if key.kind is float:
         least, most = sizes_of(key)
         yield from ((size, size in key.within) for size in (least, most))

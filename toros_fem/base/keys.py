@@ -23,6 +23,8 @@ from toros_fem.base.validation import LONGEST, is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
+# Most of what is counted from 1 on: steps, tiles, copies.
+MANY = 100_000
 # Sizes that quantities have, by their units: of what must be positive the least, and of all the
 # largest. What lies beyond would overflow, or ask for more memory than there is.
 SIZES: Mapping[str | None, tuple[float, float]] = {
@@ -193,6 +195,8 @@ class Key:
     def _number(self, value: Any) -> float:
         if isinstance(value, int) and abs(value) > LARGEST:
             self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
+        if self.kind is int and self.within.at_least == 1 and value > MANY:
+            self.refuse(value, f"must be at most {MANY}")
         number: float = self.kind(value)
         if number not in self.within:
             self.refuse(value)
