@@ -70,7 +70,8 @@ def read_quantity(text: str, unit: str | None) -> float:
     if found != (unit or "%"):
         wanted = "a pure number" if unit is None else DIMENSIONS[unit][0]
         raise ParameterError(f"{given} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
-    with localcontext(prec=40, traps=[]):  # what overflows is infinite
+    with localcontext(prec=40) as context:
+        context.clear_traps()  # what overflows is infinite
         factor = DIMENSIONS[found][1][word] / (100 if unit is None else 1)
         value = float(Decimal(number) * factor)
     if not math.isfinite(value):
