@@ -250,7 +250,15 @@ def test_odd_names_are_told_in_a_line(
 
 def test_a_name_that_is_no_utf8_is_told_before_anything_is_loaded() -> None:
     """DOLFINx cannot start with such a command line."""
-    words = [sys.executable, "-m", "toros_fem", "design", "x.toml", "--output", b"a\xff"]
+    words = [
+        sys.executable,
+        "-m",
+        "toros_fem",
+        "design",
+        "x.toml",
+        "--output",
+        os.fsdecode(b"a\xff"),
+    ]
     found = subprocess.run(words, cwd=ROOT, capture_output=True, check=False, timeout=60)
     assert found.returncode == 2
     assert found.stderr.splitlines() == [

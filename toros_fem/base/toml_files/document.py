@@ -12,8 +12,11 @@ from toros_fem.base.errors import FileKeyError, ParameterError
 from toros_fem.base.files import read_bytes
 from toros_fem.base.keys import Key, nearest
 from toros_fem.base.toml_files.lines import DEEPEST, Place, key_lines, line_of, too_deep
+from toros_fem.base.validation import shown
 
 T = TypeVar("T")
+# Characters of a key that a message shows.
+LONGEST = 100
 
 
 class Document:
@@ -52,7 +55,7 @@ class Document:
     def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        message = f"{key}: {message}" if key else message
+        message = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}: {message}" if key else message
         raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
 
     def require_known(
@@ -60,7 +63,7 @@ class Document:
     ) -> None:
         """Check that a key or another word is known."""
         if name not in known:
-            self.fail(place, f"unknown {word} {name!r}; {self.advice(place, name, known)}")
+            self.fail(place, f"unknown {word} {shown(name)}; {self.advice(place, name, known)}")
 
     def advice(self, place: Place, name: str, known: Collection[str]) -> str:
         """Return the advice for an unknown word: the nearest known one."""
