@@ -357,6 +357,10 @@ class Table:
 def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
     """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
+    # "fabric_thickness" is "thickness", rather than "bladder_thickness".
+    ends = [one for one in words if str(word)[:LONGEST].endswith(f"_{one}")]
+    if ends:
+        return f"did you mean {max(ends, key=len)!r}?"
     if near := difflib.get_close_matches(str(word)[:LONGEST], words, n=1):
         return f"did you mean {near[0]!r}?"
     every = f"known are {', '.join(words)}." if words else "none is known here."

@@ -44,12 +44,14 @@ class Document:
             why, _, place = str(caught).rpartition(" (at ")
             found = re.match(r"line (\d+)", place)
             line = int(found[1]) if found else text.count("\n") + 1 if why else None
-            raise failure(
-                f"{at(path, line)}: {why or place}: this is no TOML. Text needs quotes, and so do "
-                'values with units, as in "5 kPa".',
-                path,
-                line,
-            ) from None
+            twice = re.match(r"Cannot (overwrite|declare|mutate)", why)
+            advice = (
+                "this key or table stands in the file already. Keep one of them."
+                if twice
+                else f"{why or place}: this is no TOML. Text needs quotes, and so do values with "
+                'units, as in "5 kPa".'
+            )
+            raise failure(f"{at(path, line)}: {advice}", path, line) from None
         self.lines = key_lines(text)
 
     def fail(self, place: Place, message: str) -> NoReturn:
@@ -111,6 +113,8 @@ def read_text(path: Path, what: str, failure: type[FileKeyError], size: str = "k
         content = read_bytes(path, size)
     except IsADirectoryError:
         raise failure(f"{path} is a folder; name {what}.", path) from None
+    except FileNotFoundError:
+        raise failure(f"there is no {path}. Check its path.", path) from None
     except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
         advice = "Check the path" if isinstance(caught, OSError) else f"It is not {what}"
         raise failure(f"{path} cannot be read: {caught}. {advice}.", path) from None
