@@ -2,7 +2,7 @@
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
 
-.PHONY: demo test quick forms lint docs pictures env
+.PHONY: demo test quick fuzz forms lint docs pictures env
 
 demo:
 	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
@@ -14,6 +14,11 @@ test: forms
 # Contracts, and the tests of the folders that changed, without those marked slow.
 quick: forms
 	$(FENICSX) env PYTHONPATH=.:tests OMP_NUM_THREADS=1 python3 -m kit.quick
+
+# Damaged files for all readers, from a fresh seed, for so many seconds.
+SECONDS ?= 300
+fuzz:
+	$(FENICSX) env PYTHONPATH=.:tests OMP_NUM_THREADS=1 python3 -m kit.fuzz $(SECONDS)
 
 forms:
 	$(FENICSX) env PYTHONPATH=.:tests OMP_NUM_THREADS=1 python3 -m kit.warm

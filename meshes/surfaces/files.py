@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError, TargetError, TorosError, UnitError
+from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
     checked_path,
@@ -61,6 +62,8 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Any:
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
+    if path.stat().st_size > MOST_BYTES["mesh"]:
+        raise failure(f"{path} is longer than {MOST_BYTES['mesh']} bytes. Save a coarser mesh.")
     printed = io.StringIO()
     try:
         with (

@@ -213,6 +213,9 @@ def _pattern(s: Scene, **changes: Any) -> tf.meshes.Pattern:
 
 
 PATTERNS: Table = {
+    "a panel's name breaks a line": lambda s: _pattern(s, panel_names=["a\nb"]),
+    "a panel's name is no text": lambda s: _pattern(s, panel_names=["\ud800"]),
+    "a panel's name is long": lambda s: _pattern(s, panel_names=[300 * "a"]),
     "pattern's points are text": lambda s: _pattern(s, points="far"),
     "pattern's points are complex": lambda s: _pattern(s, points=np.ones((25, 3)) * 1j),
     "pattern's triangles are halves": lambda s: _pattern(s, flat_triangles=np.full((32, 3), 0.5)),
@@ -254,7 +257,7 @@ FILES: Table = {
         s.comm, s.file("mm.obj", obj(TETRAHEDRON, size=80.0))
     ),
     "mesh scaled away": lambda s: m.read_surface(
-        s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e300
+        s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e50
     ),
     "mesh scaled to nothing": lambda s: m.read_surface(
         s.comm, s.file("t.obj", obj(TETRAHEDRON)), scale=1e-9

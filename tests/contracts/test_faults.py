@@ -16,9 +16,11 @@ from mpi4py import MPI
 
 from toros_fem.base import files
 from toros_fem.base.archive import Archive
-from toros_fem.base.errors import OutputError, RunError
-from toros_fem.base.files import UNFINISHED, guarded, write_json, write_table
+from toros_fem.base.errors import CheckpointError, OutputError, RunError
+from toros_fem.base.files import LISTED, UNFINISHED, guarded, write_json, write_table
 from toros_fem.results.runs.folder import open_run, read_record
+from toros_fem.results.runs.journal import BEFORE, RunJournal
+from toros_fem.results.runs.lock import NAME
 
 # The child writes files alone, and uses none of the threads that it does not have.
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
@@ -51,7 +53,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {
         place.as_posix(): path.read_bytes()
         for place, path in places.items()
-        if path.is_file() and place.name != ".lock" and not place.parts[0].startswith("earlier")
+        if path.is_file()
+        and place.name not in (NAME, LISTED)
+        and not place.parts[0].startswith("earlier")
     }
 
 
@@ -114,7 +118,8 @@ def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes
     """Each file is the old or a new one, and both ways to go on lead to the whole run."""
     for name, content in contents(folder).items():
         if not name.endswith(UNFINISHED):
-            assert content in written.get(name, set()) | {earlier.get(name)}, name
+            file = name.removesuffix(BEFORE)
+            assert content in written.get(file, set()) | {earlier.get(name)}, name
     before = contents(folder)
     try:
         record, _ = read_record(ALONE, folder)
@@ -190,3 +195,47 @@ def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
     with open_run(ALONE, folder, INPUTS, resume=resume):  # noqa: SIM117
         with pytest.raises(RunError, match="in use"):
             open_run(ALONE, folder, INPUTS, resume=resume)
+
+
+def changed(content: bytes, kind: str, place: int) -> bytes:
+    """A file with a byte changed, cut off, or with bytes of zeros."""
+    if kind == "cut":
+        return content[:place]
+    if kind == "zeros":
+        return content[:place] + bytes(min(64, len(content) - place)) + content[place + 64 :]
+    return content[:place] + bytes([content[place] ^ 0x55]) + content[place + 1 :]
+
+
+@pytest.mark.parametrize("kind", ["byte", "cut", "zeros"])
+def test_a_checkpoint_with_any_byte_changed_is_refused(kind: str, tmp_path: Path) -> None:
+    """Its directory too, where a changed name drops an array; the one before it is offered."""
+    folder = tmp_path / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        failing_at(patch, 20, lambda: os._exit(9))
+        assert child(partial(run, folder)) == 9
+    path = folder / "state" / "000.npz"
+    whole = path.read_bytes()
+    assert path.with_name(path.name + BEFORE).exists()
+    refused = 0
+    with open_run(ALONE, folder, INPUTS, resume=True) as opened:
+        for place in range(0, len(whole), 3):
+            path.write_bytes(changed(whole, kind, place))
+            entry = RunJournal(opened, "").entry(ALONE, "loop")
+            try:
+                found = entry.saved()
+            except CheckpointError as caught:
+                message = str(caught)
+            else:  # a byte that nothing reads, as the time of a member
+                assert found is not None
+                step = int(found.numbers["step"])
+                assert np.array_equal(found.arrays["x"], state(step).arrays["x"])
+                continue
+            refused += 1
+            assert message.startswith(f"{path} "), "by its name"
+            assert f"The one before it is whole: remove {path} alone to go on" in message
+    assert refused > len(whole) / 3 / 2
+    path.unlink()
+    record = folder / "state" / "run.json"
+    record.write_text(record.read_text().replace('"finished": true', '"finished": false'))
+    run(folder, resume=True)
+    assert read_record(ALONE, folder)[0].finished

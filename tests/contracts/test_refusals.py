@@ -20,6 +20,7 @@ from contracts.inner_refusals import INNER
 from contracts.refusals import ON_RANKS, REFUSALS, SQUARE, Scene, Table, _solver
 from toros_fem import errors as e
 from toros_fem import meshes as m
+from toros_fem.base.files import guarded
 from toros_fem.mechanics.paths.states import find_states
 
 # Characters of the longest message: about three lines of a terminal.
@@ -91,6 +92,9 @@ DIFFERENT: Table = {
     "filter_radius": lambda s: s.designed(filter_radius=s.by_rank(0.012, 0.013)),
     "target": lambda s: s.designed(target=s.by_rank(s.pattern.points, 1.1 * s.pattern.points)),
     "seed": lambda s: tf.optimize(s.design, [tf.Stage(1)], seed=s.comm.rank),
+    "folder": lambda s: tf.open_run(s.comm, s.folder / f"run {s.comm.rank}", {}),
+    "inputs": lambda s: tf.open_run(s.comm, s.folder / "run", {"seed": s.comm.rank}),
+    "resume": lambda s: tf.open_run(s.comm, s.folder / "run", {}, resume=s.by_rank(False, True)),
     "options": lambda s: tf.optimize(s.design, [tf.Stage(1 + s.comm.rank)]),
 }
 
@@ -101,6 +105,14 @@ def test_different_arguments_on_the_ranks(scene: Scene, name: str) -> None:
         pytest.skip("one rank has nothing to differ from")
     with pytest.raises(e.ParameterError, match=f"{name} differs between the ranks: .* on rank 1"):
         DIFFERENT[name](scene)
+
+
+def test_a_folder_of_each_rank_is_none_of_all(scene: Scene) -> None:
+    if scene.comm.size == 1:
+        pytest.skip("one rank has nothing to differ from")
+    for call in (tf.DesignReporter, lambda comm, folder: guarded(comm, folder, lambda: None)):
+        with pytest.raises(e.ParameterError, match="folder differs between the ranks"):
+            call(scene.comm, scene.folder / str(scene.comm.rank))
 
 
 def test_more_ranks_than_triangles(scene: Scene) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import NONE, Key, Table
+from toros_fem.base.keys import MANY, NONE, Key, Table, sizes_of
 from toros_fem.cli.commands import main  # noqa: F401
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
@@ -58,7 +58,14 @@ def near(key: Key) -> Iterator[tuple[float, bool]]:
             yield bound, name.startswith("at_")
             yield bound + outwards * step * max(1, abs(bound)), False
             if bound - outwards * step * max(1, abs(bound)) in key.within:
-                yield bound - outwards * step * max(1, abs(bound)), True
+                inside = bound - outwards * step * max(1, abs(bound))
+                yield inside, key.kind is int or abs(inside) >= sizes_of(key)[0]
+    if key.kind is int and key.within.at_least == 1:
+        yield MANY + 1, False
+    if key.kind is float:
+        least, most = sizes_of(key)
+        yield from ((size, size in key.within) for size in (least, most))
+        yield from ((size, False) for size in (0.9 * least, 1.1 * most, 1e300, 10**400))
 
 
 def values_of(table: type[Table]) -> list[Key]:

@@ -11,6 +11,7 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from toros_fem.base.files import guarded, replace_file
 from toros_fem.design.loop.options import Iteration
 from toros_fem.results.reporter import DesignReporter
 
@@ -53,9 +54,8 @@ def test_rows_are_on_disk_at_once(
 
 def test_an_earlier_history_stays_until_the_first_row(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        (folder / "history.csv").write_text("of an earlier run\n", encoding="utf-8")
-    comm.barrier()
+    path = folder / "history.csv"
+    guarded(comm, folder, lambda: replace_file(path, b"of an earlier run\n"))
     reporter = DesignReporter(comm, folder)
     assert (folder / "history.csv").read_text(encoding="utf-8") == "of an earlier run\n"
     comm.barrier()

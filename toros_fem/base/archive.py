@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.errors import TorosError
-from toros_fem.base.files import reason, replace_file
+from toros_fem.base.files import reading, replace_file, require_unpackable
 from toros_fem.base.versions import __version__
 
 # Version of the format of archives and of the files of a run; others are refused.
@@ -100,13 +100,12 @@ def read_archive(
         TorosError: `failure`: there is no such file, it is damaged, of another kind or format, or
             `make` raises.
     """
-    try:
+    with reading(path, failure, remedy):
+        require_unpackable(path)
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header, digest = (arrays.pop(name, np.zeros(0)).tobytes() for name in (HEADER, DIGEST))
         about: dict[str, Any] = dict(json.loads(header or b"{}"))
-    except Exception as caught:  # a damaged file may raise anything
-        raise failure(f"{path} cannot be read: {reason(caught)}. {remedy}") from None
     if about.get("is") != f"toros_fem {kind}":
         raise failure(
             f"{path} is another kind of file, or was written before format {FORMAT}. {remedy}"
@@ -125,7 +124,7 @@ def read_archive(
         raise failure(f"{path} is damaged: its content is not what was written. {remedy}")
     try:
         return make(Archive(kind, arrays, about["numbers"], about["toros_fem"]))
-    except (TorosError, ValueError, TypeError, LookupError, ArithmeticError) as caught:
+    except Exception as caught:
         what = f"it lacks {caught}" if isinstance(caught, KeyError) else str(caught).rstrip(".")
         raise failure(f"{path} is not valid: {what}. {remedy}") from None
 

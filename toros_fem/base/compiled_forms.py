@@ -21,10 +21,17 @@ from dolfinx import fem, la
 from dolfinx.jit import get_options
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import OutputError
+from toros_fem.base.files import naming
+from toros_fem.base.mpi import on_first_rank
 
 LOCK = "compiling.lock"
 # s, while which another process may compile the same form, on a machine that is busy.
 PATIENCE = 300
+UNMADE = (
+    "{} cannot be made, where forms are compiled: {}. Give another folder by the variable "
+    "XDG_CACHE_HOME."
+)
 
 
 def compiled(form: ufl.Form) -> Any:
@@ -39,11 +46,15 @@ def compiled(form: ufl.Form) -> Any:
 
     Returns:
         The `dolfinx.fem.Form`.
+
+    Raises:
+        OutputError: The cache cannot be made; on all ranks.
     """
     folder = form_cache()
     comm = form.ufl_domains()[0].ufl_cargo().comm
     patience = max(PATIENCE, get_options()["timeout"])
     options = {"cache_dir": str(folder), "timeout": patience}
+    on_first_rank(comm, lambda: _make(folder))
     if comm.rank > 0:  # it reads what the first rank has compiled
         return fem.form(form, jit_options=options)
     with _compiling(folder):
@@ -88,6 +99,11 @@ def _processor() -> str:
     return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
 
 
+def _make(folder: Path) -> None:
+    with naming(folder, OutputError, UNMADE):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
 @contextmanager
 def _compiling(folder: Path) -> Generator[None]:
     """Hold the cache's lock, shared, after removing what a killed compilation left.
@@ -95,7 +111,6 @@ def _compiling(folder: Path) -> Generator[None]:
     The kernel frees the lock of a process that ends, however it ends.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError:  # FFCx tells it
         yield

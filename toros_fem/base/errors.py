@@ -102,8 +102,10 @@ class RunError(TorosError, OSError):
     """A run folder is in use, cannot be written to, or holds nothing that could go on."""
 
 
-class RunStoppedError(TorosError, RuntimeError):
+class RunStoppedError(BaseException):
     """A run was stopped by a signal and can go on; its state is on disk.
+
+    Like `KeyboardInterrupt` it is no `Exception`: what mends or skips errors does not swallow it.
 
     Args:
         message: How to go on, as a sentence.

@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
+import secrets
+import stat
 import sys
+import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, TypeVar
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import on_first_rank, require_alike
 
 T = TypeVar("T")
+# Most bytes of a file that is read whole, by what it is, far beyond what makes sense.
+MOST_BYTES = {"keys": 1_000_000, "table": 50_000_000, "JSON": 100_000_000, "mesh": 1_000_000_000}
+# Most bytes of what a packed file holds: these, or as many for each byte of the file.
+UNPACKED, EXPANSION = 256_000_000, 100
 # Characters of a reason.
 LONGEST = 150
 # What is said of a folder or file that the system refuses.
@@ -27,19 +36,102 @@ UNWRITTEN = (
 )
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
+# List of the files that this package wrote into a folder and below it, one a line.
+LISTED = ".toros_files"
+# What may stand where a file is written.
+_REPLACED = (stat.S_IFREG, stat.S_IFLNK)
+# Folder whose files are listed; None while a caller names each file.
+_listing: ContextVar[Path | None] = ContextVar("listing", default=None)
+
+
+def listed(folder: Path) -> dict[str, None]:
+    """Return the files that this package wrote into a folder, relative to it (one rank).
+
+    Raises:
+        OSError: The list cannot be read.
+    """
+    try:
+        lines = (folder / LISTED).read_text(encoding="utf-8", errors="replace").splitlines()
+    except FileNotFoundError:
+        return {}
+    return dict.fromkeys(filter(None, lines))
+
+
+@contextmanager
+def listing(folder: Path) -> Iterator[None]:
+    """List each file that the block writes below a folder; a file of somebody else stays.
+
+    All that is in a folder which the list names belongs to it. A folder inside one that has a list
+    shares it.
+
+    Raises:
+        OutputError: A file that is there, and in no list, has the name of one that is written.
+    """
+    folder = Path(os.path.abspath(folder))
+    with_list = (one for one in (folder, *folder.parents) if (one / LISTED).is_file())
+    before = _listing.set(next(with_list, folder))
+    try:
+        yield
+    finally:
+        _listing.reset(before)
+
+
+def is_listed(folder: Path, path: Path) -> bool:
+    """Return whether a file, or a folder that it lies in, is in the list of a folder (one rank)."""
+    folder, path = Path(os.path.abspath(folder)), Path(os.path.abspath(path))
+    if folder not in path.parents:
+        return False
+    inside, known = path.relative_to(folder), listed(folder)
+    return any(one.as_posix() in known for one in (inside, *inside.parents))
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, in the block of `listing` only if it is listed (one rank)."""
+    folder = _listing.get()
+    if folder is None or is_listed(folder, path):
+        path.unlink(missing_ok=True)
+
+
+def _claim(path: Path) -> None:
+    """List a file before it is written."""
+    folder, path = _listing.get(), Path(os.path.abspath(path))
+    if folder is None or folder not in path.parents or is_listed(folder, path):
+        return
+    if os.path.lexists(path):
+        raise OutputError(
+            f"{path} is there, and {LISTED} does not list it as written by toros. Move it, or "
+            "choose another folder; nothing was done to it."
+        )
+    add_to_list(folder, [path.relative_to(folder).as_posix()])
+
+
+def add_to_list(folder: Path, names: Sequence[str]) -> None:
+    """Add names to the list of a folder; none is half written where a kill cut one off."""
+    known = listed(folder)
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+    with os.fdopen(os.open(folder / LISTED, flags, 0o666), "ab") as file:
+        file.write("".join(f"\n{name}\n" for name in names if name not in known).encode())
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Hand out a path beside a file; what the block writes there takes its place at the end.
+    """Hand out a new file beside another; what the block writes there takes its place at the end.
 
     It is forced to the disk and renamed, so that the file is never seen half written, whatever
-    happens (one rank).
+    happens. Of a link the name is taken, and what it points at stays (one rank).
 
     Raises:
-        OSError: It cannot be written; what was there before stays.
+        OSError: It cannot be written, or is a device or a folder; what was there before stays.
+        OutputError: Inside `listing`, it is a file of somebody else.
     """
-    beside = path.with_name(path.name + UNFINISHED)
+    _claim(path)
+    if os.path.lexists(path) and stat.S_IFMT(os.lstat(path).st_mode) not in _REPLACED:
+        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    beside = path.with_name(f".{secrets.token_hex(8)}{UNFINISHED}")
+    try:
+        os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    except OSError as caught:
+        raise OSError(caught.errno, caught.strerror, str(path)) from None
     try:
         yield beside
         with beside.open("rb") as file:
@@ -55,6 +147,12 @@ def replacing(path: Path) -> Iterator[Path]:
         os.close(folder)
 
 
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes were writing into a folder that is locked (one rank)."""
+    for path in (*folder.glob(f".*{UNFINISHED}"), *folder.glob(f"*/.*{UNFINISHED}")):
+        path.unlink(missing_ok=True)
+
+
 def replace_file(path: Path, content: bytes) -> None:
     """Write a file as `replacing` does (one rank)."""
     with replacing(path) as beside:
@@ -63,24 +161,76 @@ def replace_file(path: Path, content: bytes) -> None:
 
 def reason(caught: Exception) -> str:
     """Return what an error says of a damaged file, in one line: zipfile may quote half of it."""
-    text = str(caught)
+    text = " ".join(str(caught).split()).rstrip(".") or type(caught).__name__
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
-def read_json(path: Path) -> dict[str, Any]:
+@contextmanager
+def reading(path: Path, failure: type[TorosError], remedy: str) -> Iterator[None]:
+    """Raise whatever a reader raises in the block as one error that names a file and a remedy.
+
+    Errors of the package pass. A damaged file may raise anything: UnicodeDecodeError,
+    RecursionError, MemoryError …
+    """
+    try:
+        yield
+    except TorosError:
+        raise
+    except Exception as caught:
+        raise failure(f"{path} cannot be read: {reason(caught)}. {remedy}") from None
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """Return the content of a file (one rank).
+
+    Args:
+        path: The file.
+        what: What it is, a key of `MOST_BYTES`.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is longer than such files are.
+    """
+    most, content = MOST_BYTES[what], bytearray()
+    with path.open("rb") as file:
+        while part := file.read(2**20):  # a file may be endless, as a device is
+            content += part
+            if len(content) > most:
+                raise ValueError(f"it is longer than {most} bytes")
+    return bytes(content)
+
+
+def require_unpackable(path: Path) -> None:
+    """Check the size of what a zip file unpacks to, before it is read (one rank).
+
+    Raises:
+        OSError, zipfile.BadZipFile: It cannot be read, or is none.
+        ValueError: It would fill the memory.
+    """
+    with path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise zipfile.BadZipFile("it is no zip file")
+    with zipfile.ZipFile(path) as packed:
+        size = sum(one.file_size for one in packed.infolist())
+    if size > max(UNPACKED, EXPANSION * path.stat().st_size):
+        raise ValueError(f"it would unpack to {size} bytes")
+
+
+def read_json(
+    path: Path, failure: type[TorosError] = OutputError, remedy: str = "Delete it, or mend it."
+) -> dict[str, Any]:
     """Return what a JSON file of a run holds, empty if there is none (one rank).
 
     Raises:
-        OutputError: It cannot be read, or holds something else.
+        TorosError: `failure`: it cannot be read, or holds something else.
     """
-    if not path.exists():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
-    if not isinstance(content, dict):
-        raise OutputError(f"{path} holds no summary of a run. Delete it.")
+    with reading(path, failure, remedy):
+        try:
+            content = json.loads(read_bytes(path, "JSON"))
+        except (FileNotFoundError, NotADirectoryError):
+            return {}
+        if not isinstance(content, dict):
+            raise TypeError("it holds no table")
     return content
 
 
@@ -129,6 +279,8 @@ def guarded(
 ) -> T:
     """Do something with a folder on the first rank, and return what it finds (collective).
 
+    Files that it writes there are listed, and others stay (`listing`).
+
     Args:
         comm: Communicator.
         folder: The folder.
@@ -137,15 +289,18 @@ def guarded(
         make: Whether the folder is made if it is missing.
 
     Raises:
+        ParameterError: The folder differs between the ranks.
         Exception: `error`, or what the action raises; on all ranks.
     """
+    require_alike(comm, folder=folder)
     folder = Path(folder)
 
     def named() -> T:
         with naming(folder, error, says):
             if make:
                 folder.mkdir(parents=True, exist_ok=True)
-            return action()
+            with listing(folder):
+                return action()
 
     return on_first_rank(comm, named)
 

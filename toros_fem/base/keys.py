@@ -19,10 +19,25 @@ import numpy as np
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.units import read_quantity, write_quantity
-from toros_fem.base.validation import is_number, shown
+from toros_fem.base.validation import LONGEST, is_number, shown
 
 # The word for None, and the largest whole number, far beyond what makes sense.
 NONE, LARGEST = "none", 10**15
+# Most of what is counted from 1 on: steps, tiles, copies.
+MANY = 100_000
+# Sizes that quantities have, by their units: of what must be positive the least, and of all the
+# largest. What lies beyond would overflow, or ask for more memory than there is.
+SIZES: Mapping[str | None, tuple[float, float]] = {
+    "m": (1e-7, 1e3),
+    "m²": (1e-14, 1e6),
+    "Pa": (1e-6, 1e15),
+    "deg": (1e-9, 1e5),
+    "%": (1e-9, 1e6),
+    None: (1e-12, 1e12),
+}
+OTHERS = (1e-12, 1e12)
+# Least size of what may be 0: rounding leaves such numbers.
+TINY = 1e-50
 # Types that a value may come in, where it is not that of the key alone.
 TYPES: Mapping[type, tuple[type, ...]] = {
     float: (int, float, np.integer, np.floating),
@@ -180,9 +195,17 @@ class Key:
     def _number(self, value: Any) -> float:
         if isinstance(value, int) and abs(value) > LARGEST:
             self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
+        if self.kind is int and self.within.at_least == 1 and value > MANY:
+            self.refuse(value, f"must be at most {MANY}")
         number: float = self.kind(value)
         if number not in self.within:
             self.refuse(value)
+        least, most = sizes_of(self)
+        tiny = 0 < abs(number) < least
+        if self.kind is float and (tiny or abs(number) > most):
+            unit = f" {self.within.unit}" * (self.within.unit is not None)
+            ends = f"at least {least:g}{unit}" if tiny else f"at most {most:g}{unit}"
+            self.refuse(value, f"must be {ends}: no such thing is made")
         return number
 
     def refuse(self, value: Any, why: str = "") -> NoReturn:
@@ -199,7 +222,8 @@ class Key:
             what += f" in {unit}"
         parts = filter(None, [what, str(self.within), f"or {NONE}" if self.optional else ""])
         why = why or f"must be {', '.join(parts)}"
-        near = difflib.get_close_matches(value, self.words) if isinstance(value, str) else []
+        word = value[:LONGEST] if isinstance(value, str) else ""
+        near = difflib.get_close_matches(word, self.words)
         end = f"; did you mean {near[0]!r}?" if near else "."
         given = f"{shown(value)} {unit}" if unit and number else shown(value)
         raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
@@ -234,6 +258,12 @@ class Key:
         if isinstance(value, float) and self.within.unit is not None:
             return f'"{write_quantity(value, self.within.unit)}"'
         return repr(value)
+
+
+def sizes_of(key: Key) -> tuple[float, float]:
+    """Return the least and the largest size of a number of a key, if it is not 0."""
+    least, most = SIZES.get(key.within.unit, OTHERS)
+    return least if key.within.above == 0 else TINY, most
 
 
 def quoted(text: str) -> str:
@@ -327,7 +357,11 @@ class Table:
 def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
     """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
-    if near := difflib.get_close_matches(str(word), words, n=1):
+    # "fabric_thickness" is "thickness", rather than "bladder_thickness".
+    ends = [one for one in words if str(word)[:LONGEST].endswith(f"_{one}")]
+    if ends:
+        return f"did you mean {max(ends, key=len)!r}?"
+    if near := difflib.get_close_matches(str(word)[:LONGEST], words, n=1):
         return f"did you mean {near[0]!r}?"
     every = f"known are {', '.join(words)}." if words else "none is known here."
     return otherwise or every

@@ -249,10 +249,17 @@ def _digest(value: Any) -> bytes:
 
 
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
-    """Warn on the first rank, at the line of the user's code; all ranks know the same."""
-    if comm.rank == 0:
+    """Warn on the first rank, at the line of the user's code (collective).
+
+    Raises:
+        Warning: Python's filters make errors of such warnings; on all ranks.
+    """
+
+    def warn() -> None:
         _give_warnings_back()
         warnings.warn(message, kind, skip_file_prefixes=OWN)
+
+    on_first_rank(comm, warn)
 
 
 def _give_warnings_back() -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from decimal import Decimal, localcontext
 from types import MappingProxyType
 
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import shown
 
 # What each unit of a field measures, and all units that are read, as multiples of it.
 _TABLE = {
@@ -16,7 +17,8 @@ _TABLE = {
     "m²": ("an area", "m² 1, m2 1, cm² 1e-4, cm2 1e-4, mm² 1e-6, mm2 1e-6"),
     "Pa": (
         "a pressure or a modulus",
-        "Pa 1, hPa 1e2, kPa 1e3, MPa 1e6, GPa 1e9, mbar 1e2, bar 1e5, N/mm² 1e6, N/mm2 1e6",
+        "Pa 1, hPa 1e2, kPa 1e3, MPa 1e6, GPa 1e9, mbar 1e2, bar 1e5, psi 6894.757293168361, "
+        "N/mm² 1e6, N/mm2 1e6",
     ),
     "deg": ("an angle", f"deg 1, ° 1, rad {Decimal(180) / Decimal(repr(math.pi))}"),
     "kg": ("a mass", "kg 1, g 1e-3, mg 1e-6"),
@@ -35,12 +37,19 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
 )
 # Units that templates show, from small to large, where it is not the field's own.
 SHOWN = {"m": ("mm",), "m²": ("mm²",), "Pa": ("Pa", "kPa", "MPa"), "kg": ("g",), "kg/m²": ("g/m²",)}
+# Characters of the longest text that is a number with a unit.
+LONGEST = 200
 _VALUE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 
 
 def spelt(word: str) -> str:
     """Return a unit as `DIMENSIONS` spells it: the micro sign for a Greek mu, "m2" for "m^2"."""
     return word.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}").replace("^", "")
+
+
+def words_of(unit: str | None) -> Sequence[str]:
+    """Return the units that a field takes; None for a pure number."""
+    return () if unit is None else tuple(DIMENSIONS[unit][1])
 
 
 def read_quantity(text: str, unit: str | None) -> float:
@@ -53,25 +62,33 @@ def read_quantity(text: str, unit: str | None) -> float:
     Raises:
         ParameterError: There is no number, no unit, an unknown unit, or one of something else.
     """
-    known = "" if unit is None else "; known are " + ", ".join(DIMENSIONS[unit][1])
-    match = _VALUE.fullmatch(text)
-    if match is None:
-        raise ParameterError(f"{text!r} does not start with a number{known}.")
+    known = "" if unit is None else "; known are " + ", ".join(words_of(unit))
+    match, given = _VALUE.fullmatch(text[: LONGEST + 1]), shown(text)
+    if match is None or len(text) > LONGEST:
+        none = " This value cannot be left out." if text.strip().lower() == "none" else ""
+        raise ParameterError(f"{given} does not start with a number{known}.{none}")
     number, word = match[1], spelt(match[2])
     if not word:
         advice = "without quotes" if unit is None else f"without quotes, in {unit}"
-        raise ParameterError(f"{text!r} has no unit{known}; a plain number, {advice}.")
+        raise ParameterError(f"{given} has no unit{known}; a plain number, {advice}.")
     found = next((one for one, (_, words) in DIMENSIONS.items() if word in words), None)
+    if found is None and re.match(r",\d", match[2]):
+        raise ParameterError(
+            f"{given} has a comma. Write a point: {text.strip().replace(',', '.')!r}."
+        )
     if found is None:
-        raise ParameterError(f"{text!r} has the unknown unit {word!r}{known}.")
+        near = [one for one in words_of(unit) if one.lower() == word.lower()]
+        advice = f"; did you mean {near[0]!r}?" if near else f"{known}."
+        raise ParameterError(f"{given} has the unknown unit {shown(word)}{advice}")
     if found != (unit or "%"):
         wanted = "a pure number" if unit is None else DIMENSIONS[unit][0]
-        raise ParameterError(f"{text!r} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
-    with localcontext(prec=40):
+        raise ParameterError(f"{given} is {DIMENSIONS[found][0]}, but {wanted} is needed{known}.")
+    with localcontext(prec=40) as context:
+        context.clear_traps()  # what overflows is infinite
         factor = DIMENSIONS[found][1][word] / (100 if unit is None else 1)
         value = float(Decimal(number) * factor)
     if not math.isfinite(value):
-        raise ParameterError(f"{text!r} is too large for a number.")
+        raise ParameterError(f"{given} is too large for a number.")
     return value
 
 

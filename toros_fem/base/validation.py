@@ -15,6 +15,10 @@ from toros_fem.base.errors import ParameterError, TorosError
 
 # Longest text of a value in a message.
 LONGEST = 60
+# Longest name of a panel, a chamber or a part.
+LONGEST_NAME = 200
+# Sizes between which numbers are, if they are not 0: squares and cubes of these do not overflow.
+SMALL, LARGE = 1e-60, 1e60
 # Whole numbers from here on have no type in NumPy.
 LARGEST = 2**63
 
@@ -45,6 +49,10 @@ def _require(
         number = is_number(value) and not (whole and isinstance(value, float | np.floating))
         if not (number and math.isfinite(value) and fits(value)):
             raise ParameterError(f"{name} = {shown(value)} must be a {what}.")
+        if value and not SMALL < abs(value) < LARGE:
+            raise ParameterError(
+                f"{name} = {shown(value)} must be 0, or between {SMALL:g} and {LARGE:g} in size."
+            )
 
 
 def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
@@ -126,6 +134,11 @@ def checked_names(
         raise failure(f"{name} = {shown(values)} must be a list of names, as texts.")
     names = tuple(map(str, values))
     for one in names:
+        if not one.isprintable() or len(one) > LONGEST_NAME:
+            raise failure(
+                f"{name} holds {shown(one)}; names are printable, of at most {LONGEST_NAME} "
+                "characters."
+            )
         if names.count(one) > 1:
             raise failure(f"{name} holds {one!r} twice; each name must be different.")
     return names

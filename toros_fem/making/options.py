@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.keys import Angle, Count, Distance, In, Length, OneOf, Table, key
+from toros_fem.base.keys import Angle, Distance, In, Length, OneOf, Table, key
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import PRINT_SIDES
 
@@ -51,7 +51,9 @@ class ManufactureOptions(Table):
         None, "depth of a sheet, along the grain; none takes the bed's"
     )
     sheet_margin: Distance = key(10e-3, "border of a sheet and of the bed that stays free")
-    copies: Count = key(1, "number of skins to make, such as fingers")
+    copies: Annotated[int, In(at_least=1, at_most=200)] = key(
+        1, "number of skins to make, such as fingers"
+    )
     panel_gap: Distance = key(5e-3, "least distance of two panels on a sheet")
     weld_allowance: Length = key(6e-3, "film of the bladder beyond the panels, for its weld")
     connector_width: Length | None = key(

@@ -16,6 +16,7 @@ from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.results.console import ProgressBar, header, line, print_line
 from toros_fem.results.frames.record import gathered_frame, write_step
+from toros_fem.results.runs.folder import require_open
 
 
 class DesignReporter:
@@ -30,6 +31,7 @@ class DesignReporter:
 
     Raises:
         OutputError: The folder cannot be made or written to; here and in each call.
+        RunError: It holds a run that is not open.
     """
 
     def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
@@ -39,7 +41,7 @@ class DesignReporter:
         self._setup: float | None = None
         self._rows: list[Iteration] = []
         self._bar = ProgressBar()
-        guarded(comm, self._folder, lambda: None)
+        guarded(comm, self._folder, lambda: require_open(self._folder))
 
     def expect(self, iterations: int) -> None:
         """Set the planned number of steps, all of the run so far included, for the bar."""

@@ -16,6 +16,7 @@ from toros_fem.measures.figures import Figure, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.report.notebook import EmbeddedPage, view_of
 from toros_fem.results.runs.files import SUMMARY
+from toros_fem.results.runs.folder import require_open
 from toros_fem.results.runs.summary_file import figures_html
 
 
@@ -108,10 +109,16 @@ def write_summary(comm: MPI.Comm, folder: Path | str, result: RunResult) -> dict
 
     Raises:
         OutputError: It cannot be written; on all ranks.
+        RunError: The folder holds a run that is not open; on all ranks.
     """
     folder = Path(folder)
     content = {**result.summary(), "ranks": comm.size, "versions": versions()}
     content = dict(comm.bcast(content, root=0))  # each rank has its own clock
-    guarded(comm, folder, lambda: write_json(folder / SUMMARY, content))
+
+    def write() -> None:
+        require_open(folder)
+        write_json(folder / SUMMARY, content)
+
+    guarded(comm, folder, write)
     object.__setattr__(result, "folder", folder)  # of frozen dataclasses, which it is no field of
     return content

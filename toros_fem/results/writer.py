@@ -29,6 +29,7 @@ from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
+from toros_fem.results.runs.folder import require_open
 from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
 
@@ -91,6 +92,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     folder, comm, shown = Path(folder), found.problem.comm, _shown(found)
 
     def write() -> None:
+        require_open(folder)
         printed = found.printed
         write_table(folder / "history.csv", [row.columns() for row in found.design.history])
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)

@@ -1,10 +1,12 @@
 """`toros design`, `resume`, `view` and `simulate` on one small design."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 from helpers.command_runs import changes
+from helpers.scenes import ROOT
 from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
@@ -52,6 +54,33 @@ def test_simulation_of_a_design(
     assert abs(value_of(found["plain"], "angle_deg") or 0.0) < 0.5
     expected = value_of(summary_of(folder), "angle_deg")
     assert value_of(found["print"], "angle_deg") == pytest.approx(expected, abs=0.05)
+
+
+@pytest.mark.slow
+def test_what_is_refused_leaves_a_good_run_as_it_was(
+    alone: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By a wrong pattern, the run's own, other values, or another command."""
+    scene, good = designed
+    folder = tmp_path / "run"
+    shutil.copytree(good, folder)
+    (folder / "print_9.stl").write_text("mine")
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    simulate = ["simulate", str(scene), "--output", str(folder), *changes()]
+    design = ["design", *simulate[1:]]
+    for words, code in (
+        ([*simulate, "--pattern", str(scene)], 2),
+        ([*simulate, "--pattern", str(folder)], 2),
+        ([*simulate, "--pattern", str(folder / "pattern.npz")], 2),
+        ([*design, "--set", "edge_length=5e-5"], 2),
+        ([*design, "--set", "edge_length=0.4"], 2),
+        (["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"), "--output", str(folder)], 4),
+        (["export", str(folder), "--output", str(folder)], 2),
+        (["resume", str(folder)], 4),
+    ):
+        assert run(alone, words) == code, words
+    after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert after == before, capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The command line `toros`: help, suggestions, exit codes, JSON."""
 
+import io
 import json
 import os
 import subprocess
@@ -13,11 +14,17 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
+from toros_fem.base import compiled_forms
 from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.commands.main import COMMANDS, run
 from toros_fem.making.options import ManufactureOptions
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import sew
+from toros_fem.meshes.makers.sheets import rectangle
 
 ALONE = MPI.COMM_SELF
 
@@ -183,3 +190,102 @@ def test_a_reader_that_goes_ends_nothing(words: str) -> None:
     done = started("-m", "toros_fem", *words.split(), out=write)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["materials"], 4),
+        (["materials", "--json"], 4),
+        (["--help"], 4),
+        (["explain", "bend"], 4),
+        (["check", "nothing.toml"], 2),
+    ],
+)
+def test_a_full_disk_is_told_in_a_line(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch, words: list[str], code: int
+) -> None:
+    told = io.StringIO()
+    with Path("/dev/full").open("w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        monkeypatch.setattr(sys, "stderr", told)
+        assert run(alone, words) == code
+    expected = "nothing.toml" if code == 2 else "the answer cannot be written: [Errno 28]"
+    assert expected in told.getvalue()
+    assert told.getvalue().count("\n") == 1
+    with Path("/dev/full").open("w") as full:
+        monkeypatch.setattr(sys, "stdout", io.StringIO())
+        monkeypatch.setattr(sys, "stderr", full)
+        assert run(alone, words) == (2 if code == 2 else 0)
+
+
+def test_streams_that_are_closed_or_lack_letters(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert run(alone, ["materials"]) == 0
+    content = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(content, encoding="ascii"))
+    assert run(alone, ["materials"]) == 0
+    assert rb"g/cm\xb3" in content.getvalue()
+    monkeypatch.setattr(sys, "stderr", None)
+    assert run(alone, ["check", "nothing.toml"]) == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["a\udcff.toml", 300 * "a" + ".toml", 3000 * "a/" + "x", "", ".", "/dev/zero", "a\nb"]
+)
+def test_odd_names_are_told_in_a_line(
+    alone: MPI.Comm, capsys: pytest.CaptureFixture[str], name: str, tmp_path: Path
+) -> None:
+    for words in (["check", name], ["new", "bend", name], ["view", name], ["resume", name]):
+        if words[0] == "new" and name == "a\nb":
+            continue  # such a name is allowed
+        assert run(alone, words) in (2, 4)
+        assert "Traceback" not in capsys.readouterr().err
+    scene = str(ROOT / "demos" / "scenes" / "inflate.toml")
+    output = [] if name in (".", "a\nb") else ["simulate", scene, "--output", name]
+    assert not output or run(alone, output) in (2, 4)
+
+
+def test_a_name_that_is_no_utf8_is_told_before_anything_is_loaded() -> None:
+    """DOLFINx cannot start with such a command line."""
+    words = [
+        sys.executable,
+        "-m",
+        "toros_fem",
+        "design",
+        "x.toml",
+        "--output",
+        os.fsdecode(b"a\xff"),
+    ]
+    found = subprocess.run(words, cwd=ROOT, capture_output=True, check=False, timeout=60)
+    assert found.returncode == 2
+    assert found.stderr.splitlines() == [
+        rb"'a\udcff' is no UTF-8; give files and folders other names."
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("home", "cache"), [(None, None), ("/dev/null", None), ("/", "/proc/no")])
+def test_without_a_home_and_a_cache(home: str | None, cache: str | None, tmp_path: Path) -> None:
+    """A temporary folder takes their place, and Open MPI says nothing."""
+    places = {"HOME": home, "XDG_CACHE_HOME": cache, "TMPDIR": str(tmp_path)}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **places}
+    environment = {name: value for name, value in environment.items() if value is not None}
+    found = subprocess.run(
+        [sys.executable, "-m", "toros_fem", "materials"],
+        env=environment, capture_output=True, check=False, timeout=60, cwd=ROOT,
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
+    assert found.stderr == b""
+    assert (tmp_path / f"toros_fem-{os.getuid()}").stat().st_mode & 0o777 == 0o700
+
+
+def test_a_cache_that_cannot_be_made_is_told(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled_forms, "form_cache", lambda: Path("/proc/no/forms"))
+    pattern = rectangle(alone, 0.02, 0.02, 0.01)
+    with pytest.raises(OutputError, match="/proc/no/forms cannot be made, .* XDG_CACHE_HOME"):
+        EquilibriumSolver(sew(alone, pattern), Composite(bending=None), clamp(pattern, ["sheet"]))

@@ -148,7 +148,7 @@ def test_a_file_of_ones_own(alone: MPI.Comm, tmp_path: Path) -> None:
     assert found.config.as_dict()["fabric_young"] == 88e3
     with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
         read_scene(path, comm=alone, changes=["files.materials=none"])
-    with pytest.raises(LibraryError, match=r"no.toml cannot be read"):
+    with pytest.raises(LibraryError, match=r"there is no no.toml"):
         read_scene(path, comm=alone, changes=["files.materials=no.toml"])
 
 

@@ -9,6 +9,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.widths import Widths, measure_widths
 
 RESOLUTION = 0.03
@@ -165,3 +166,10 @@ def test_only_a_part_is_measured() -> None:
     assert widths.narrow == gaps.narrow == ()
     whole, apart = measured(shape)
     assert (len(whole.narrow), len(apart.narrow)) == (2, 1)
+
+
+def test_samples_are_bounded_before_they_are_made() -> None:
+    """A printer whose lines are 1e-9 m thin is none: it took all memory."""
+    shape = metres(bar(1.0))
+    with pytest.raises(ParameterError, match=r"at .* places of the border, .* at least [\d.e-]+ m"):
+        measure_widths(shape, metres(PANEL), 0, 1e-9, 1e-9, 1e-10)

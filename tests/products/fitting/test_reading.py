@@ -114,6 +114,10 @@ FAULTS = {
     "short": (f"strain,force [N]\n{BODY}0.6\n", 8, "the line has 1 values, but the header 2"),
     "long": (f"strain,force [N]\n{BODY}0.6,1,2\n", 8, "the line has 3 values"),
     "compressed": (f"strain,force [N]\n{BODY}-1.5,1\n", 8, "the stretch is -0.5; it is positive"),
+    "percent of a stretch": (
+        f"stretch,force [N]\n{rows(1 + STRAIN, FORCE)}13,8\n", 8, "the stretch is 13; is it in %"
+    ),
+    "thousands": (f'strain,force [N]\n{BODY}0.6,"1,037.5"\n', 8, "'1,037.5' has a comma"),
     "percent": (f"strain,force [N]\n{BODY}12,8\n", 8, "the strain is 12; is it in %.*'strain .1.'"),
     "too far": (f"strain [1],force [N]\n{BODY}16,8\n", 8, "stretch is 17; is its unit right"),
     "decimal comma": (

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from helpers.runs import bent, regions_of, tube
 
+from toros_fem.base.files import listing
 from toros_fem.results.frames.files import MOST, Frame, forget_from, numbers, thin, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 
@@ -54,3 +55,16 @@ def test_steps_that_are_done_again_are_forgotten(tmp_path: Path) -> None:
         write_frame(tmp_path, frame(number))
     forget_from(tmp_path, "iteration", 3)
     assert numbers(tmp_path, "iteration") == [0, 1, 2]
+
+
+def test_files_of_somebody_else_are_no_frames_and_stay(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    mine = [folder / "iteration-7.npz", folder / "iteration-000009.npz"]
+    for path in mine:
+        path.write_text("mine")
+    with listing(tmp_path):
+        write_frame(folder, frame(3))
+        forget_from(folder, "iteration", 0)
+    assert sorted(folder.iterdir()) == sorted(mine)
+    assert numbers(folder, "iteration") == [9]

@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import signal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,15 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
-from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
+from toros_fem.base.errors import (
+    CheckpointError,
+    OutputError,
+    ParameterError,
+    RunError,
+    RunStoppedError,
+)
+from toros_fem.base.files import LISTED, guarded, if_possible, replace_file, write_json
+from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
 
@@ -37,9 +46,7 @@ def leave(comm: MPI.Comm, folder: Path, *, finished: bool) -> None:
     try:
         with open_run(comm, folder, INPUTS, scene="# mine\n") as run:
             run.journal(folder).entry(comm, "loop").offer(lambda: STATE, last=True)
-            if comm.rank == 0:
-                (folder / "summary.json").write_text("{}")
-            comm.barrier()
+            guarded(comm, folder, lambda: write_json(folder / "summary.json", {}))
             if not finished:
                 raise RunStoppedError("stopped", 15)
     except RunStoppedError:
@@ -115,9 +122,9 @@ def test_files_of_earlier_runs_are_moved_aside(
             leave(comm, folder, finished=finished)
         earlier = {f"earlier-{k}" for k in range(1, count + 1)}
         results = {"summary.json", "state", "scene.toml"}
-        assert names(folder) - {".lock"} == {"finger.stl", *earlier, *results}
+        assert names(folder) - {NAME, LISTED} == {"finger.stl", *earlier, *results}
         if count:
-            assert names(folder / f"earlier-{count}") == results
+            assert names(folder / f"earlier-{count}") == {*results, LISTED}
         if comm.rank == 0:
             assert len(caplog.messages) == (count > 0)
             assert ("not finished" in caplog.text) == (count == 2)
@@ -126,21 +133,150 @@ def test_files_of_earlier_runs_are_moved_aside(
         assert run.journal(run.folder).entry(comm, "loop").saved() is not None
 
 
-def test_results_without_a_record_are_moved_but_not_other_files(
+@pytest.mark.parametrize("name", ["scene.toml", "summary.json", "frames", "state/1.npz"])
+def test_files_that_no_run_listed_are_never_replaced(
+    comm: MPI.Comm, folder: Path, name: str
+) -> None:
+    """With the name of a file of runs they bar the folder, before anything is done to it."""
+    path = folder / name
+    if comm.rank == 0:
+        path.parent.mkdir(parents=True)
+        path.write_text("mine")
+    comm.barrier()
+    with pytest.raises(RunError, match=f"has {name.partition('/')[0]}, which no run listed"):
+        open_run(comm, folder, INPUTS, scene="# mine\n")
+    assert names(folder) - {NAME} == {name.partition("/")[0]}
+    assert path.read_text() == "mine"
+
+
+def test_files_beside_those_of_a_run_stay(comm: MPI.Comm, folder: Path) -> None:
+    """Also inside its folders, and those that came while it ran."""
+    mine = {"print_9.stl", "cut_7.svg", "frames/my.txt", "manufacture/print_9.stl", "notes"}
+    for count in range(2):
+        with open_run(comm, folder, INPUTS):
+            if comm.rank == 0:
+                for name in mine:
+                    (folder / name).parent.mkdir(exist_ok=True)
+                    (folder / name).write_text("mine")
+            for name in ("frames/print-0.npz", "manufacture/print_1.stl"):
+                replace = partial(replace_file, folder / name, b"ours")
+                guarded(comm, folder, replace)
+        earlier = folder / "earlier-1"
+        assert earlier.exists() == (count > 0)
+        for name in mine:
+            assert (folder / name).read_text() == "mine"
+    found = {path.relative_to(earlier).as_posix() for path in earlier.rglob("*") if path.is_file()}
+    assert found - {LISTED, "state/run.json"} == {"frames/print-0.npz", "manufacture/print_1.stl"}
+    comm.barrier()
+    with (
+        pytest.raises(OutputError, match=r"notes is there, and \.toros_files does not list it"),
+        open_run(comm, folder, INPUTS),
+    ):
+        guarded(comm, folder, lambda: replace_file(folder / "notes", b"ours"))
+    comm.barrier()
+    assert (folder / "notes").read_text() == "mine"
+    assert not (folder / "earlier-2").exists()
+    assert read_record(comm, folder)[0].finished, "the earlier run is back"
+
+
+def test_a_run_that_ends_before_it_writes_leaves_the_earlier_one(
     comm: MPI.Comm, folder: Path
 ) -> None:
-    results = {"history.csv", "shape.png", "report.html", "inflation.gif", "state/1.npz"}
-    results |= {"frames/print-0.npz", "manufacture/cut_1.svg"}
+    leave(comm, folder, finished=True)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    comm.barrier()
+    with pytest.raises(ParameterError), open_run(comm, folder, {"length": 0.2}, scene="# new\n"):  # noqa: PT012
+        assert names(folder / "earlier-1") == {"summary.json", "state", "scene.toml", LISTED}
+        comm.barrier()
+        raise ParameterError("wrong")
+    comm.barrier()
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    comm.barrier()
+    with pytest.raises(ParameterError), open_run(comm, folder, {"length": 0.2}) as run:  # noqa: PT012
+        run.journal(folder).entry(comm, "loop").offer(lambda: STATE, last=False)
+        raise ParameterError("later")
+    comm.barrier()
+    assert (folder / "earlier-1" / "summary.json").exists()
+    assert not read_record(comm, folder)[0].finished, "it can go on"
+
+
+def test_a_folder_that_was_moved_in_part_is_moved_again(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "run"
+    leave(alone, folder, finished=True)
+    rename, count = Path.rename, [0]
+
+    def once(one: Path, other: Path) -> Path:
+        count[0] += 1
+        if count[0] == 2:
+            raise OSError("gone")
+        return rename(one, other)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", once)
+        with pytest.raises(RunError, match="gone"):
+            open_run(alone, folder, INPUTS)
+    with open_run(alone, folder, INPUTS):
+        pass
+    found = {path.name for path in folder.rglob("*") if path.is_file()}
+    assert {"summary.json", "scene.toml"} <= found
+
+
+LINKS = [NAME, LISTED, "summary.json", "state", "scene.toml"]
+
+
+@pytest.mark.parametrize("name", LINKS)
+def test_nothing_is_written_through_a_link(comm: MPI.Comm, folder: Path, name: str) -> None:
+    other = folder.parent / "other"
     if comm.rank == 0:
         folder.mkdir()
-        for name in (*results, "finger.stl", "mine.toml"):
-            (folder / name).parent.mkdir(exist_ok=True)
-            (folder / name).write_text("old")
+        other.write_text("mine")
+        (folder / name).symlink_to(other)
     comm.barrier()
-    with open_run(comm, folder, INPUTS):
-        assert names(folder / "earlier-1") == {name.partition("/")[0] for name in results}
-        assert names(folder) == {".lock", "earlier-1", "finger.stl", "mine.toml", "state"}
-        comm.barrier()
+    with pytest.raises(RunError, match="cannot be used|no lock|no run listed"):
+        open_run(comm, folder, INPUTS, scene="# mine\n")
+    assert other.read_text() == "mine"
+    comm.barrier()
+    if comm.rank == 0:
+        (folder / name).unlink()
+    comm.barrier()
+    leave(comm, folder, finished=True)
+    if comm.rank == 0:
+        (folder / "summary.json").unlink()
+        (folder / "summary.json").symlink_to(other)
+        (folder / "summary.json.unfinished").symlink_to(other)
+    guarded(comm, folder, lambda: write_json(folder / "summary.json", {}))
+    assert other.read_text() == "mine"
+    assert not (folder / "summary.json").is_symlink()
+
+
+@pytest.mark.parametrize("kind", ["hard link", "file", "pipe", "folder"])
+def test_a_lock_of_somebody_else_is_left_alone(tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "run"
+    path, other = folder / NAME, folder / "other"
+    folder.mkdir()
+    other.write_text("mine")
+    {
+        "hard link": lambda: path.hardlink_to(other),
+        "file": lambda: path.write_text("mine"),
+        "pipe": lambda: os.mkfifo(path),
+        "folder": path.mkdir,
+    }[kind]()
+    with pytest.raises(RunError, match="is no lock of a run. Move it"):
+        FolderLock(folder)
+    assert other.read_text() == "mine"
+    assert kind != "file" or path.read_text() == "mine"
+
+
+def test_no_device_and_no_folder_is_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "pipe", tmp_path / "folder", Path(os.devnull)):
+        with pytest.raises(OSError, match="no regular file"):
+            replace_file(path, b"")
+    assert names(tmp_path) == {"pipe", "folder"}
+    assert Path(os.devnull).is_char_device()
 
 
 def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_path: Path) -> None:
@@ -237,9 +373,49 @@ def test_where_nothing_is_to_be_written_a_run_stops_at_once(
             os.kill(os.getpid(), signal.SIGINT)
         except RunStoppedError:  # as PETSc does with errors in callbacks
             raise RuntimeError("error code -1") from None
-    with open_run(alone, folder, INPUTS, resume=True) as run:
+    with (  # noqa: PT012
+        pytest.raises(RunStoppedError, match="SIGINT"),
+        open_run(alone, folder, INPUTS, resume=True) as run,
+    ):
         entry = run.journal(folder).entry(alone, "loop")
         entry.offer(lambda: STATE, last=False)
         os.kill(os.getpid(), signal.SIGINT)
         with pytest.raises(RunStoppedError):
             os.kill(os.getpid(), signal.SIGINT)
+    assert not read_record(alone, folder)[0].finished, "a stop that was swallowed is none that ends"
+
+
+@pytest.mark.parametrize("swallow", [if_possible, None], ids=["if_possible", "anything"])
+def test_a_stop_is_no_error_that_is_passed_over(
+    alone: MPI.Comm, tmp_path: Path, swallow: Any
+) -> None:
+    """Machine files are written at the end: a stop there leaves a run that is not finished."""
+    folder = tmp_path / "run"
+
+    def write() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        (folder / "print_1.stl").write_text("late")
+
+    with (  # noqa: PT012
+        pytest.raises(RunStoppedError, match="SIGTERM"),
+        open_run(alone, folder, INPUTS),
+    ):
+        try:
+            if swallow is None:
+                write()
+            else:
+                guarded(alone, folder, lambda: swallow("machine files", write))
+        except Exception:
+            pytest.fail("a stop is no Exception")
+    assert not (folder / "print_1.stl").exists()
+    with open_run(alone, folder, INPUTS, resume=True):
+        pass
+
+
+def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: Path) -> None:
+    """A script that writes there moves it aside, or is refused before it has written anything."""
+    leave(comm, folder, finished=True)
+    with pytest.raises(RunError, match="holds a run, whose files would be replaced"):
+        DesignReporter(comm, folder)
+    with open_run(comm, folder, INPUTS):
+        DesignReporter(comm, folder)

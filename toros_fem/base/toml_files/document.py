@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from toros_fem.base.errors import FileKeyError, ParameterError
+from toros_fem.base.files import read_bytes
 from toros_fem.base.keys import Key, nearest
-from toros_fem.base.toml_files.lines import Place, key_lines, line_of
+from toros_fem.base.toml_files.lines import DEEPEST, Place, key_lines, line_of, too_deep
+from toros_fem.base.validation import shown
 
 T = TypeVar("T")
-# Longest file in bytes, far beyond what makes sense.
-LONGEST = 1_000_000
+# Characters of a key that a message shows.
+LONGEST = 100
 
 
 class Document:
@@ -27,11 +29,13 @@ class Document:
         failure: Type of the errors.
 
     Raises:
-        FileKeyError: Of the type `failure`: the text is no TOML.
+        FileKeyError: Of the type `failure`: the text is no TOML, or a key has too many parts.
     """
 
     def __init__(self, path: Path, text: str, failure: type[FileKeyError]) -> None:
         self.path, self.failure = path, failure
+        if line := too_deep(text):
+            raise failure(f"{at(path, line)}: a key has more than {DEEPEST} parts.", path, line)
         try:
             self.content: dict[str, Any] = tomllib.loads(text)
         except RecursionError:
@@ -40,18 +44,20 @@ class Document:
             why, _, place = str(caught).rpartition(" (at ")
             found = re.match(r"line (\d+)", place)
             line = int(found[1]) if found else text.count("\n") + 1 if why else None
-            raise failure(
-                f"{at(path, line)}: {why or place}: this is no TOML. Text needs quotes, and so do "
-                'values with units, as in "5 kPa".',
-                path,
-                line,
-            ) from None
+            twice = re.match(r"Cannot (overwrite|declare|mutate)", why)
+            advice = (
+                "this key or table stands in the file already. Keep one of them."
+                if twice
+                else f"{why or place}: this is no TOML. Text needs quotes, and so do values with "
+                'units, as in "5 kPa".'
+            )
+            raise failure(f"{at(path, line)}: {advice}", path, line) from None
         self.lines = key_lines(text)
 
     def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        message = f"{key}: {message}" if key else message
+        message = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}: {message}" if key else message
         raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
 
     def require_known(
@@ -59,7 +65,7 @@ class Document:
     ) -> None:
         """Check that a key or another word is known."""
         if name not in known:
-            self.fail(place, f"unknown {word} {name!r}; {self.advice(place, name, known)}")
+            self.fail(place, f"unknown {word} {shown(name)}; {self.advice(place, name, known)}")
 
     def advice(self, place: Place, name: str, known: Collection[str]) -> str:
         """Return the advice for an unknown word: the nearest known one."""
@@ -91,22 +97,27 @@ def at(path: Path, line: int | None) -> str:
     return f"{path}" if line is None else f"{path}, line {line}"
 
 
-def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int = LONGEST) -> str:
-    """Return the text of a file, which is `what`, "a scene file" for instance.
+def read_text(path: Path, what: str, failure: type[FileKeyError], size: str = "keys") -> str:
+    """Return the text of a file.
+
+    Args:
+        path: The file.
+        what: What it is, "a scene file" for instance.
+        failure: Type of the errors.
+        size: Which of `MOST_BYTES` it may have.
 
     Raises:
-        FileKeyError: Of the type `failure`: the file cannot be read, has more than `longest` bytes,
-            or is no UTF-8.
+        FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
     """
     try:
-        with path.open("rb") as file:
-            content = file.read(longest + 1)
+        content = read_bytes(path, size)
     except IsADirectoryError:
         raise failure(f"{path} is a folder; name {what}.", path) from None
+    except FileNotFoundError:
+        raise failure(f"there is no {path}. Check its path.", path) from None
     except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
-        raise failure(f"{path} cannot be read: {caught}. Check the path.", path) from None
-    if len(content) > longest:
-        raise failure(f"{path} is longer than {longest} bytes: it is not {what}.", path)
+        advice = "Check the path" if isinstance(caught, OSError) else f"It is not {what}"
+        raise failure(f"{path} cannot be read: {caught}. {advice}.", path) from None
     try:
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as caught:

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterator, Mapping
 
 Place = tuple[str | int, ...]
+# Most parts of a dotted key: the time and memory of the standard library's reader go by the square.
+DEEPEST = 32
 
 _PART = r"(?:[A-Za-z0-9_-]+|\"(?:[^\"\\]|\\.)*\"|'[^']*')"
 _DOTTED = rf"{_PART}(?:\s*\.\s*{_PART})*"
@@ -16,6 +18,20 @@ _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}|"(?:\\.|[^"\\])*"|\'[^\']*\'|#[^\n]*|[][{}\n]',
     re.DOTALL,
 )
+
+
+_WORD = r"(?:\"[^\"]*\"|'[^']*'|[^\s.=\"'#\[\]{},]+)"
+_CHAIN = re.compile(rf"{_WORD}(?:[ \t]*\.[ \t]*{_WORD})*")
+
+
+def too_deep(text: str) -> int | None:
+    """Return the first line, from 1, with a chain of too many parts; None without."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") >= DEEPEST and any(
+            len(re.findall(_WORD, chain[0])) > DEEPEST for chain in _CHAIN.finditer(line)
+        ):
+            return number
+    return None
 
 
 def key_lines(text: str) -> dict[Place, int]:

@@ -1,38 +1,57 @@
-"""Standard output whose reader may go, as `head` does."""
+"""Standard output and standard error, which may be closed, full, or lack some letters."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 from typing import Any, TextIO
 
 
 class OpenPipe:
-    """A stream that goes on into nothing once its reader has gone: a run does not end for that."""
+    """A stream that goes on into nothing once it cannot be written: a run does not end for that.
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream = stream
+    Its reader may go, as `head` does, or its disk be full. Letters that its encoding lacks are
+    written as their numbers.
+
+    Args:
+        stream: The stream; None where it is closed.
+
+    Attributes:
+        fault: Why it could not be written; None where it could, and where its reader went.
+    """
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream: TextIO = io.StringIO() if stream is None else stream
+        self.fault: OSError | None = None
 
     def write(self, text: str) -> int:
         """Write a text, or drop it."""
         try:
             return self._stream.write(text)
-        except BrokenPipeError:
-            self._drop()
+        except UnicodeEncodeError as caught:
+            known = text.encode(caught.encoding, "backslashreplace").decode(caught.encoding)
+            return self.write(known)
+        except OSError as caught:
+            self._drop(caught)
         return len(text)
 
     def flush(self) -> None:
         """Write what is held back, or drop it."""
         try:
             self._stream.flush()
-        except BrokenPipeError:
-            self._drop()
+        except OSError as caught:
+            self._drop(caught)
 
     def __getattr__(self, name: str) -> Any:
         """Return what else the stream has."""
         return getattr(self._stream, name)
 
-    def _drop(self) -> None:
+    def _drop(self, why: OSError) -> None:
+        if not isinstance(why, BrokenPipeError):
+            self.fault = why
         # What the stream still holds would fail again when Python ends.
         nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, self._stream.fileno())
+        with contextlib.suppress(OSError):  # a stream without a file
+            os.dup2(nothing, self._stream.fileno())
         os.close(nothing)

@@ -11,6 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, SceneError
+from toros_fem.base.files import is_listed
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
@@ -71,10 +72,12 @@ def run_scene(
         resume: Whether to go on with the run in the folder.
 
     Raises:
-        UsageError: The kind of the scene has no such action.
+        UsageError: The kind of the scene has no such action, or its run would move a file aside
+            that it reads.
         TorosError: As of `open_run` and of the action.
     """
     action, files = getattr(scene.config, _ACTIONS[name][0]), _taken(scene, name)
+    on_first_rank(comm, lambda: _require_apart(folder, files))
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)
     if name == "design":  # what is impossible is refused before a folder is touched
@@ -134,6 +137,16 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
         ) from None
     scene.require_files(comm)
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
+
+
+def _require_apart(folder: Path, files: Mapping[str, Path]) -> None:
+    """Check that no file of a scene belongs to the run whose place its own run takes."""
+    for name, path in files.items():
+        if path == folder.resolve() or is_listed(folder.resolve(), path):
+            raise UsageError(
+                f"{name} = {path} belongs to the run in {folder}, which would be moved aside. "
+                "Choose another --output."
+            )
 
 
 def _taken(scene: SceneFile, name: str) -> dict[str, Path]:

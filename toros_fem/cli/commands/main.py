@@ -17,8 +17,9 @@ from typing import Any, TextIO, cast
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.errors import RunStoppedError
+from toros_fem.base.errors import OutputError, RunStoppedError, TorosError
 from toros_fem.base.mpi import ending_together
+from toros_fem.base.validation import shown
 from toros_fem.base.versions import __version__
 from toros_fem.cli.command_line.command import Answer, Command, add_options
 from toros_fem.cli.command_line.exit_codes import (
@@ -26,6 +27,7 @@ from toros_fem.cli.command_line.exit_codes import (
     INTERNAL,
     INTERRUPTED,
     MEANING,
+    NOT_WRITTEN,
     exit_code,
     tell_alone,
 )
@@ -71,33 +73,51 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         words: The words after `toros`.
     """
     as_json, quiet = "--json" in words, "--quiet" in words
-    out = cast(TextIO, OpenPipe(sys.stdout))
-    with open(os.devnull, "w") as nowhere:
+    out, err = (OpenPipe(stream) for stream in (sys.stdout, sys.stderr))
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(cast(TextIO, err)):
         # What is printed meanwhile is kept from an answer that a program reads.
-        place = nowhere if quiet else sys.stderr if as_json else out
+        place = cast(TextIO, nowhere if quiet else err if as_json else out)
         with contextlib.redirect_stdout(place), _spoken(comm, quiet=quiet):
             try:
                 answer = _answer(comm, words)
-            except (Exception, KeyboardInterrupt) as error:
+            except (Exception, KeyboardInterrupt, RunStoppedError) as error:
                 answer = _failed(comm, error)
-    if answer is None:
-        return DONE
-    if comm.rank == 0:
-        name = next((word for word in words if word in COMMANDS), None)
-        _print(out, name, answer, as_json=as_json)
-    return answer.code
+        code = DONE if answer is None else answer.code
+        if comm.rank == 0:
+            if answer is not None:
+                name = next((word for word in words if word in COMMANDS), None)
+                _print(out, name, answer, as_json=as_json)
+            out.flush()
+            fault = out.fault
+            if fault is not None and code == DONE:
+                print(f"the answer cannot be written: {fault}", file=err, flush=True)
+                code = NOT_WRITTEN
+    return code
 
 
 def _answer(comm: MPI.Comm, words: Sequence[str]) -> Answer | None:
     """Return what the command answers; None for --help and --version, which are printed here."""
+    for word in words:
+        if not word.isascii() and word.encode(errors="replace").decode() != word:
+            raise UsageError(f"{word!r} is no UTF-8; give files and folders other names.")
     try:
         given = vars(_parser(comm).parse_args(list(words)))
     except SystemExit:
         return None
-    with ending_together(comm, lambda error: tell_alone(comm, error)):
-        command = COMMANDS[given["command"]]
-        known = command.described()
-        return command(**{name: value for name, value in given.items() if name in known})(comm)
+    command = COMMANDS[given["command"]]
+    known = command.described()
+    made = command(**{name: value for name, value in given.items() if name in known})
+    try:
+        with ending_together(comm, lambda error: tell_alone(comm, error)):
+            return made(comm)
+    except OSError as caught:
+        # Of a name that is too long, or a folder that is closed, where it is only looked at.
+        if isinstance(caught, TorosError) or caught.filename is None:
+            raise
+        raise OutputError(
+            f"{shown(str(caught.filename))}: {caught.strerror}. Give another name, or see who may "
+            "use it."
+        ) from caught
 
 
 def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
@@ -120,7 +140,7 @@ def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
     return Answer(text, {"error": {"type": kind, "message": str(error), **known}}, code)
 
 
-def _print(out: TextIO, name: str | None, answer: Answer, *, as_json: bool) -> None:
+def _print(out: OpenPipe, name: str | None, answer: Answer, *, as_json: bool) -> None:
     if as_json:
         content = {"command": name, "exit_code": answer.code, **answer.figures}
         print(json.dumps(_plain(content), indent=2, ensure_ascii=False), file=out, flush=True)

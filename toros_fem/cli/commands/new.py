@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.files import guarded
+from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import OneOf, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer, Command
@@ -75,16 +76,18 @@ class New(Command):
             texts[path] = f"#:schema ./{beside.name}\n{texts[path]}"
             texts[beside] = json.dumps(scene_schema(kind), indent=1, ensure_ascii=False) + "\n"
 
-        there = on_first_rank(comm, lambda: [str(path) for path in texts if path.exists()])
+        there = on_first_rank(comm, lambda: [str(path) for path in texts if os.path.lexists(path)])
         if there and not self.force:
             raise UsageError(
                 f"toros new: {there[0]} is there already; give another name, or --force."
             )
-        guarded(comm, path.parent, lambda: _write(texts))
+        on_first_rank(comm, lambda: _write(texts))
         figures = {"file": path, "kind": kind.KIND}
         return Answer(f"{path}: {ABOUT[kind.KIND]}. Next: toros check {path}", figures)
 
 
 def _write(texts: Mapping[Path, str]) -> None:
     for path, text in texts.items():
-        path.write_text(text, encoding="utf-8")
+        with naming(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(path, text.encode())

@@ -46,6 +46,7 @@ class Unwrap(Command, Unwrapping):
         from toros_fem.making.panels.svg import write_svg
         from toros_fem.meshes.pattern_file import NAME, write_pattern
         from toros_fem.results.files import write_fields
+        from toros_fem.results.runs.folder import require_open
 
         output = self.output or Path(self.mesh.stem)
         surface = self.surface(comm, self.mesh)
@@ -73,6 +74,7 @@ class Unwrap(Command, Unwrapping):
                 draw_unwrapped(figure, unwrapped)
 
         def write() -> None:
+            require_open(output)
             if self.verbose:
                 print(distortion.table())
             write_pattern(output / NAME, pattern)

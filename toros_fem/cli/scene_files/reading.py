@@ -17,6 +17,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import Place
+from toros_fem.base.validation import shown
 from toros_fem.cli.scene_files.layout import FILES, LIBRARY, QUICK, keys_of
 from toros_fem.cli.scene_files.materials import KIND_OF, numbers_of
 from toros_fem.materials.library.files import named, read_library
@@ -151,7 +152,7 @@ class _Reader(Document):
         """Raise the error of a key of the file, or of a change."""
         if place in self.changes:
             text, key = self.changes[place], str(place[-1])
-            raise SceneError(f"change {text!r}: {message}", key=key) from None
+            raise SceneError(f"change {shown(text)}: {message}", key=key) from None
         super().fail(place, message)
 
     def scene(self, comm: MPI.Comm | None, coarse: bool, changes: Sequence[str]) -> SceneFile:
@@ -194,7 +195,7 @@ class _Reader(Document):
         table, _, key = name.strip().rpartition(".")
         if not equals or not key:
             advice = "write KEY=VALUE, design.seed=3 for instance."
-            raise SceneError(f"change {text!r}: {advice}", key=key)
+            raise SceneError(f"change {shown(text)}: {advice}", key=key)
         known = [one for one in (*self.keys, *self.kind.entries()) if one != QUICK]
         at: Place = (table if table in self.apart else CHANGED,)
         self.changes[*at, key] = text

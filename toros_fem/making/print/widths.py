@@ -11,9 +11,12 @@ from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.polygons import TOUCHING, fabric_of
 from toros_fem.meshes.triangles import linked
 
+# Most samples of a border: some minutes, and some hundred megabytes.
+MOST_SAMPLES = 5e6
 # Two sides face each other if the path along the border from one to the other is longer than this
 # factor times their distance, and times the limit. For a wedge the ratio is cot(angle/2): corners,
 # notches and junctions blunter than 28° do not count as narrow lines, and neither does the end of
@@ -189,6 +192,13 @@ class _Border:
             parts = parts[shapely.intersects(parts, near)]
         self._parts = parts
         rings, part = shapely.get_rings(parts, return_index=True)
+        count = float(shapely.length(rings).sum()) / resolution
+        if count > MOST_SAMPLES:
+            raise ParameterError(
+                f"widths of {limit:.3g} m would be measured at {count:.2g} places of the border, "
+                f"more than {MOST_SAMPLES:.0g}. Give a limit of at least "
+                f"{limit * count / MOST_SAMPLES:.2g} m."
+            )
         dense, ring = shapely.get_coordinates(
             shapely.segmentize(rings, resolution), return_index=True
         )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ManufactureFileError
-from toros_fem.base.files import replace_file, write_json
+from toros_fem.base.files import read_json, replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
 from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest, print_height
@@ -122,15 +122,12 @@ def _make_room(folder: Path, names: Sequence[str]) -> None:
     """
     folder.mkdir(parents=True, exist_ok=True)
     digests: dict[str, str | None] = {}
-    try:
-        last = json.loads((folder / NAME).read_text(encoding="utf-8"))
-        if last["format"] != FORMAT:
-            raise ValueError("another's")
-        # Of these no digest is known.
-        digests = dict.fromkeys([NAME, PAGE, *last.get("others", ())])
-        digests |= {Path(file["name"]).name: file.get("sha256") for file in last["files"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        digests = {}
+    with suppress(Exception):  # anybody's file may have this name
+        last = read_json(folder / NAME)
+        if last["format"] == FORMAT:
+            known = {Path(file["name"]).name: file.get("sha256") for file in last["files"]}
+            # Of the others no digest is known.
+            digests = {**dict.fromkeys([NAME, PAGE, *last.get("others", ())]), **known}
 
     def ours(name: str) -> bool:
         digest = digests.get(name)

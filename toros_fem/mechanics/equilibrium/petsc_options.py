@@ -93,7 +93,8 @@ def refusals() -> Iterator[None]:
 def tell_unused(comm: MPI.Comm) -> None:
     """Warn of options with the prefix that nothing has asked for, once a solve is done."""
     names = [f"{PREFIX}{name}" for name in PETSc.Options(PREFIX).getAll()]
-    unused = [f"-{name}" for name in names if not option_used(name)]
+    found = comm.allgather([f"-{name}" for name in names if not option_used(name)])
+    unused = [name for name in found[0] if all(name in others for others in found)]
     if unused:
         warn_together(
             comm,

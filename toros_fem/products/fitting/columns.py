@@ -74,8 +74,8 @@ FORMULAS: Mapping[str, Mapping[str, Callable[[float, Size], float]]] = MappingPr
         },
     }
 )
-# A strain without a unit is most likely in % from here on.
-LARGEST_PLAIN_STRAIN = 2.0
+# A strain or a stretch without a unit is most likely in % from here on.
+LARGEST_PLAIN = {"strain": 2.0, "stretch": 4.0}
 
 _HEADER = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
@@ -131,7 +131,7 @@ class Column:
             what = f"= {shown(text)} is no finite number" if text else "is empty"
             raise ParameterError(f"{self.kind} {what}.")
         found = UNITS[self.kind].get(self.unit, 1.0) * number
-        if not self.unit and "strain" in self.kind and abs(found) > LARGEST_PLAIN_STRAIN:
+        if not self.unit and abs(found) > LARGEST_PLAIN.get(self.kind.split()[-1], math.inf):
             raise ParameterError(
                 f"the {self.kind} is {found:.6g}; is it in %? Write '{self.kind} [%]', or "
                 f"'{self.kind} [1]' if it is a ratio."
@@ -151,7 +151,7 @@ def pointed(kind: str, text: str, mark: str) -> str:
 
 def split_header(text: str) -> tuple[str, str]:
     """Return the name and the unit of "Load [N]", "load" and "N"; it is empty without brackets."""
-    match = _HEADER.fullmatch(text)
+    match = _HEADER.fullmatch(text := text[:LONGEST])
     name, unit = (text, None) if match is None else match.groups()
     return " ".join(name.replace("_", " ").lower().split()), unit or ""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeasurementError
-from toros_fem.base.files import guarded, if_plotting, write_json, write_table
+from toros_fem.base.files import guarded, if_plotting, replace_file, write_json, write_table
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.fitting.result import CONSTANTS, Fit, FitResult
 
@@ -52,7 +52,7 @@ def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
 
     def write() -> None:
         write_json(folder / "fit.json", result.summary())
-        (folder / "fit.txt").write_text(fit_table(result) + "\n", encoding="utf-8")
+        replace_file(folder / "fit.txt", f"{fit_table(result)}\n".encode())
         write_table(folder / "fit.csv", _rows(result))
         if_plotting(lambda: plot_fit(folder / "fit.png", result))
 

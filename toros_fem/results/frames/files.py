@@ -11,6 +11,7 @@ import numpy as np
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
+from toros_fem.base.files import remove_file
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.
@@ -81,8 +82,8 @@ def read_frames(folder: Path, series: str) -> list[Frame]:
 
 def numbers(folder: Path, series: str) -> list[int]:
     """Return the numbers of the frames of a series that are there, rising."""
-    found = (path.stem.removeprefix(f"{series}-") for path in folder.glob(f"{series}-*.npz"))
-    return sorted(int(number) for number in found if number.isdigit())
+    paths = folder.glob(f"{series}-{6 * '[0-9]'}.npz")
+    return sorted(int(path.stem.removeprefix(f"{series}-")) for path in paths)
 
 
 def forget_from(folder: Path, series: str, number: int) -> None:
@@ -92,7 +93,7 @@ def forget_from(folder: Path, series: str, number: int) -> None:
     """
     for other in numbers(folder, series):
         if other >= number:
-            (folder / f"{series}-{other:06d}.npz").unlink()
+            remove_file(folder / f"{series}-{other:06d}.npz")
 
 
 def thin(folder: Path, series: str) -> None:
@@ -107,4 +108,4 @@ def thin(folder: Path, series: str) -> None:
         distance *= 2
     for number in there[:-1]:
         if number % distance:
-            (folder / f"{series}-{number:06d}.npz").unlink()
+            remove_file(folder / f"{series}-{number:06d}.npz")

@@ -15,7 +15,7 @@ from PIL import Image as Bitmap
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, ParameterError
-from toros_fem.base.files import replace_file
+from toros_fem.base.files import listing, naming, replace_file
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import formatted
 from toros_fem.results.frames.files import Frame
@@ -71,11 +71,9 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     times[-1] = HELD
     if series == "pressure":  # back to rest
         pictures, times = pictures + pictures[-2:0:-1], times + [SHOWN] * (len(pictures) - 2)
-    try:
+    with naming(path), listing(run.folder):
         replace_file(path.with_suffix(".apng"), _moving(pictures, times, "PNG", MANY))
         replace_file(path, _moving(pictures, times, "GIF", FEW))
-    except OSError as caught:
-        raise OutputError(f"{path} could not be written: {caught}. Free some space.") from None
     return path
 
 

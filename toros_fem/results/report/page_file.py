@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import MissingPackageError
-from toros_fem.base.files import naming, replace_file
+from toros_fem.base.files import listing, naming, replace_file
 from toros_fem.results.report import tables
 from toros_fem.results.report.charts import over_iterations, over_pressure
 from toros_fem.results.report.scene import packed_scene
@@ -40,7 +40,7 @@ def write_report(folder: str | Path) -> Path:
     """
     run = read_run(folder)
     page, path = page_of(run), run.folder / NAME
-    with naming(path):
+    with naming(path), listing(run.folder):
         replace_file(path, page.encode())
     return path
 

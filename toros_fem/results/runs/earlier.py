@@ -2,51 +2,105 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from toros_fem.results.runs.files import FILES, SIGNS, STATE
-from toros_fem.results.runs.lock import NAME
+from toros_fem.base.errors import RunError
+from toros_fem.base.files import LISTED, add_to_list, listed
+from toros_fem.results.runs.files import FILES, RECORD, STATE
 
 # Folders that files are moved to, inside the folder of the run.
 PREFIX = "earlier-"
-KNOWN = {name.partition("/")[0] for name in FILES}
 
 
-def names_beside(folder: Path) -> tuple[str, ...]:
-    """Return the names in a folder that belong to no run that is open or moved aside."""
-    names = (path.name for path in folder.iterdir())
-    return tuple(sorted(n for n in names if n != NAME and not n.startswith(PREFIX)))
+@dataclass(frozen=True)
+class MovedFiles:
+    """The files of an earlier run that were moved aside.
+
+    Attributes:
+        place: Where they are now.
+        names: Files and folders, relative to it; its state is the last.
+    """
+
+    place: Path
+    names: tuple[str, ...]
+
+    def back(self) -> None:
+        """Move them back; what was not there before must be gone."""
+        _move(self.place, self.place.parent, reversed(self.names))
+        (self.place / LISTED).unlink()
+        with suppress(OSError):  # what is not empty stays
+            self.place.rmdir()
 
 
-def move_aside(folder: Path, kept: Sequence[str] | None) -> Path | None:
-    """Move the files of an earlier run into a new folder beside them; return it (one rank).
+def move_aside(folder: Path) -> MovedFiles | None:
+    """Move the files of an earlier run into a new folder beside them; return them (one rank).
 
-    Its state comes last: a run that is moved in part can be moved again.
+    These are the files that it listed; all others stay. Its state comes last: a run that is moved
+    in part can be moved again.
 
     Args:
-        folder: Folder of the run.
-        kept: Names that belong to no run. None, where no record says so: all but the names that
-            files of a run have, if there are some of a run that did more than begin.
+        folder: Folder of the run, which is locked.
 
     Returns:
         None if there is nothing to move.
 
     Raises:
+        RunError: A file that no run listed has the name of a file of runs; nothing is moved.
         OSError: A file cannot be moved.
     """
-    names = set(names_beside(folder))
-    if kept is not None:
-        names -= set(kept)
-    else:
-        names &= KNOWN if names & set(SIGNS) else {STATE}
-    if not names:
+    state = folder / STATE
+    known = listed(folder)
+    ours = STATE in known or (state / RECORD).is_file()
+    require_room(folder, [*known, *[STATE] * ours])
+    there = [name for name in known if name != STATE and os.path.lexists(folder / name)]
+    own = [STATE] if ours and os.path.lexists(state) else []
+    if not there and not own:
         return None
     number = 1
-    while (folder / f"{PREFIX}{number}").exists():
+    while os.path.lexists(folder / f"{PREFIX}{number}"):
         number += 1
-    place = folder / f"{PREFIX}{number}"
-    place.mkdir()
-    for name in sorted(names, key=lambda name: (name == STATE, name)):
-        (folder / name).rename(place / name)
-    return place
+    moved = MovedFiles(folder / f"{PREFIX}{number}", (*there, *own))
+    moved.place.mkdir()
+    add_to_list(moved.place, moved.names)
+    _move(folder, moved.place, moved.names)
+    return moved
+
+
+def require_room(folder: Path, known: Iterable[str]) -> None:
+    """Check that no file of somebody else has the name of a file of runs (one rank).
+
+    Args:
+        folder: Folder of the run.
+        known: Files that earlier runs wrote into it.
+
+    Raises:
+        RunError: One has.
+    """
+    own = {name.partition("/")[0] for name in known}
+    taken = []
+    for name in (name.partition("/") for name in FILES):
+        path, is_folder = folder / name[0], bool(name[1]) and name[0] != STATE
+        if os.path.lexists(path) and name[0] not in own and not (is_folder and path.is_dir()):
+            taken.append(name[0])
+    if taken:
+        raise RunError(
+            f"{folder} has {', '.join(taken)}, which no run listed in {LISTED} there. Choose "
+            "another folder, or move such files; nothing was done to them."
+        )
+
+
+def _move(folder: Path, place: Path, names: Iterable[str]) -> None:
+    """Move files into another folder, and remove folders that are empty then."""
+    for name in names:
+        path = place / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).rename(path)
+        for inside in (folder / name).parents:
+            if inside == folder:
+                break
+            with suppress(OSError):  # what is not empty stays
+                inside.rmdir()

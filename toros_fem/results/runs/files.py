@@ -8,8 +8,6 @@ from importlib import resources
 
 # Folder of the state inside that of a run, its record, the text of the scene, and the figures.
 STATE, RECORD, SCENE, SUMMARY = "state", "run.json", "scene.toml", "summary.json"
-# What tells a folder of results that has no record.
-SIGNS = (SUMMARY, "history.csv")
 
 
 def _table() -> Mapping[str, str]:

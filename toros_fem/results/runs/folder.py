@@ -8,7 +8,7 @@ import logging
 import shlex
 import signal
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -19,10 +19,20 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
-from toros_fem.base.files import guarded, replace_file
+from toros_fem.base.files import (
+    add_to_list,
+    guarded,
+    listed,
+    read_bytes,
+    read_json,
+    reading,
+    remove_unfinished,
+    replace_file,
+)
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
-from toros_fem.results.runs.earlier import move_aside, names_beside
+from toros_fem.results.runs.earlier import MovedFiles, move_aside
 from toros_fem.results.runs.files import RECORD, SCENE, STATE
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
@@ -50,7 +60,6 @@ class RunRecord:
         inputs: All inputs, as JSON has them.
         identity: Tells the inputs from others.
         finished: Whether the run came to its end.
-        kept: Names of files and folders that were there before the first run.
         written_by: Version of the package.
         format: Version of the format.
     """
@@ -58,7 +67,6 @@ class RunRecord:
     inputs: Mapping[str, Any]
     identity: str
     finished: bool = False
-    kept: tuple[str, ...] = ()
     written_by: str = ""
     format: int = FORMAT
 
@@ -72,7 +80,7 @@ class OpenRun:
         comm: Communicator.
         folder: The folder.
         record: What the folder says of the run.
-        closing: Frees the folder's lock; called once.
+        closing: Told of how the run ended; it frees the folder's lock.
         resumed: Whether an earlier run goes on.
         every: Number of iterations between two writes of the state.
         again: Command that goes on with the run.
@@ -135,13 +143,18 @@ class OpenRun:
     ) -> None:
         _open.pop(self.folder.resolve(), None)
         self.signals.restore()
-        with self._closing:
-            if error is None:
+        stopped = self.signals.stopped_at_once
+        if stopped and not isinstance(error, RunStoppedError):
+            # PETSc makes an error of its own of one in a callback; others may swallow it.
+            kind = RunStoppedError
+        try:
+            if kind is None:
                 done = replace(self.record, finished=True)
                 _in_folder(self.comm, self.folder, lambda: _write_record(self.folder, done))
-        at_once = self.signals.stopped_at_once
-        if at_once and error is not None and not isinstance(error, RunStoppedError):
-            self.stop(at_once)  # PETSc makes an error of its own of one in a callback
+        finally:
+            self._closing.__exit__(kind, error, trace)
+        if stopped and kind is RunStoppedError and not isinstance(error, RunStoppedError):
+            self.stop(stopped)
 
 
 def run_of(folder: str | Path) -> OpenRun | None:
@@ -156,6 +169,20 @@ def journal_of(folder: str | Path) -> RunJournal | None:
     return None if run is None else run.journal(folder)
 
 
+def require_open(folder: Path) -> None:
+    """Check that a folder holds no run, or one that is open (one rank).
+
+    Raises:
+        RunError: It holds a run whose files would be replaced.
+    """
+    if run_of(folder) is None and (folder / STATE / RECORD).exists():
+        raise RunError(
+            f"{folder} holds a run, whose files would be replaced. Choose another folder, or let "
+            "`open_run` move it aside."
+        )
+
+
+@collective("comm")
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,
@@ -168,7 +195,8 @@ def open_run(
 ) -> OpenRun:
     """Open a run folder: lock it, and move the files of an earlier run aside (collective).
 
-    Files of an earlier run go to earlier-1, earlier-2, … inside the folder; other files stay.
+    Files of an earlier run go to earlier-1, earlier-2, … inside the folder; other files stay. They
+    come back if the new run ends by an error before it has written anything.
 
     Args:
         comm: Communicator.
@@ -180,8 +208,8 @@ def open_run(
         again: Command that goes on, for the line that tells it; None takes `toros resume`.
 
     Raises:
-        RunError: Another process uses the folder, it cannot be written to, or there is nothing to
-            resume in it.
+        RunError: Another process uses the folder, it cannot be written to, a file in it that no
+            run wrote has the name of a file of runs, or there is nothing to resume in it.
         CheckpointError: The run in it has other inputs, or is of a newer version.
         ParameterError: `every` is not a whole number, at least 1.
     """
@@ -202,7 +230,9 @@ def open_run(
 
 def _resume(folder: Path, identity: str, stack: ExitStack) -> RunRecord:
     """Lock the folder of a run that goes on, and return its record (one rank)."""
-    record = _read_record(folder)
+    _read_record(folder)  # nothing is written into a folder that holds no run
+    stack.callback(FolderLock(folder).release)
+    record = _read_record(folder)  # another process may have ended it just now
     if record.finished:
         raise RunError(f"the run in {folder} is finished; there is nothing to resume.")
     if record.identity != identity:
@@ -210,7 +240,7 @@ def _resume(folder: Path, identity: str, stack: ExitStack) -> RunRecord:
             f"the run in {folder} has other inputs than those given. Resume it with its own, or "
             "start a new run without resuming."
         )
-    stack.callback(FolderLock(folder).release)
+    remove_unfinished(folder)
     return record
 
 
@@ -218,18 +248,35 @@ def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) 
     """Lock a folder, move an earlier run in it aside, and write scene and record (one rank)."""
     folder.mkdir(parents=True, exist_ok=True)
     stack.callback(FolderLock(folder).release)
+    remove_unfinished(folder)
     earlier = _read_record(folder) if (folder / STATE / RECORD).exists() else None
-    moved = move_aside(folder, None if earlier is None else earlier.kept)
+    moved = move_aside(folder)
     if moved is not None:
         ended = earlier is None or earlier.finished
         of = "an earlier run" if ended else "a run that was not finished"
-        log.warning("files of %s are now in %s", of, moved)
-    made = replace(record, kept=names_beside(folder))
+        log.warning("files of %s are now in %s", of, moved.place)
+        stack.push(partial(_undo, folder, moved))
+    add_to_list(folder, [STATE])
     (folder / STATE).mkdir()
+    _write_record(folder, record)
     if scene is not None:
         replace_file(folder / SCENE, scene.encode())
-    _write_record(folder, made)
-    return made
+    return record
+
+
+def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_: Any) -> None:
+    """Move an earlier run back, where an error ended the new one before it wrote anything."""
+    fresh = {folder / SCENE, folder / STATE / RECORD}
+    new = [*(folder / STATE).glob("*"), *(folder / name for name in listed(folder))]
+    written = {path for path in new if path.is_file()} - fresh
+    if kind is None or issubclass(kind, RunStoppedError) or written:
+        return
+    for path in fresh:
+        path.unlink(missing_ok=True)
+    with suppress(FileNotFoundError):
+        (folder / STATE).rmdir()
+    moved.back()
+    log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
 def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
@@ -244,7 +291,8 @@ def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | No
 
     def read() -> tuple[RunRecord, str | None]:
         record = _read_record(folder)
-        return record, scene.read_text(encoding="utf-8") if scene.exists() else None
+        with reading(scene, CheckpointError, ANEW):
+            return record, read_bytes(scene, "keys").decode() if scene.exists() else None
 
     return _in_folder(comm, folder, read)
 
@@ -264,22 +312,21 @@ def _write_record(folder: Path, record: RunRecord) -> None:
 
 def _read_record(folder: Path) -> RunRecord:
     path = folder / STATE / RECORD
-    try:
-        content = json.loads(path.read_bytes())
-        found = int(content["format"])
-    except (FileNotFoundError, NotADirectoryError):
-        raise RunError(f"{folder} holds no run: {path} is missing. Start one there.") from None
-    except (ValueError, TypeError, KeyError) as fault:
-        raise CheckpointError(f"{path} is damaged: {fault}. {ANEW}") from None
+    content = read_json(path, CheckpointError, ANEW)
+    if not content:
+        raise RunError(f"{folder} holds no run: {path} is missing. Start one there.")
+    found = content.get("format")
+    if not isinstance(found, int):
+        raise CheckpointError(f"{path} is damaged: it has no format. {ANEW}")
     if found != FORMAT:
         raise CheckpointError(
             f"{path} has format {found}; this version, {__version__}, reads format {FORMAT}. Go on "
             "with the version that wrote it, or start the run anew in another folder."
         )
     try:
-        record = RunRecord(**{**content, "kept": tuple(content["kept"])})
+        record = RunRecord(**content)
         whole = isinstance(record.inputs, dict) and isinstance(record.identity, str)
-    except (TypeError, KeyError):
+    except TypeError:
         whole = False
     if not whole:
         raise CheckpointError(f"{path} is damaged: entries are missing. {ANEW}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NoReturn, Protocol
@@ -12,6 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, OutputError
+from toros_fem.base.files import UNFINISHED
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND
@@ -21,6 +23,9 @@ from toros_fem.results.runs.signals import Signals
 # Key of what a checkpoint belongs to, and what to do where it cannot serve.
 OWNER = "belongs_to"
 REMEDY = "Remove it to lose this part of the run alone, or start the run anew."
+# Ending of the checkpoint before the last one, and what to do where only that one is whole.
+BEFORE = ".before"
+OFFER = "The one before it is whole: remove {} alone to go on from there."
 log = logging.getLogger(__name__)
 
 
@@ -70,26 +75,39 @@ class RunEntry:
 
     def __init__(self, comm: MPI.Comm, run: Owner, path: Path, signature: str) -> None:
         self._comm, self._run, self._path = comm, run, path
+        self._before = path.with_name(path.name + BEFORE)
         self._belongs_to = {"inputs": run.record.identity, "problem": signature}
         self._since = run.every  # the first one is written
 
     def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
-        From now on a stop waits for the next `offer`.
+        Where it was removed, the one before it is taken. From now on a stop waits for the next
+        `offer`.
 
         Raises:
-            CheckpointError: It is damaged, of a newer version, or belongs to something else.
+            CheckpointError: It is damaged, of a newer version, or belongs to something else; the
+                one before it is offered if it is whole.
         """
 
         def read() -> Archive | None:
-            if not self._path.exists():
+            there = [path for path in (self._path, self._before) if path.exists()]
+            if not there:
                 return None
-            found = read_archive(self._path, KIND, self._own, CheckpointError, REMEDY)
+            try:
+                found = self._read(there[0])
+            except CheckpointError as damaged:
+                with suppress(CheckpointError):
+                    self._read(there[1] if len(there) > 1 else there[0])
+                    text = str(damaged).removesuffix(REMEDY) + OFFER.format(self._path)
+                    damaged = CheckpointError(text)
+                raise damaged from None
+            if there[0] == self._before:
+                log.warning("%s is missing; the one before it is taken", self._path)
             if found.written_by != __version__:
                 log.warning(
                     "%s was written by toros_fem %s; this is %s, and digits may differ",
-                    self._path, found.written_by, __version__,
+                    there[0], found.written_by, __version__,
                 )  # fmt: skip
             return found
 
@@ -118,6 +136,9 @@ class RunEntry:
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
         self._run.signals.waits = False
 
+    def _read(self, path: Path) -> Archive:
+        return read_archive(path, KIND, self._own, CheckpointError, REMEDY)
+
     def _own(self, archive: Archive) -> Archive:
         """Return the content of a file, which must be of this loop."""
         owner = archive.numbers.get(OWNER, {})
@@ -135,6 +156,11 @@ class RunEntry:
         def write() -> None:
             try:
                 whole = replace(checkpoint, numbers=numbers)
+                with suppress(OSError):  # there is none, or no links on this disk
+                    beside = self._path.with_suffix(UNFINISHED)
+                    beside.unlink(missing_ok=True)
+                    beside.hardlink_to(self._path)
+                    beside.rename(self._before)
                 write_archive(self._path, whole, compress=False)
             except OSError as caught:
                 raise OutputError(

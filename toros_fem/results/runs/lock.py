@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import socket
+import stat
 from pathlib import Path
 
 from toros_fem.base.errors import RunError
 
 NAME = ".lock"
+# What the lock of a run begins with.
+HOLDER = b"process "
 
 
 class FolderLock:
@@ -21,12 +25,25 @@ class FolderLock:
         folder: The folder, which exists.
 
     Raises:
-        RunError: Another process holds it; the message names process and host.
+        RunError: Another process holds it; the message names process and host. Or a link or a file
+            of somebody else has its name.
         OSError: The folder cannot be written to.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._file: int | None = os.open(folder / NAME, os.O_RDWR | os.O_CREAT, 0o644)
+        path = folder / NAME
+        foreign = RunError(f"{path} is no lock of a run. Move it, or choose another folder.")
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            self._file: int | None = os.open(path, flags, 0o644)
+        except OSError as caught:
+            if caught.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
+                raise foreign from None
+            raise
+        about = os.fstat(self._file)
+        if not stat.S_ISREG(about.st_mode) or about.st_nlink > 1 or not self._is_lock():
+            self.release()
+            raise foreign
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -41,6 +58,11 @@ class FolderLock:
             raise
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+
+    def _is_lock(self) -> bool:
+        """Return whether nothing stands in the file, or what a lock has there."""
+        assert self._file is not None
+        return os.pread(self._file, len(HOLDER), 0) in (b"", HOLDER)
 
     def release(self) -> None:
         """Free the lock."""

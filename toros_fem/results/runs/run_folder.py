@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import read_json
+from toros_fem.base.files import read_bytes, read_json, reading
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
 from toros_fem.results.runs.summary_file import Summary, summary_of
@@ -112,12 +112,10 @@ def _read_table(path: Path) -> list[dict[str, float]]:
     """
     if not path.exists():
         return []
-    try:
-        text = path.read_text(encoding="utf-8")
+    with reading(path, OutputError, "Delete it, or mend it."):
+        text = read_bytes(path, "table").decode("utf-8")
         whole = text[: text.rfind("\n") + 1]
         return [
             {k: float(v) for k, v in row.items() if v not in (None, "") and k not in WORDS}
             for row in csv.DictReader(whole.splitlines())
         ]
-    except (OSError, ValueError, TypeError, AttributeError) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None

@@ -74,7 +74,7 @@ def summary_of(folder: Path) -> Summary:
     try:
         rows = content.pop("figures", [])
         found = [Figure(*(row[one.name] for one in fields(Figure))) for row in rows]
-    except (KeyError, TypeError):
+    except (KeyError, TypeError, ValueError):
         path = folder / SUMMARY
         raise OutputError(f'{path}: an entry of "figures" is no figure. Run again.') from None
     return Summary({figure.key: figure for figure in found}, content)
