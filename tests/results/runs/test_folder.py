@@ -424,7 +424,12 @@ def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: P
 def test_what_a_killed_process_was_writing_goes(alone: MPI.Comm, tmp_path: Path) -> None:
     left = [tmp_path / f".1{UNFINISHED}", tmp_path / "frames" / f".2{UNFINISHED}"]
     left[1].parent.mkdir()
-    for path in left:
-        path.write_text("half")
-    with open_run(alone, tmp_path, INPUTS):
-        assert not any(path.exists() for path in left)
+    for resume in (False, True):
+        for path in left:
+            path.write_text("half")
+        with (  # noqa: PT012
+            pytest.raises(RunStoppedError),
+            open_run(alone, tmp_path, INPUTS, resume=resume) as run,
+        ):
+            assert not any(path.exists() for path in left)
+            run.stop(signal.SIGTERM)
