@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import secrets
 import shutil
 import sys
 import tempfile
@@ -153,5 +154,5 @@ def tried(reader: str, path: Path, made: bytes) -> bool:
 
 
 if __name__ == "__main__":
-    fresh = int(np.random.SeedSequence().entropy % 2**32)
+    fresh = secrets.randbits(32)
     sys.exit(main(float(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else fresh) > 0)

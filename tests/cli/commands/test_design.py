@@ -78,9 +78,13 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
         (["export", str(folder), "--output", str(folder)], 2),
         (["resume", str(folder)], 4),
     ):
+        capsys.readouterr()
         assert run(alone, words) == code, words
+        told = capsys.readouterr().err
+        own = words[-1] in (str(folder), str(folder / "pattern.npz")) and "--pattern" in words
+        assert ("belongs to the run in" in told) == own, told
     after = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert after == before, capsys.readouterr().err
+    assert after == before
 
 
 @pytest.mark.parametrize(

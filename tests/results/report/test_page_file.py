@@ -146,7 +146,7 @@ def test_history_alone_makes_a_report(run: Path) -> None:
     ("name", "content", "words"),
     [
         ("summary.json", "{", "summary.json cannot be read"),
-        ("summary.json", "[]", "holds no summary"),
+        ("summary.json", "[]", "holds no table"),
         ("summary.json", '{"angle_deg": 1.0}', "written by an earlier version of toros_fem"),
         ("summary.json", '{"figures": [{"name": "angle"}]}', "is no figure"),
         ("history.csv", "a,b\n1,x\n", "history.csv cannot be read"),

@@ -21,7 +21,7 @@ from toros_fem.base.errors import (
     RunError,
     RunStoppedError,
 )
-from toros_fem.base.files import LISTED, guarded, if_possible, replace_file, write_json
+from toros_fem.base.files import LISTED, UNFINISHED, guarded, if_possible, replace_file, write_json
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
@@ -419,3 +419,17 @@ def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: P
         DesignReporter(comm, folder)
     with open_run(comm, folder, INPUTS):
         DesignReporter(comm, folder)
+
+
+def test_what_a_killed_process_was_writing_goes(alone: MPI.Comm, tmp_path: Path) -> None:
+    left = [tmp_path / f".1{UNFINISHED}", tmp_path / "frames" / f".2{UNFINISHED}"]
+    left[1].parent.mkdir()
+    for resume in (False, True):
+        for path in left:
+            path.write_text("half")
+        with (  # noqa: PT012
+            pytest.raises(RunStoppedError),
+            open_run(alone, tmp_path, INPUTS, resume=resume) as run,
+        ):
+            assert not any(path.exists() for path in left)
+            run.stop(signal.SIGTERM)
