@@ -32,7 +32,9 @@ def main() -> None:
         pip = [f"{folder}/bin/python", "-m", "pip", "--disable-pip-version-check"]
         subprocess.run([*pip, "install", "-q", *wanted], check=True)
         freeze = [*pip, "freeze", "--all", "--exclude", "pip"]
-        lines = subprocess.run(freeze, check=True, capture_output=True, text=True).stdout.split("\n")
+        lines = subprocess.run(freeze, check=True, capture_output=True, text=True).stdout.split(
+            "\n"
+        )
     pins = sorted(line.lower().replace("_", "-") for line in lines if "==" in line)
     for name, inside in (("fenicsx", True), ("extras", False)):
         chosen = [pin for pin in pins if (pin.partition("==")[0] in FENICSX) == inside]

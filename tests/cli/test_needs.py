@@ -66,7 +66,9 @@ def test_other_commands_send_to_the_doctor(without: tuple[str, ...], tmp_path: P
     scene = tmp_path / "bend.toml"
     code, _, err = toros("new", "bend", str(scene), without=())
     assert code == 0, err
-    code, out, err = toros("simulate", str(scene), "--output", str(tmp_path / "run"), without=without)
+    code, out, err = toros(
+        "simulate", str(scene), "--output", str(tmp_path / "run"), without=without
+    )
     assert code == MISSING, out + err
     assert "`toros doctor` says what to do" in err
     assert "Traceback" not in err

@@ -44,9 +44,7 @@ def run(*command: str | Path, cwd: Path, **extra: str) -> str:
     """Run a command outside of this checkout's PYTHONPATH."""
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | extra
     # An MPI launched by a test must not take this process for its parent.
-    environment = {
-        k: v for k, v in environment.items() if not k.startswith(("OMPI_COMM", "PMI"))
-    }
+    environment = {k: v for k, v in environment.items() if not k.startswith(("OMPI_COMM", "PMI"))}
     # MPI from wheels is looked for in the environment of the calling Python alone.
     if (library := Path(sys.prefix) / "lib" / "libmpi.so.12").exists():
         environment["MPI4PY_LIBMPI"] = str(library)

@@ -75,7 +75,7 @@ def test_halves_meet_at_the_separator_alone(calls: CvxoptCholmod) -> None:
 
 
 def test_options_of_others_are_kept(calls: CvxoptCholmod) -> None:
-    """cvxopt has one table of options for the whole process."""
+    """Cvxopt has one table of options for the whole process."""
     from cvxopt import cholmod
 
     cholmod.options["supernodal"] = 0

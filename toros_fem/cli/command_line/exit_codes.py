@@ -49,7 +49,9 @@ def exit_code(error: BaseException) -> int:
         return NOT_WRITTEN
     if isinstance(error, TorosError):
         return WRONG_INPUT
-    foreign = isinstance(error, ImportError) and not (error.name or "toros_fem").startswith("toros_fem")
+    foreign = isinstance(error, ImportError) and not (error.name or "toros_fem").startswith(
+        "toros_fem"
+    )
     return MISSING if foreign else INTERNAL
 
 

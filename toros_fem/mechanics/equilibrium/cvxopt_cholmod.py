@@ -172,9 +172,7 @@ class CvxoptFactor:
         last, known = self.size - 1, self._read()
         starts = self._integers("super", known.nsuper + 1)
         rows = self._integers("s", known.ssize)
-        row_starts, value_starts = (
-            self._integers(name, known.nsuper + 1) for name in ("pi", "px")
-        )
+        row_starts, value_starts = (self._integers(name, known.nsuper + 1) for name in ("pi", "px"))
         values = self._array("x", known.xsize, ctypes.c_double)
         # Each supernode is a dense block, column by column; above its diagonal is no value.
         for k in np.flatnonzero(starts[1:] > self.size - count):
