@@ -2,8 +2,8 @@
 
     python3.12 packaging/lock.py
 
-It runs in the oldest Python that is supported: newer versions of packages may not install there. Run the suite both
-ways with what it writes.
+It runs in the oldest Python that is supported: newer versions of packages may
+not install there. Run the suite both ways with what it writes.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ MEANING = "something that the package needs is missing; `toros doctor` says what
 
 WHEELS = (
     "On Linux (x86-64, glibc 2.34 or newer): pip install 'toros_fem[fenicsx]', or in a checkout "
-    "pip install '.[fenicsx]'. Otherwise take the packages of a distribution: docs/tutorial/install.md."
+    "pip install '.[fenicsx]'. Otherwise take the packages of a distribution: see the page Install."
 )
 LIBRARIES = (
     "It is installed, but needs libraries of the system: on Debian and Ubuntu "
@@ -29,8 +29,6 @@ OLDEST, NEWEST = (0, 9), (0, 11)
 
 def lacking() -> list[str]:
     """Return what is missing, each with what to do: without it no command works."""
-    if sys.version_info < (3, 12):
-        return [f"Python {sys.version.split()[0]} is older than 3.12. Take a newer one."]
     # In this order: dolfinx from wheels finds its MPI by mpi4py.
     needs: dict[str, tuple[Callable[[], object], str]] = {
         **{name: (_importing(name), f"pip install {name}.") for name in PLAIN},

@@ -328,7 +328,7 @@ class Cholesky:
         _check(status[0], self.size)
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the values of the lower triangle; return whether it is positive definite."""
+        """Factorise for the values of the lower triangle; return whether that works."""
         status = self._lib.toros_factorise(self._factor, self._numbers(values))
         _check(status, self.size)
         return bool(status == OK)

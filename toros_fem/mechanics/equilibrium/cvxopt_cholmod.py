@@ -41,7 +41,7 @@ class _Factor(ctypes.Structure):
 
 @cache
 def load() -> CvxoptCholmod | None:
-    """Return the calls; None where cvxopt or METIS is missing, or their factors are not as known."""
+    """Return the calls; None where cvxopt or METIS is missing, or factors are not as known."""
     wheel = find_spec("dolfinx_solver")
     if wheel is None or wheel.origin is None or find_spec("cvxopt") is None:
         return None
@@ -91,9 +91,7 @@ class CvxoptCholmod:
         return CvxoptFactor(pointers, rows, np.arange(len(pointers) - 1), postorder=False)
 
     def order(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-        """Return the order of nested dissection, in which the columns of a supernode are next
-        to each other.
-        """
+        """Return the order of nested dissection, with the columns of each supernode together."""
         order, inverse = np.zeros((2, len(pointers) - 1), dtype=np.int32)
         self._call("METIS_NodeND", pointers, rows, order, inverse)
         return CvxoptFactor(pointers, rows, order, postorder=True).order()
@@ -149,7 +147,7 @@ class CvxoptFactor:
         return self._integers("permutation", self.size).astype(np.int32)
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the values of the lower triangle; return whether it is positive definite."""
+        """Factorise for the values of the lower triangle; return whether that works."""
         self._matrix.V = self._cvxopt.matrix(values)
         try:
             with self._calling():
