@@ -32,10 +32,8 @@ def main() -> None:
         pip = [f"{folder}/bin/python", "-m", "pip", "--disable-pip-version-check"]
         subprocess.run([*pip, "install", "-q", *wanted], check=True)
         freeze = [*pip, "freeze", "--all", "--exclude", "pip"]
-        lines = subprocess.run(freeze, check=True, capture_output=True, text=True).stdout.split(
-            "\n"
-        )
-    pins = sorted(line.lower().replace("_", "-") for line in lines if "==" in line)
+        found = subprocess.run(freeze, check=True, capture_output=True, text=True).stdout
+    pins = sorted(line.lower().replace("_", "-") for line in found.split() if "==" in line)
     for name, inside in (("fenicsx", True), ("extras", False)):
         chosen = [pin for pin in pins if (pin.partition("==")[0] in FENICSX) == inside]
         text = "# Written by packaging/lock.py.\n" + "\n".join(chosen) + "\n"

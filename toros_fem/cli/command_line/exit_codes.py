@@ -49,10 +49,10 @@ def exit_code(error: BaseException) -> int:
         return NOT_WRITTEN
     if isinstance(error, TorosError):
         return WRONG_INPUT
-    foreign = isinstance(error, ImportError) and not (error.name or "toros_fem").startswith(
-        "toros_fem"
-    )
-    return MISSING if foreign else INTERNAL
+    if isinstance(error, ImportError):
+        own = (error.name or "toros_fem").startswith("toros_fem")
+        return INTERNAL if own else MISSING
+    return INTERNAL
 
 
 def tell_alone(comm: MPI.Comm, error: Exception) -> None:
