@@ -37,7 +37,7 @@ def test_solutions_and_the_corner(calls: CvxoptCholmod, count: int) -> None:
     assert factor.factorise(lower.data)
     expected = L[64 - count :, 64 - count :][::-1, ::-1]
     assert np.allclose(factor.corner(count), expected, rtol=0, atol=1e-14 * 64)
-    x = np.arange(64.0)
+    x = np.arange(64, dtype=np.float64)
     factor.forward(x)
     assert np.allclose(L @ x, np.arange(64.0), rtol=0, atol=1e-11)
     factor.backward(x)
