@@ -1,4 +1,5 @@
-# make demo, make test: all set-up is done on the way. FENICSX_SUITE=unstable picks another dolfinx.
+# make demo, make test: all set-up is done on the way. FENICSX_SUITE=unstable and FENICSX_WHEELS=1
+# pick another dolfinx.
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
 

@@ -24,8 +24,11 @@ PARTS = ("toros_fem", "forms", "meshes", "pyproject.toml", "README.md", "COPYING
 
 def run(*command: str | Path, cwd: Path, **environment: str) -> str:
     """Run a command without this checkout in its path; return what it printed."""
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMI"))}
     inherited.pop("PYTHONPATH", None)
+    # MPI from wheels is looked for in the environment of the calling Python alone.
+    if (library := Path(sys.prefix) / "lib" / "libmpi.so.12").exists():
+        inherited["MPI4PY_LIBMPI"] = str(library)
     done = subprocess.run(
         [str(part) for part in command], cwd=cwd, env={**inherited, **environment}, text=True,
         capture_output=True, check=False,

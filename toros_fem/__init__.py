@@ -9,11 +9,16 @@ since PETSc starts on all of them.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toros_fem.base.versions import __version__ as __version__
+
+# FEniCSx from wheels finds its MPI only if this comes before dolfinx and petsc4py.
+with contextlib.suppress(ImportError, RuntimeError):  # dolfinx then tells it too
+    import dolfinx_solver as dolfinx_solver
 
 # In a checkout `forms/` and `meshes/` lie beside this folder, in an installed package inside it.
 if not (Path(__file__).parent / "forms").is_dir():

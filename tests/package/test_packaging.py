@@ -1,4 +1,4 @@
-"""Packaging: one version everywhere, a recipe that asks for what the package needs, a wheel."""
+"""Packaging: one version everywhere, pins of all that is asked for, a wheel."""
 
 import os
 import re
@@ -10,20 +10,11 @@ from typing import Any
 
 import pytest
 from helpers.scenes import ROOT
+from packaging.requirements import Requirement
 
 import toros_fem
 
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-RECIPE = (ROOT / "packaging" / "recipe.yaml").read_text(encoding="utf-8")
-# Packages that conda-forge has by another name.
-CONDA_NAMES = {"matplotlib": "matplotlib-base"}
-
-
-def required() -> dict[str, str]:
-    """Packages that the recipe needs to run, with their bounds."""
-    listed = re.search(r"^  run:\n((?:    - .*\n)+)", RECIPE, re.MULTILINE)
-    entries = [line.split("#")[0].strip(" -") for line in listed[1].splitlines()]
-    return {name: bounds.strip() for name, _, bounds in (entry.partition(" ") for entry in entries)}
 
 
 def test_version_is_the_same_everywhere() -> None:
@@ -31,7 +22,6 @@ def test_version_is_the_same_everywhere() -> None:
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     found = {
         "CITATION.cff": re.search(r"^version: (.+)$", citation, re.MULTILINE),
-        "recipe.yaml": re.search(r'^  version: "(.+)"$', RECIPE, re.MULTILINE),
         "CHANGELOG.md": re.search(r"^## (\S+) \(", changelog, re.MULTILINE),
     }
     assert {name: match and match[1] for name, match in found.items()} == dict.fromkeys(
@@ -50,15 +40,19 @@ def test_changelog_and_citation_agree_on_the_day_of_a_release() -> None:
         assert date.fromisoformat(heading[1]) == date.fromisoformat(released[1])
 
 
-def test_recipe_needs_what_the_package_needs() -> None:
-    run = required()
-    for entry in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["plot"]:
-        match = re.fullmatch(r"([\w-]+)(.*)", entry)
-        name = CONDA_NAMES.get(match[1], match[1])
-        assert run[name] == match[2], entry
-    assert {"fenics-dolfinx", "petsc4py", "python-gmsh"} <= run.keys()
-    for name, target in PROJECT["scripts"].items():
-        assert f"- {name} = {target}\n" in RECIPE
+def test_every_package_is_pinned_within_its_bounds() -> None:
+    """In one of the two locks: what a distribution brings along with FEniCSx is in its own."""
+    pins: dict[str, dict[str, str]] = {}
+    for name in ("fenicsx", "extras"):
+        lines = (ROOT / "scripts" / "lock" / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+        pins[name] = dict(line.split("==") for line in lines if not line.startswith("#"))
+    assert not pins["fenicsx"].keys() & pins["extras"].keys()
+    groups = PROJECT["optional-dependencies"]
+    for group, entries in {"": PROJECT["dependencies"], **groups}.items():
+        for entry in map(Requirement, entries):
+            version = (pins["fenicsx"] | pins["extras"])[entry.name]
+            assert entry.specifier.contains(version), f"{entry} of {group!r}"
+    assert {"numpy", "scipy", "mpi4py", "dolfinx-solver-real", "mpich"} <= pins["fenicsx"].keys()
 
 
 @pytest.mark.slow

@@ -10,12 +10,12 @@ __version__ = "0.1.0"
 
 def blas_kernel() -> str | None:
     """Return the kernel type that OpenBLAS has chosen for the processor; None without OpenBLAS."""
-    try:
-        name = ctypes.CDLL("libblas.so.3").openblas_get_corename
-    except (OSError, AttributeError):
-        return None
-    name.restype = ctypes.c_char_p
-    return str(name().decode())
+    for library in ("libblas.so.3", "libopenblas.so.0"):  # a distribution's, that of wheels
+        with contextlib.suppress(OSError, AttributeError):
+            name = ctypes.CDLL(library).openblas_get_corename
+            name.restype = ctypes.c_char_p
+            return str(name().decode())
+    return None
 
 
 def versions() -> dict[str, str]:

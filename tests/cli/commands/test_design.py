@@ -10,6 +10,7 @@ from helpers.scenes import ROOT
 from kit.scene_runs import summary_of, value_of
 from mpi4py import MPI
 
+from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
@@ -123,3 +124,32 @@ def test_a_mesh_that_has_gone_is_told(
     record.write_text(record.read_text("utf-8").replace('"finished": true', '"finished": false'))
     assert run(alone, ["resume", str(tmp_path / "run")]) == 2
     assert f"files.mesh: there is no {files['mesh']}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "folder"),
+    [
+        (("design",), "mine"),
+        (("simulate",), "mine-simulated"),
+        (("design", "--output", "other"), "other"),
+    ],
+)
+def test_the_folder_is_named_after_the_scene(
+    alone: MPI.Comm,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    folder: str,
+) -> None:
+    """In the folder where the command is run."""
+    taken = []
+
+    def record(comm: MPI.Comm, scene: object, name: str, place: Path, **_: object) -> Answer:
+        taken.append((name, place))
+        return Answer("")
+
+    monkeypatch.setattr("toros_fem.cli.command_line.running.run_scene", record)
+    file = tmp_path / "mine.toml"
+    assert run(alone, ["new", "bend", str(file)]) == 0
+    assert run(alone, [words[0], str(file), *words[1:]]) == 0
+    assert taken == [(words[0], Path(folder))]

@@ -13,6 +13,7 @@ from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.equilibrium.cholmod import library
 from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
@@ -153,5 +154,6 @@ def test_threads_are_those_that_the_user_allows(
 
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.find_partition", find)
     monkeypatch.setenv("OMP_NUM_THREADS", text)
+    calls = library(MPI.COMM_SELF)
     TangentFactor(model)
-    assert asked == [threads]
+    assert asked == [threads if calls is not None and calls.threads else 1]

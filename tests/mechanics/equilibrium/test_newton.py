@@ -175,5 +175,7 @@ def test_rounding_does_not_hide_a_step_that_moves_something() -> None:
     assert np.abs(left).max() < 1e-11 * stage.scene.skin.pattern.size
     assert result.history[-1].kind == "end", "and the tangent there is factorised"
     newton, end = result.history[-2:]
-    assert (newton.kind, newton.step) == ("newton", 1.0)
+    # Rounding decides whether the factors of the state before still serve ("cg").
+    assert newton.kind in ("newton", "cg")
+    assert newton.step == 1.0
     assert end.residual < newton.residual

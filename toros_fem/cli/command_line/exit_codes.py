@@ -14,12 +14,14 @@ from toros_fem.base.errors import (
     RunStoppedError,
     TorosError,
 )
+from toros_fem.cli import needs
 
 DONE = 0
 INTERNAL = 1
 WRONG_INPUT = 2
 NO_EQUILIBRIUM = 3
 NOT_WRITTEN = 4
+MISSING = needs.MISSING
 INTERRUPTED = 130
 
 MEANING = {
@@ -28,6 +30,7 @@ MEANING = {
     WRONG_INPUT: "wrong input: an option, a file or a value",
     NO_EQUILIBRIUM: "no equilibrium was found, or the design failed",
     NOT_WRITTEN: "a folder or file cannot be written or is in use",
+    MISSING: needs.MEANING,
     INTERRUPTED: "stopped by Ctrl-C (SIGINT); the state of a design is written",
     140: "stopped by SIGUSR2, which mpirun passes on; the state of a design is written",
     143: "stopped by SIGTERM; the state of a design is written",
@@ -44,7 +47,12 @@ def exit_code(error: BaseException) -> int:
         return 128 + error.signal
     if isinstance(error, OutputError | RunError):
         return NOT_WRITTEN
-    return WRONG_INPUT if isinstance(error, TorosError) else INTERNAL
+    if isinstance(error, TorosError):
+        return WRONG_INPUT
+    if isinstance(error, ImportError):
+        own = (error.name or "toros_fem").startswith("toros_fem")
+        return INTERNAL if own else MISSING
+    return INTERNAL
 
 
 def tell_alone(comm: MPI.Comm, error: Exception) -> None:

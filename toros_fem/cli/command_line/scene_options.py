@@ -73,8 +73,10 @@ class SceneCommand(Command):
 class RunCommand(SceneCommand, Progress):
     """The run's folder."""
 
-    output: Path = key(
-        MISSING, "folder of the run, made if missing; files of an earlier run in it are moved aside"
+    output: Path | None = key(
+        None,
+        "folder of the run, made if missing; files of an earlier run in it are moved aside; none: "
+        'named after the file, for a simulation with "-simulated"',
     )
     metric: tuple[str, ...] = key(
         (),
@@ -109,4 +111,6 @@ class RunCommand(SceneCommand, Progress):
         from toros_fem.cli.command_line.running import run_scene
 
         with self.meshes_allowed(), self.petsc_given():
-            return run_scene(comm, scene, name, self.output, every=self.every, verbose=self.verbose)
+            own = f"{self.file.stem}-simulated" if name == "simulate" else self.file.stem
+            folder = self.output or Path(own)
+            return run_scene(comm, scene, name, folder, every=self.every, verbose=self.verbose)

@@ -20,10 +20,11 @@ from toros_fem.base.keys import key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import versions
 from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.needs import MISSING, lacking, lacking_to_compile
 
 PACKAGES = (
-    "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "jinja2", "matplotlib", "ezdxf",
-    "ipctk", "lib3mf", "u-nesting",
+    "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "cvxopt", "jinja2",
+    "matplotlib", "ezdxf", "ipctk", "lib3mf", "u-nesting",
 )  # fmt: skip
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
 # What the BLAS libraries are called among the files that a process has loaded.
@@ -38,7 +39,8 @@ class Doctor(Command):
 
     Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The
     equilibrium of a small tube is found, which takes a second, or half a minute where forms are
-    compiled first. Please add what it prints to a report of a fault.
+    compiled first. Where something is missing, it says what to do. Please add what it prints to a
+    report of a fault.
     """
 
     no_solve: bool = key(False, "leave out the equilibrium of a small tube")
@@ -47,10 +49,15 @@ class Doctor(Command):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Look around, and solve (collective)."""
+        missing = [one for of in comm.allgather(lacking()) for one in of]
+        if missing:
+            missing = list(dict.fromkeys([*missing, *lacking_to_compile()]))
+            return Answer("\n".join(missing), {"missing": missing}, MISSING)
         from toros_fem.mechanics.equilibrium import cholmod
 
         figures: dict[str, Any] = on_first_rank(comm, lambda: _environment(comm))
-        figures["solvers"]["cholmod, called directly"] = cholmod.library(comm) is not None
+        calls = cholmod.library(comm)
+        figures["solvers"]["cholmod"] = None if calls is None else f"by {calls.source}"
         if not self.no_solve:
             figures["tried"] = _solve(comm)
         return Answer(_text(figures), figures)
@@ -76,6 +83,7 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
         "solvers": {"mumps": PETSc.Sys.hasExternalPackage("mumps")},
         "orderings": mumps_orderings(),
+        "to_compile": lacking_to_compile(),
         "compiler": shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc"),
         # Compiled forms, and the compiled calls of CHOLMOD.
         "caches": {str(home / name): _size(home / name) for name in ("fenics", "toros_fem")},
@@ -193,12 +201,10 @@ def _text(figures: dict[str, Any]) -> str:
         rows.append(("tried", f"{told}{tried['seconds']:.1f} s, {tried['linear_solver']}"))
     lines = [f"  {name:<12} {_known(value)}" for name, value in figures["versions"].items()]
     lines = ["versions", *lines, *(f"{what:<14} {text}" for what, text in rows)]
-    if figures["compiler"] is None:
-        lines.append("No C compiler is found: forms that are not in the cache cannot be compiled.")
-    return "\n".join(lines)
+    return "\n".join([*lines, *figures["to_compile"]])
 
 
-def _listed(found: dict[str, bool]) -> str:
+def _listed(found: dict[str, Any]) -> str:
     return ", ".join(f"{name}: {_known(value)}" for name, value in found.items())
 
 

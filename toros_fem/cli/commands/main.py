@@ -27,6 +27,7 @@ from toros_fem.cli.command_line.exit_codes import (
     INTERNAL,
     INTERRUPTED,
     MEANING,
+    MISSING,
     NOT_WRITTEN,
     exit_code,
     tell_alone,
@@ -125,6 +126,8 @@ def _failed(comm: MPI.Comm, error: BaseException) -> Answer:
     kind = type(error).__name__
     plain = isinstance(error, UsageError | RunStoppedError)
     text = str(error) if plain else f"{kind}: {error}"
+    if exit_code(error) == MISSING:
+        text += ". `toros doctor` says what to do."
     if isinstance(error, KeyboardInterrupt):
         text = told = "stopped"
     else:

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from cffi import FFI, VerificationError
@@ -22,6 +22,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats, LocalInts
 from toros_fem.base.errors import TorosError
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.mechanics.equilibrium import cvxopt_cholmod
 
 DECLARATIONS = """
 typedef struct toros_factor toros_factor;
@@ -167,11 +168,14 @@ void toros_free(toros_factor *f)
 OK, OUT_OF_MEMORY = 0, -2
 
 
-def library(comm: MPI.Comm) -> Any | None:
-    """Return the compiled calls, or None where CHOLMOD or its header is missing (collective)."""
+def library(comm: MPI.Comm) -> Cholmod | None:
+    """Return CHOLMOD: compiled calls, else that of cvxopt, else None (collective)."""
     path = on_first_rank(comm, _build)
     module = None if path is None else _load(path)
-    return module if comm.allreduce(module is not None, op=MPI.LAND) else None
+    if comm.allreduce(module is not None, op=MPI.LAND):
+        return CompiledCholmod(module)
+    found = cvxopt_cholmod.load()
+    return found if comm.allreduce(found is not None, op=MPI.LAND) else None
 
 
 @cache
@@ -224,13 +228,91 @@ def _load(path: Path) -> Any | None:
     return module
 
 
-class Cholesky:
-    """Factor of one symmetric matrix, L Lᵀ, in the order of its rows; not collective.
+class Factor(Protocol):
+    """Factor of one symmetric matrix, L Lᵀ, in the order of its rows; not collective."""
+
+    def factorise(self, values: Floats) -> bool:
+        """Factorise for the values of the lower triangle; return whether it is positive definite.
+
+        CHOLMOD stops at the first pivot that is not positive; there are no factors then.
+
+        Raises:
+            TorosError: Too little memory.
+        """
+
+    def forward(self, x: Floats) -> None:
+        """Replace x by L⁻¹ x."""
+
+    def backward(self, x: Floats) -> None:
+        """Replace x by L⁻ᵀ x."""
+
+    def corner(self, count: int) -> Floats:
+        """Return the block of L of the last rows and columns, both reversed: upper triangular."""
+
+
+class Cholmod(Protocol):
+    """Calls of CHOLMOD.
+
+    A pattern is given by `pointers, rows`: the lower triangle in compressed columns, rows sorted,
+    the diagonal first.
+
+    Attributes:
+        source: Where it comes from, for reports and logs.
+        threads: Whether several threads factorise at the same time.
+    """
+
+    source: str
+    threads: bool
+
+    def factor(self, pointers: LocalInts, rows: LocalInts) -> Factor:
+        """Analyse a pattern, which is kept."""
+
+    def order(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
+        """Return a fill-reducing order of elimination."""
+
+    def bisect(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
+        """Return the half 0 or 1 of each row, 2 on the separator."""
+
+
+class CompiledCholmod:
+    """CHOLMOD by the compiled calls; see `Cholmod`.
 
     Args:
         module: The compiled calls.
-        pointers, rows: Lower triangle in compressed columns, rows sorted, the diagonal first. Both
-            are kept.
+    """
+
+    source, threads = "its header", True
+
+    def __init__(self, module: Any) -> None:
+        self._module = module
+
+    def factor(self, pointers: LocalInts, rows: LocalInts) -> Factor:
+        """Analyse a pattern, which is kept."""
+        return Cholesky(self._module, pointers, rows)
+
+    def order(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
+        """Return the order of elimination that CHOLMOD finds best."""
+        return self._filled(self._module.lib.toros_order, pointers, rows)
+
+    def bisect(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
+        """Return the half 0 or 1 of each row, 2 on the separator."""
+        return self._filled(self._module.lib.toros_bisect, pointers, rows)
+
+    def _filled(self, call: Any, pointers: LocalInts, rows: LocalInts) -> LocalInts:
+        size = len(pointers) - 1
+        out: LocalInts = np.zeros(size, dtype=np.int32)
+        if size:
+            arrays = (_integers(self._module, array) for array in (pointers, rows, out))
+            _check(call(size, *arrays), size)
+        return out
+
+
+class Cholesky:
+    """Factor of one symmetric matrix by the compiled calls; see `Factor`.
+
+    Args:
+        module: The compiled calls.
+        pointers, rows: Pattern, see `Cholmod`. Both are kept.
 
     Raises:
         TorosError: Too little memory.
@@ -246,10 +328,7 @@ class Cholesky:
         _check(status[0], self.size)
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the values of the lower triangle; return whether it is positive definite.
-
-        CHOLMOD stops at the first pivot that is not positive; there are no factors then.
-        """
+        """Factorise for the values of the lower triangle; return whether that works."""
         status = self._lib.toros_factorise(self._factor, self._numbers(values))
         _check(status, self.size)
         return bool(status == OK)
@@ -272,35 +351,13 @@ class Cholesky:
         return self._ffi.from_buffer("double[]", values)
 
 
-def fill_reducing_order(module: Any, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-    """Return the order of elimination that CHOLMOD finds best, for the pattern of `Cholesky`."""
-    return _ordered(module, module.lib.toros_order, pointers, rows)
-
-
-def bisection(module: Any, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-    """Return the half 0 or 1 of each row, 2 on the separator, for the pattern of `Cholesky`."""
-    return _ordered(module, module.lib.toros_bisect, pointers, rows)
-
-
-def _ordered(module: Any, call: Any, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-    size = len(pointers) - 1
-    out: LocalInts = np.zeros(size, dtype=np.int32)
-    if size:
-        arrays = (_integers(module, array) for array in (pointers, rows, out))
-        _check(call(size, *arrays), size)
-    return out
-
-
 def _integers(module: Any, values: LocalInts) -> Any:
     return module.ffi.from_buffer("int[]", values)
 
 
 def _check(status: int, size: int) -> None:
     if status == OUT_OF_MEMORY:
-        raise TorosError(
-            f"too little memory for the factors of {size} unknowns: use a coarser mesh, half a "
-            "skin with a symmetry plane, or ranks on several machines."
-        )
+        raise cvxopt_cholmod.too_little_memory(size)
     if status < OK:
         raise TorosError(
             f"CHOLMOD failed on the tangent of {size} unknowns with status {status}. Take MUMPS "

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.base.errors import TorosError
 from toros_fem.base.mpi import raise_together, sum_over_ranks, together
-from toros_fem.mechanics.equilibrium.cholmod import Cholesky, bisection, fill_reducing_order
+from toros_fem.mechanics.equilibrium.cholmod import Cholmod
 
 # Fewer unknowns than these are not worth a thread of their own.
 LEAST_PART = 5000
@@ -43,19 +43,19 @@ class Partition:
 
 
 def find_partition(
-    comm: MPI.Comm, module: Any, indptr: LocalInts, columns: LocalInts, *, threads: int
+    comm: MPI.Comm, cholmod: Cholmod, indptr: LocalInts, columns: LocalInts, *, threads: int
 ) -> Partition:
     """Find the parts of a matrix, for each rank one, or one for each thread of one rank.
 
     Args:
-        comm, module, indptr, columns: As for `CondensedFactor` (collective).
+        comm, cholmod, indptr, columns: As for `CondensedFactor` (collective).
         threads: Number of threads of one rank; it has no effect where there are several ranks.
     """
     sizes = np.array(comm.allgather(len(indptr) - 1), dtype=np.int64)
     if comm.size > 1:
         part, parts = np.repeat(np.arange(comm.size), sizes), comm.size
     else:
-        part = _split(module, indptr, columns, threads)
+        part = _split(cholmod, indptr, columns, threads)
         parts = int(part.max(initial=0)) + 1
     rows = sizes[: comm.rank].sum() + np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     across = np.flatnonzero(part[rows] != part[columns])
@@ -78,7 +78,7 @@ class CondensedFactor:
 
     Args:
         comm: Communicator; all methods are collective.
-        module: The compiled calls of CHOLMOD.
+        cholmod: Calls of CHOLMOD.
         indptr, columns: Upper triangle of the owned rows: global columns, sorted, the diagonal
             first.
         partition: The parts, of which each rank factorises its own.
@@ -87,7 +87,7 @@ class CondensedFactor:
     def __init__(
         self,
         comm: MPI.Comm,
-        module: Any,
+        cholmod: Cholmod,
         indptr: LocalInts,
         columns: LocalInts,
         partition: Partition,
@@ -121,7 +121,7 @@ class CondensedFactor:
         self._values = np.zeros(len(rows) + len(shared) + 1)
         with together(comm):
             self._parts = [
-                _Part(module, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
+                _Part(cholmod, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
                       source, len(self._values) - 1, begin)
                 for p in numbers
             ]  # fmt: skip
@@ -195,7 +195,7 @@ class _Part:
         place: Places in the interface that the part touches.
 
     Args:
-        module: The compiled calls of CHOLMOD.
+        cholmod: Calls of CHOLMOD.
         inner: Global numbers of the inner unknowns.
         at: Place of each global number in the interface, −1 for none.
         rows, columns: Global places of entries.
@@ -205,7 +205,7 @@ class _Part:
     """
 
     def __init__(
-        self, module: Any, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
+        self, cholmod: Cholmod, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
         zero: int, begin: int,
     ) -> None:  # fmt: skip
         size = len(inner)
@@ -216,9 +216,7 @@ class _Part:
         edge = np.unique(touched[at[touched] >= 0])
         self.place, count = at[edge], len(edge)
         chosen = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
-        order = fill_reducing_order(
-            module, *_lower(number[rows[chosen]], number[columns[chosen]], size)[:2]
-        )
+        order = cholmod.order(*_lower(number[rows[chosen]], number[columns[chosen]], size)[:2])
         self._inner, self._count = inner[order] - begin, count
         number[inner[order]] = np.arange(size)
         number[edge] = size + np.arange(count)[::-1]
@@ -234,7 +232,7 @@ class _Part:
         lower = np.append(lower, (size + upper[1]).astype(np.int32))
         ends = pointers[-1] + np.cumsum(np.arange(count, 0, -1))
         pointers = np.append(pointers, ends.astype(np.int32))
-        self.factor = Cholesky(module, pointers, lower)
+        self.factor = cholmod.factor(pointers, lower)
         self._entries: Floats = np.zeros(len(lower))
         self._corner: Floats = np.zeros((count, count))
 
@@ -288,7 +286,7 @@ def _lower(rows: Ints, columns: Ints, size: int) -> tuple[LocalInts, LocalInts, 
     return matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data
 
 
-def _split(module: Any, indptr: LocalInts, columns: LocalInts, threads: int) -> Ints:
+def _split(cholmod: Cholmod, indptr: LocalInts, columns: LocalInts, threads: int) -> Ints:
     """Return the part of each unknown, for as many parts as threads, rounded to a power of 2."""
     part: Ints = np.zeros(len(indptr) - 1, dtype=np.int64)
     whole = csr_matrix((np.ones(len(columns), dtype=np.int8), columns, indptr))
@@ -299,7 +297,7 @@ def _split(module: Any, indptr: LocalInts, columns: LocalInts, threads: int) -> 
                 continue
             block = whole[members][:, members]
             block.sort_indices()
-            half = bisection(module, block.indptr, block.indices)
+            half = cholmod.bisect(block.indptr, block.indices)
             part[members[half > 0]] += count
     return np.unique(part, return_inverse=True)[1]
 

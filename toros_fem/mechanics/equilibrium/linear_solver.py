@@ -90,15 +90,16 @@ class TangentFactor:
                 f"one of {', '.join(PACKAGES)}, or another preconditioner by -{PREFIX}pc_type."
             )
         self.package = "cholmod"
-        module = None if wanted == "mumps" else cholmod.library(comm)
-        if module is not None:
-            threads = _threads() if comm.size == 1 else 1
-            partition = find_partition(comm, module, *pattern, threads=threads)
+        calls = None if wanted == "mumps" else cholmod.library(comm)
+        if calls is not None:
+            threads = _threads() if comm.size == 1 and calls.threads else 1
+            partition = find_partition(comm, calls, *pattern, threads=threads)
             while len(partition.interface) > LARGEST_INTERFACE and threads > 1:
                 threads //= 2
-                partition = find_partition(comm, module, *pattern, threads=threads)
+                partition = find_partition(comm, calls, *pattern, threads=threads)
             if len(partition.interface) <= LARGEST_INTERFACE:
-                return CondensedFactor(comm, module, *pattern, partition)
+                self._source = calls.source
+                return CondensedFactor(comm, calls, *pattern, partition)
         self.package = "mumps"
         return MumpsFactor(comm, *pattern)
 
@@ -111,7 +112,7 @@ class TangentFactor:
         parts, met = self._factors.parts, len(self._factors.interface)
         threads = f" with {parts} threads" if ranks == 1 and parts > 1 else ""
         joined = f", {parts} parts that meet at {met} unknowns" if parts > 1 else ""
-        return f"CHOLMOD on {where}{threads}{joined}"
+        return f"CHOLMOD on {where}{threads}{joined}, by {self._source}"
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state; the factors stay those of the last `factorise`."""

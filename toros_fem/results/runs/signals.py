@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-# mpirun passes the second user signal on, but ends the ranks itself at the others.
+# Open MPI's mpirun passes the second user signal on, but ends the ranks itself at the others.
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
 
 
