@@ -106,7 +106,7 @@ def test_options_have_units(
 
     def told(self: Any, comm: MPI.Comm) -> Answer:
         others = ManufactureOptions(copies=3, cross_size=5e-3)
-        return Answer("", {**self.as_dict(), "asked": self.over(others)})
+        return Answer("", {**self.as_dict(), "asked": self.updating(others)})
 
     monkeypatch.setattr(COMMANDS["export"], "__call__", told)
     words = ["export", "a/run", "--bed-width", "20 cm", "--grain", "none", "--copies=1", "--json"]

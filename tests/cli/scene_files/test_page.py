@@ -29,7 +29,7 @@ def test_units() -> None:
 
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
 def test_examples_are_scenes(tmp_path: Path, number: int) -> None:
-    assert len(BLOCKS) == 5
+    assert len(BLOCKS) == 3
     (tmp_path / "a.toml").write_text(BLOCKS[number], encoding="utf-8")
     found = read_scene(tmp_path / "a.toml")
     assert found.config != found.kind()
