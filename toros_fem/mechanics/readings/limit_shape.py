@@ -20,7 +20,7 @@ from toros_fem.meshes.triangles import dihedral_angles, edges_of
 GAIN = 1.4
 # Parts of the half-width of an interval: of the correction; of the change from rest; and of that
 # times the mean square of the angles at edges, by which a skin of triangles is no round one.
-SHARE, FLOOR, ROUND = 0.4, 0.012, 0.5
+SHARE, FLOOR, ROUND = 0.4, 0.012, 1.0
 # Edges that are folded by more are creases of the skin itself, in rad.
 CREASE = np.radians(45.0)
 
