@@ -2,6 +2,7 @@
 
 import toros_fem.meshes as meshes
 from toros_fem.base import errors
+from toros_fem.cli.studies.study import run_study
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -111,6 +112,7 @@ __all__ = [  # noqa: RUF022
     "open_run",
     "write_results",
     "read_summary",
+    "run_study",
     # Constants from tests
     "read_tensile_tests",
     "fit_material",
