@@ -11,7 +11,6 @@ from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.robust import WidthTolerance
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
@@ -88,7 +87,6 @@ __all__ = [  # noqa: RUF022
     "CrossSections",
     "Regularisation",
     "LengthScale",
-    "WidthTolerance",
     "ShapeDesign",
     "Stage",
     "DesignOptions",

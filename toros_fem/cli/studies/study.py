@@ -84,7 +84,7 @@ class Study:
 
     @property
     def columns(self) -> dict[str, str]:
-        """Column of each key that varies; one that a figure has too begins with "given_"."""
+        """Column of each key that varies; one that a figure has too is ``given_…``."""
         found = {k for trial in self.trials if trial.summary for k in trial.summary.figures}
         plain = {name: column_of(one) for name, one in self.keys.items()}
         return {name: f"given_{of}" if of in found else of for name, of in plain.items()}
