@@ -261,7 +261,7 @@ class OwnMeshScene(ActuatorScene):
         "polish_iterations": 1 / 2,
     }
     FEW: ClassVar = (
-        "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "cuts", "symmetry",
+        "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "symmetry",
         "pressure", "design_pressure", "seed",
     )  # fmt: skip
 
