@@ -10,6 +10,7 @@ a committed table is a sentence of the table, so that a test finds it if it is s
 
 from __future__ import annotations
 
+import csv
 import shutil
 import subprocess
 import sys
@@ -147,10 +148,9 @@ def label(axes: Axes, at: tuple[float, float], words: str, colour: str, right: f
 def hand_drawn() -> dict[str, list[list[str]]]:
     """Return the rows of simulated lines by what they do, "twist" and "shortening"."""
     found: dict[str, list[list[str]]] = {}
-    name = ""
-    for first, *row in table_of("limits.md", "| | lines |")[1:]:
-        name = first or name
-        found.setdefault(name, []).append(row)
+    with (DOCS / "limits.csv").open(encoding="utf-8", newline="") as file:
+        for name, *row in list(csv.reader(file))[1:]:
+            found.setdefault(name, []).append(row)
     return found
 
 
@@ -233,7 +233,7 @@ def intervals_told() -> str:
     """Return what the picture of told intervals tells."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     held = sum(one.error <= one.width for one in found)
-    return f"{held} of {len(found)} told intervals hold the limit ({held / len(found):.0%})"
+    return f"{held} of {len(found)} intervals contain the limit ({held / len(found):.0%})"
 
 
 def draw_intervals(path: Path) -> None:
@@ -264,7 +264,7 @@ def draw_intervals(path: Path) -> None:
         right.text(30, 24, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
         right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
         left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
-        left.set_ylabel("error of what is told (% of the change), median")
+        left.set_ylabel("error of reported values (% of the change), median")
         right.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
         right.set(xlabel="true error (% of the change)", ylabel="half-width (% of the change)")
         for axes in (left, right):

@@ -2,6 +2,7 @@
 
 import toros_fem.meshes as meshes
 from toros_fem.base import errors
+from toros_fem.cli.studies.study import run_study
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -10,7 +11,6 @@ from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.regularisation import Regularisation
-from toros_fem.design.loop.robust import WidthTolerance
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
@@ -87,7 +87,6 @@ __all__ = [  # noqa: RUF022
     "CrossSections",
     "Regularisation",
     "LengthScale",
-    "WidthTolerance",
     "ShapeDesign",
     "Stage",
     "DesignOptions",
@@ -111,6 +110,7 @@ __all__ = [  # noqa: RUF022
     "open_run",
     "write_results",
     "read_summary",
+    "run_study",
     # Constants from tests
     "read_tensile_tests",
     "fit_material",

@@ -113,6 +113,6 @@ def test_own_mesh_too_coarse_to_bend() -> None:
         pattern = cylinder(MPI.COMM_SELF, 0.1, 0.02, edge, mesh="structured")
         return replace(OwnMeshScene.of(bend=60.0), read=OwnSkin(pattern))
 
-    with pytest.raises(ParameterError, match="Refine the mesh"):
+    with pytest.raises(ParameterError, match="halves the edges.*remesh"):
         doubts(own(0.011))
     assert doubts(own(2e-3)) == []

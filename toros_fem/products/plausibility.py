@@ -100,10 +100,11 @@ RANGES: Mapping[str, Range] = {
         "Take a longer or thinner skin, a fabric that stretches further, or a smaller target.",
     ),
     "edges": Range(
-        "edges of the mesh around the skin, 2 π r over the edge length, r twice its volume over "
-        "its area",
+        "number of edges around the skin, its girth 2 π r over the mean edge length, with r twice "
+        "its volume over its area",
         (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
-        "Refine the mesh: refinements = 1 divides each triangle into four.",
+        "Each step of `refinements` halves the edges. Long thin triangles of a CAD file stay so: "
+        "remesh it first.",
     ),
 }  # fmt: skip
 

@@ -10,9 +10,11 @@ from mpi4py import MPI
 from toros_fem.base.errors import ParameterError, SceneError
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.layout import keys_of
-from toros_fem.cli.studies.study import run_study
+from toros_fem.cli.studies.study import Study, Trial, run_study
 from toros_fem.cli.studies.values import combinations, values_of
+from toros_fem.measures.figures import Figure
 from toros_fem.products.kinds import KINDS
+from toros_fem.results.runs.summary_file import Summary
 
 KEYS = {key: one for of in keys_of(KINDS["bend"]).values() for key, one in of.items()}
 SMALL = 'kind = "inflate"\n[skin]\nlength = "60 mm"\nedge_length = "6 mm"\n[pressure]\nlevels = 2\n'
@@ -63,6 +65,20 @@ def test_combinations() -> None:
     assert [tuple(one.values()) for one in found] == [(1, 3), (1, 4), (2, 3), (2, 4)]
     with pytest.raises(ParameterError, match="more than"):
         combinations({"a": range(200), "b": range(200)})
+
+
+def test_a_target_that_varies_has_a_column_beside_what_was_found(tmp_path: Path) -> None:
+    trials = [
+        Trial({"angle": asked}, tmp_path, Summary({"angle_deg": found}, {}))
+        for asked, found in [
+            (60.0, Figure("angle", "deg", 57.0, 1.0, 60.0, 1.8)),
+            (90.0, Figure("angle", "deg", 88.0, 2.0, 90.0, 2.7)),
+        ]
+    ]
+    study = Study({"angle": KEYS["angle"]}, trials, tmp_path / "a.csv", tmp_path / "a.png")
+    assert [row["given_angle_deg"] for row in study.rows] == [60.0, 90.0]
+    assert [row["angle_deg"] for row in study.rows] == [57.0, 88.0]
+    assert [row["angle_state"] for row in study.rows] == ["missed", "not certain"]
 
 
 @pytest.mark.slow

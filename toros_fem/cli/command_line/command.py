@@ -104,7 +104,7 @@ def _help(one: Key) -> str:
         return one.help.replace("%", "%%")
     if one.kind is bool:
         return f"{one.meaning}; default no"
-    if one.default is not None and not one.several:
+    if one.default not in (None, "") and not one.several:
         return option_help(one, one.default)
     about, _, none = re.sub("; none takes ", "; none: ", one.meaning).partition("; none: ")
     text = replace(one, meaning=about, optional=False).help

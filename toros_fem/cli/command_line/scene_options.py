@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Progress(Command):
-    """What is told and kept while it runs."""
+    """What is reported and stored while it runs."""
 
     every: Count = key(2, "iterations between two writes of the state")
     verbose: bool = key(False, "print every Newton step")

@@ -27,10 +27,10 @@ CROWDED = 0.8
 class Check(SceneCommand):
     """Reads a scene file and says what is wrong, or what the design will cost.
 
-    Everything is read. An error names file, line and key, and the nearest right key. What is out
-    of the usual range of skins that work is told as a doubt, what no skin can do is refused.
-    It also says how many triangles and unknowns there will be, the memory, and the time, from a
-    few real steps on a coarse mesh. Meshes of too many triangles are refused before they are made.
+    An error names file, line and key, and the nearest right key. A warning ("doubt") means that
+    numbers do not fit each other, a pressure and a fabric for instance; what no skin can do is an
+    error. The command also estimates the mesh size, the memory, and the time from a few real
+    steps on a coarse mesh. Meshes of too many triangles are refused before they are made.
     """
 
     no_probe: bool = key(False, "leave out the probe, and with it the time")
@@ -91,12 +91,12 @@ def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
             memory,
             machine,
         )
-    of = "" if machine is None else f" of {machine:.1f} GiB"
+    there = "" if machine is None else f"; this machine has {machine:.1f} GiB"
     more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
     lines = [
         f"triangles   about {found.triangles} on the finest mesh{more}",
         f"unknowns    about {found.unknowns} on the finest mesh",
-        f"memory      about {memory:.1f} GiB{of}, to a quarter",
+        f"memory      about {memory:.1f} GiB (± 25 %){there}",
     ]
     tried, seconds = found.probe, found.seconds
     if tried is None or seconds is None:

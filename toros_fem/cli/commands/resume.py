@@ -15,9 +15,9 @@ from toros_fem.cli.command_line.scene_options import Progress
 
 @dataclass(frozen=True, kw_only=True)
 class Resume(Progress):
-    """Goes on with a run that was stopped.
+    """Continues a run that was stopped.
 
-    The run goes on from its last state, with the inputs that it began with (RUN/scene.toml), on
+    The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
     any number of ranks. On the same number its result is the same to the last digit.
     """
 

@@ -17,11 +17,11 @@ from toros_fem.cli.command_line.scene_options import SceneCommand
 
 @dataclass(frozen=True, kw_only=True)
 class Study(SceneCommand):
-    """Runs a scene with all combinations of some values.
+    """Runs a scene with all combinations of some values, and tabulates the results.
 
-    Each run has a folder of its own inside that of the study. study.csv has a row for each, with
-    its values and all figures; study.png draws them. A study that was stopped goes on by the same
-    command: finished runs stay, stopped ones go on, and more values may be given.
+    Each run has its own folder in that of the study. study.csv has a row for each run, with its
+    values and all results; study.png draws them. The same command continues a study that was
+    stopped: finished runs are kept, stopped ones continue, and you may give more values.
     """
 
     over: tuple[str, ...] = key(

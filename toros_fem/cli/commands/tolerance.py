@@ -15,11 +15,11 @@ from toros_fem.products.options import ToleranceConfig
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance(Command, ToleranceConfig):
-    """Simulates a design that is not made as drawn.
+    """Simulates a print with wrong widths, materials and pressure.
 
-    Lines wider or narrower than drawn, stiffer or softer materials, another pressure: how angle
-    or other metrics, objective, lines and gaps move, as simulated and to first order. The
-    command names the worst. The folder gets tolerance.json, tolerance.csv and tolerance.png.
+    Lines are wider or narrower than drawn, materials stiffer or softer, the pressure is another.
+    Each change is simulated alone. The command names the change that matters most. The folder
+    gets tolerance.json, tolerance.csv and tolerance.png.
     """
 
     run: Path = key(MISSING, "folder of a finished design")

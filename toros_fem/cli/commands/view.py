@@ -16,7 +16,7 @@ from toros_fem.cli.command_line.command import Answer, Command
 
 @dataclass(frozen=True, kw_only=True)
 class View(Command):
-    """Writes a run as a page for the browser.
+    """Writes the report of a run, a page for the browser.
 
     RUN/report.html shows the skin in space, over the pressure and over the iterations, its flat
     pattern, the curves and all figures. It needs no network. A run that is not finished is

@@ -218,6 +218,8 @@ class _Reader(Document):
         near, far = (difflib.get_close_matches(name, words, n=1) for words in (known, homes))
         if name in homes:
             return f"it stands in the table [{homes[name]}]."
+        if place[0] == CHANGED and name in self.keys[FILES]:
+            return f"write {FILES}.{name}."
         if far and not near:
             return f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
         return nearest(name, known)

@@ -53,13 +53,11 @@ class Trial:
     failure: str = ""
     seconds: float | None = None
 
-    def row(self, keys: Mapping[str, Key]) -> dict[str, Any]:
-        """Return values and figures as a row of the table."""
-        row = {column_of(keys[name]): value for name, value in self.values.items()}
+    def row(self, columns: Mapping[str, str]) -> dict[str, Any]:
+        """Return values, in columns by key, and figures as a row of the table."""
+        row = {columns[name]: value for name, value in self.values.items()}
         found = {} if self.summary is None else self.summary.figures
         for key, figure in found.items():
-            if key in row:  # the pressure is given, and told too
-                continue
             row[key] = figure.value
             if figure.interval is not None:
                 row[f"{figure.name}_error_{figure.unit}"] = figure.interval
@@ -85,9 +83,17 @@ class Study:
     failed: list[Trial] = field(default_factory=list)
 
     @property
+    def columns(self) -> dict[str, str]:
+        """Column of each key that varies; one that a figure has too is ``given_…``."""
+        found = {k for trial in self.trials if trial.summary for k in trial.summary.figures}
+        plain = {name: column_of(one) for name, one in self.keys.items()}
+        return {name: f"given_{of}" if of in found else of for name, of in plain.items()}
+
+    @property
     def rows(self) -> list[dict[str, Any]]:
         """The rows of the table."""
-        return [trial.row(self.keys) for trial in self.trials]
+        columns = self.columns
+        return [trial.row(columns) for trial in self.trials]
 
 
 def column_of(one: Key) -> str:
@@ -162,7 +168,7 @@ def run_study(
             waiting.append((trial, ["resume", str(trial.folder)] if state == "stopped" else line))
     _run_all(study, waiting, jobs or os.cpu_count() or 1)
     with naming(study.picture):
-        draw_study(study.picture, study.rows, [column_of(one) for one in keys.values()],
+        draw_study(study.picture, study.rows, list(study.columns.values()),
                    [one.summary for one in trials if one.summary is not None])  # fmt: skip
     return study
 

@@ -51,7 +51,7 @@ SYMMETRIES = (*COMPONENTS[:-1], "auto")
 METRICS = ("distance", "angle", "twist", "shortening")
 # Filter radius over the mean edge length, where none is given.
 FILTER_EDGES = 1.5
-MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, VTU), or a {NAME} with its panels"}
+MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, XDMF), or a {NAME} with its panels"}
 TARGET = {
     "target": "the same mesh deformed to the target, its triangles in the same order; none: the "
     "target is that of the table [target]"
@@ -130,7 +130,7 @@ class MeshFile(Unwrapping):
     """Sizes and mesh."""
 
     refinements: Annotated[int, In(at_least=0, at_most=6)] = key(
-        0, "how often each triangle of the file is divided into four"
+        0, "how often each triangle of the file is divided into four; 0 gives no intervals"
     )
     symmetry: Annotated[str, OneOf(SYMMETRIES)] | None = key(
         None,
@@ -261,8 +261,8 @@ class OwnMeshScene(ActuatorScene):
         "polish_iterations": 1 / 2,
     }
     FEW: ClassVar = (
-        "bend", "twist", "shorten", "axis", "toward", "scale", "cuts", "symmetry", "pressure",
-        "design_pressure", "seed",
+        "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "symmetry",
+        "pressure", "design_pressure", "seed",
     )  # fmt: skip
 
     # What the files hold, once they are read.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,10 @@ def draw_study(
                          "top": 0.98 - 0.12 / len(figures), "hspace": 0.18},
         )[:, 0]  # fmt: skip
         for axes, figure in zip(charts, figures, strict=True):
-            _draw(axes, rows, columns, figure)
+            targets = {s.figures[figure.key].target for s in summaries if figure.key in s.figures}
+            # One line stands for the targets of all runs, or none is drawn.
+            shown = figure if len(targets) == 1 else replace(figure, target=None)
+            _draw(axes, rows, columns, shown)
         charts[-1].set_xlabel(_named(columns[0]))
         if len(columns) > 1:
             charts[0].legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
