@@ -66,7 +66,6 @@ def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     [
         ("edge_length=1e-6",),
         ("edge_length=1e-6", "levels=1"),
-        ("diameter=10",),
         ("start=relaxed", "print_edge_length=1e-6"),
     ],
     ids=" ".join,

@@ -77,7 +77,8 @@ def run_scene(
             that it reads.
         TorosError: As of `open_run` and of the action.
     """
-    action, files = getattr(scene.config, _ACTIONS[name][0]), _taken(scene, name)
+    files = _taken(scene, name)
+    action = getattr(scene.config, _ACTIONS[name][0])
     on_first_rank(comm, lambda: _require_apart(folder, files))
     inputs = on_first_rank(comm, lambda: inputs_of(scene, name))
     text = scene_text(scene.config, files, scene.materials)

@@ -77,6 +77,8 @@ class SceneFile:
         try:
             yield
         except ParameterError as caught:
+            if caught.key is None:
+                raise
             line = self.lines.get(str(caught.key))
             at = f"{self.path}: " if line is None else f"{self.path}, line {line}: "
             raise SceneError(f"{at}{caught}", self.path, line, caught.key) from None

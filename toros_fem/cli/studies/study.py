@@ -23,7 +23,6 @@ from toros_fem.cli.command_line.running import inputs_of
 from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.studies.values import combinations, values_of
-from toros_fem.results.pictures.study import draw_study
 from toros_fem.results.runs.folder import read_record
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
@@ -167,6 +166,8 @@ def run_study(
             line += ["--output", str(trial.folder)]
             waiting.append((trial, ["resume", str(trial.folder)] if state == "stopped" else line))
     _run_all(study, waiting, jobs or os.cpu_count() or 1)
+    from toros_fem.results.pictures.study import draw_study  # who runs none does not pay
+
     with naming(study.picture):
         draw_study(study.picture, study.rows, list(study.columns.values()),
                    [one.summary for one in trials if one.summary is not None])  # fmt: skip
