@@ -28,7 +28,7 @@ MANY = 100_000
 # Sizes that quantities have, by their units: of what must be positive the least, and of all the
 # largest. What lies beyond would overflow, or ask for more memory than there is.
 SIZES: Mapping[str | None, tuple[float, float]] = {
-    "m": (1e-7, 1e3),
+    "m": (5e-9, 1e3),
     "m²": (1e-14, 1e6),
     "Pa": (1e-6, 1e15),
     "deg": (1e-9, 1e5),
