@@ -16,6 +16,10 @@ from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.making.options import ManufactureOptions
 
 log = logging.getLogger(__name__)
+UNKNOWN_HEIGHT = (
+    "%s has no summary.json, which tells the height of the print: %g mm is taken. Give "
+    "--layer-height."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,13 +66,8 @@ class Export(Command, ManufactureOptions):
         there = on_first_rank(comm, (run / NAME).is_file)
         part = read_pattern(comm, run / NAME) if there else stored.pattern
         options = self.updating(made_as(summary))
-        if not summary and options.layer_height == ManufactureOptions.layer_height:
-            height = 1e3 * options.layer_height
-            if comm.rank == 0:
-                log.warning(
-                    "%s has no summary.json, which tells the height of the print: %g mm is taken. "
-                    "Give --layer-height.", run, height,
-                )  # fmt: skip
+        if not summary and "layer_height" not in vars(self)["given"] and comm.rank == 0:
+            log.warning(UNKNOWN_HEIGHT, run, 1e3 * options.layer_height)
         output = self.output or run / FOLDER
         drawings = ["pattern.svg", NAME, PRINT, "pattern.png"]
         made = printability(stored.pattern, stored.regions, stored.limits)
