@@ -133,6 +133,18 @@ def test_files_of_earlier_runs_are_moved_aside(
         assert run.journal(run.folder).entry(comm, "loop").saved() is not None
 
 
+def test_a_run_inside_another_folder_of_ours_has_its_own_list(
+    comm: MPI.Comm, folder: Path
+) -> None:
+    """A study keeps its runs in folders of its own; each of them can be run again."""
+    inside = folder / "one"
+    guarded(comm, folder, lambda: replace_file(folder / "study.csv", b"a\n"))
+    leave(comm, inside, finished=True)
+    leave(comm, inside, finished=True)
+    assert {"earlier-1", "scene.toml", "summary.json"} <= names(inside)
+    assert "one" not in (folder / LISTED).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("name", ["scene.toml", "summary.json", "frames", "state/1.npz"])
 def test_files_that_no_run_listed_are_never_replaced(
     comm: MPI.Comm, folder: Path, name: str

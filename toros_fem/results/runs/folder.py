@@ -23,6 +23,7 @@ from toros_fem.base.files import (
     add_to_list,
     guarded,
     listed,
+    listing,
     read_bytes,
     read_json,
     reading,
@@ -257,10 +258,11 @@ def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) 
         log.warning("files of %s are now in %s", of, moved.place)
         stack.push(partial(_undo, folder, moved))
     add_to_list(folder, [STATE])
-    (folder / STATE).mkdir()
-    _write_record(folder, record)
-    if scene is not None:
-        replace_file(folder / SCENE, scene.encode())
+    with listing(folder):  # a folder around it may have a list too
+        (folder / STATE).mkdir()
+        _write_record(folder, record)
+        if scene is not None:
+            replace_file(folder / SCENE, scene.encode())
     return record
 
 
