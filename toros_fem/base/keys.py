@@ -144,10 +144,15 @@ class Key:
         return replace(self, several=False)
 
     @property
+    def ending(self) -> str:
+        """Its unit at the end of the names of columns, "deg" or "pa" for instance."""
+        unit = self.within.unit
+        return METRIC_UNITS.get(unit, str(unit).lower())
+
+    @property
     def metric_key(self) -> str | None:
         """Key of the metric whose target it holds, "angle_deg" for instance: of the same unit."""
-        unit = self.within.unit
-        return self.metric and f"{self.metric}_{METRIC_UNITS.get(unit, unit)}"
+        return self.metric and f"{self.metric}_{self.ending}"
 
     @property
     def help(self) -> str:

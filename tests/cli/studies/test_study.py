@@ -7,7 +7,7 @@ import pytest
 from helpers.command_runs import changes
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, SceneError
+from toros_fem.base.errors import OutputError, ParameterError, SceneError
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.layout import keys_of
 from toros_fem.cli.studies.study import Study, Trial, run_study
@@ -75,7 +75,7 @@ def test_a_target_that_varies_has_a_column_beside_what_was_found(tmp_path: Path)
             (90.0, Figure("angle", "deg", 88.0, 2.0, 90.0, 2.7)),
         ]
     ]
-    study = Study({"angle": KEYS["angle"]}, trials, tmp_path / "a.csv", tmp_path / "a.png")
+    study = Study({"angle": KEYS["angle"]}, trials, tmp_path)
     assert [row["given_angle_deg"] for row in study.rows] == [60.0, 90.0]
     assert [row["angle_deg"] for row in study.rows] == [57.0, 88.0]
     assert [row["angle_state"] for row in study.rows] == ["missed", "not certain"]
@@ -121,7 +121,19 @@ def test_failed_runs_are_told(alone: MPI.Comm, tmp_path: Path) -> None:
     scene, output = tmp_path / "a.toml", tmp_path / "study"
     scene.write_text('kind = "bend"\n', encoding="utf-8")
     words = ["study", str(scene), "--output", str(output), *changes(), "--over", "angle=700"]
-    assert run(alone, words) == 3
+    assert run(alone, [*words, "--allow-large"]) == 3
     text = (output / "study.csv").read_text(encoding="utf-8")
     assert "exit code 2" in text
-    assert "angle" in (output / "logs" / "angle=700.txt").read_text(encoding="utf-8")
+    log = (output / "logs" / "angle=700.txt").read_text(encoding="utf-8")
+    assert "angle" in log
+    assert " --allow-large " in log.splitlines()[0]
+
+
+def test_a_table_of_somebody_else_stays(tmp_path: Path) -> None:
+    scene, output = tmp_path / "a.toml", tmp_path / "study"
+    scene.write_text(SMALL, encoding="utf-8")
+    output.mkdir()
+    (output / "study.csv").write_text("mine", encoding="utf-8")
+    with pytest.raises(OutputError, match=r"study\.csv is there"):
+        run_study(scene, {"highest_pressure": [12e3]}, output, command="simulate")
+    assert (output / "study.csv").read_text(encoding="utf-8") == "mine"

@@ -133,9 +133,7 @@ def test_files_of_earlier_runs_are_moved_aside(
         assert run.journal(run.folder).entry(comm, "loop").saved() is not None
 
 
-def test_a_run_inside_another_folder_of_ours_has_its_own_list(
-    comm: MPI.Comm, folder: Path
-) -> None:
+def test_a_run_inside_another_folder_of_ours_has_its_own_list(comm: MPI.Comm, folder: Path) -> None:
     """A study keeps its runs in folders of its own; each of them can be run again."""
     inside = folder / "one"
     guarded(comm, folder, lambda: replace_file(folder / "study.csv", b"a\n"))

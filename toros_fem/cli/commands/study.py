@@ -45,16 +45,16 @@ class Study(SceneCommand):
 
         if comm.size > 1:
             raise UsageError("a study runs its scenes side by side by itself: leave out mpirun.")
-        with self.meshes_allowed():
-            found = run_study(
-                self.file,
-                self.over,
-                self.output,
-                command="simulate" if self.simulate else "design",
-                coarse=self.coarse,
-                changes=self.set,
-                jobs=self.jobs,
-            )
+        found = run_study(
+            self.file,
+            self.over,
+            self.output,
+            command="simulate" if self.simulate else "design",
+            coarse=self.coarse,
+            changes=self.set,
+            allow_large=self.allow_large,
+            jobs=self.jobs,
+        )
         failed = len(found.failed)
         text = f"{found.table}: {len(found.trials)} runs"
         if failed:

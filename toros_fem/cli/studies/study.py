@@ -10,15 +10,15 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError, TorosError
-from toros_fem.base.files import naming, write_table
-from toros_fem.base.keys import METRIC_UNITS, Key
+from toros_fem.base.files import guarded, naming, write_table
+from toros_fem.base.keys import Key, nearest
 from toros_fem.cli.command_line.running import inputs_of
 from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
@@ -72,14 +72,22 @@ class Study:
     Attributes:
         keys: What is known of each key that varies.
         trials: The runs, in the order of the table.
-        table, picture: Its files.
+        folder: Its folder.
     """
 
     keys: Mapping[str, Key]
     trials: Sequence[Trial]
-    table: Path
-    picture: Path
-    failed: list[Trial] = field(default_factory=list)
+    folder: Path
+
+    @property
+    def table(self) -> Path:
+        """The table of all runs."""
+        return self.folder / TABLE
+
+    @property
+    def failed(self) -> list[Trial]:
+        """The runs without a result."""
+        return [trial for trial in self.trials if trial.failure]
 
     @property
     def columns(self) -> dict[str, str]:
@@ -94,12 +102,23 @@ class Study:
         columns = self.columns
         return [trial.row(columns) for trial in self.trials]
 
+    def write_table(self) -> None:
+        """Write the rows as they are now."""
+        guarded(MPI.COMM_SELF, self.folder, lambda: write_table(self.table, self.rows))
+
+    def write_picture(self) -> None:
+        """Draw the figures of the runs."""
+        from toros_fem.results.pictures.study import draw_study  # who runs none does not pay
+
+        columns, found = list(self.columns.values()), [one.summary for one in self.trials]
+        path, summaries = self.folder / PICTURE, [one for one in found if one is not None]
+        guarded(MPI.COMM_SELF, self.folder, lambda: draw_study(path, self.rows, columns, summaries))
+
 
 def column_of(one: Key) -> str:
     """Return the column of a key: its name, and the unit that ends it."""
-    unit = METRIC_UNITS.get(one.within.unit, one.within.unit)
     plain = one.kind is float and one.within.unit is not None
-    return f"{one.name}_{str(unit).lower()}" if plain else one.name
+    return f"{one.name}_{one.ending}" if plain else one.name
 
 
 def run_study(
@@ -110,6 +129,7 @@ def run_study(
     command: str = "design",
     coarse: bool = False,
     changes: Sequence[str] = (),
+    allow_large: bool = False,
     jobs: int | None = None,
 ) -> Study:
     """Run a scene with all combinations of some values, and put all figures into one table.
@@ -123,6 +143,7 @@ def run_study(
         command: "design" or "simulate".
         coarse: Whether to take the scene's quick variant.
         changes: Texts "KEY=VALUE" that hold for all runs.
+        allow_large: Whether to allow meshes of any size.
         jobs: Runs at a time; None takes one for each core.
 
     Raises:
@@ -136,41 +157,32 @@ def run_study(
     known = {
         key: one for at in tables if at not in (FILES, QUICK) for key, one in tables[at].items()
     }
-    words = [] if isinstance(over, Mapping) else list(over)
-    varied: dict[str, Sequence[Any]] = dict(over) if isinstance(over, Mapping) else {}
-    for one in words:
-        name, given = values_of(one, known)
+    given = over.items() if isinstance(over, Mapping) else (values_of(one, known) for one in over)
+    varied: dict[str, Sequence[Any]] = {}
+    for name, several in given:
         if name in varied:
             raise ParameterError(f"{name} is given twice. Give all of its values at once.", name)
-        varied[name] = given
-    for name in varied:
         if name not in known:
-            raise ParameterError(f"the scene has no key {name!r}.", name)
-    keys = {name: known[name] for name in varied}
-    trials, scenes = [], []
+            raise ParameterError(f"unknown key {name!r}; {nearest(name, known)}", name)
+        varied[name] = several
+    keys, trials, waiting = {name: known[name] for name in varied}, [], []
+    options = [*["--coarse"] * coarse, *["--allow-large"] * allow_large]
     for values in combinations(varied):
-        own = [*changes, *(f"{name}={_text(value)}" for name, value in values.items())]
-        scenes.append((read_scene(path, coarse=coarse, changes=own), own))
-        trials.append(Trial(values, folder / _name(values)))
-    with naming(folder):
-        (folder / LOGS).mkdir(parents=True, exist_ok=True)
-    study = Study(keys, trials, folder / TABLE, folder / PICTURE)
-    waiting = []
-    for trial, (own_scene, own) in zip(trials, scenes, strict=True):
-        state = _state_of(trial.folder, own_scene, command)
+        own = [*changes, *(f"{name}={keys[name].written(one)}" for name, one in values.items())]
+        trial = Trial(values, folder / _name(values))
+        trials.append(trial)
+        state = _state_of(trial.folder, read_scene(path, coarse=coarse, changes=own), command)
         if state == "finished":
             trial.summary = summary_of(trial.folder)
+        elif state == "stopped":
+            waiting.append((trial, ["resume", str(trial.folder)]))
         else:
-            line = [command, str(path), *(["--coarse"] if coarse else [])]
-            line += [word for change in own for word in ("--set", change)]
-            line += ["--output", str(trial.folder)]
-            waiting.append((trial, ["resume", str(trial.folder)] if state == "stopped" else line))
+            sets = [word for change in own for word in ("--set", change)]
+            line = [command, str(path), *options, *sets, "--output", str(trial.folder)]
+            waiting.append((trial, line))
+    study = Study(keys, trials, folder)
     _run_all(study, waiting, jobs or os.cpu_count() or 1)
-    from toros_fem.results.pictures.study import draw_study  # who runs none does not pay
-
-    with naming(study.picture):
-        draw_study(study.picture, study.rows, list(study.columns.values()),
-                   [one.summary for one in trials if one.summary is not None])  # fmt: skip
+    study.write_picture()
     return study
 
 
@@ -179,7 +191,9 @@ def _run_all(study: Study, waiting: Sequence[tuple[Trial, list[str]]], jobs: int
     running: set[subprocess.Popen[bytes]] = set()
     begin, done, count = time.perf_counter(), 0, len(study.trials)
     before = count - len(waiting)
-    write_table(study.table, study.rows)
+    study.write_table()
+    with naming(study.folder):
+        (study.folder / LOGS).mkdir(exist_ok=True)
     if before:
         log.info("%d of %d runs are finished already", before, count)
     with ThreadPoolExecutor(jobs) as pool:
@@ -189,7 +203,7 @@ def _run_all(study: Study, waiting: Sequence[tuple[Trial, list[str]]], jobs: int
             for future in as_completed(found):
                 trial = future.result()
                 done += 1
-                write_table(study.table, study.rows)
+                study.write_table()
                 left = (time.perf_counter() - begin) / done * (len(waiting) - done)
                 told = trial.failure or _told(trial)
                 log.info(
@@ -202,7 +216,6 @@ def _run_all(study: Study, waiting: Sequence[tuple[Trial, list[str]]], jobs: int
             for process in list(running):
                 process.terminate()
             raise
-    study.failed = [trial for trial in study.trials if trial.failure]
 
 
 def _run(
@@ -250,11 +263,10 @@ def _state_of(folder: Path, scene: SceneFile, command: str) -> str:
 
 
 def _name(values: Mapping[str, Any]) -> str:
-    text = ",".join(f"{name}={_text(value)}" for name, value in values.items())
+    def shown(value: Any) -> str:
+        if isinstance(value, float):
+            return f"{value:.12g}"
+        return value if isinstance(value, str) else str(value).lower()
+
+    text = ",".join(f"{name}={shown(value)}" for name, value in values.items())
     return "".join(letter if letter in PLAIN else "_" for letter in text)
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bool) or value is None:
-        return "none" if value is None else str(value).lower()
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
