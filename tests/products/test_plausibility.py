@@ -116,3 +116,14 @@ def test_own_mesh_too_coarse_to_bend() -> None:
     with pytest.raises(ParameterError, match="halves the edges.*remesh"):
         doubts(own(0.011))
     assert doubts(own(2e-3)) == []
+
+
+def test_a_line_on_the_axis_may_keep_its_length() -> None:
+    """A bend about the axis stretches the outer side by half of what one about the wall does."""
+    pattern = cylinder(MPI.COMM_SELF, 0.1, 0.02, 4e-3, mesh="structured")
+
+    def strain(neutral: float | None) -> float:
+        scene = replace(OwnMeshScene.of(bend=60.0, neutral=neutral), read=OwnSkin(pattern))
+        return next(group.value for group in scene.groups() if group.name == "bound")
+
+    assert strain(0.0) == pytest.approx(strain(None) / 2)

@@ -8,11 +8,11 @@ doubt; what no skin can do is refused. docs/reference/scene_keys.md has the tabl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 
 INFINITE = math.inf
@@ -150,14 +150,7 @@ class Group:
         return f"{self.key}: the {of.words}, is {self.value:.3g}; {word} is {span}. {of.remedy}"
 
 
-class Judged(Protocol):
-    """What has dimensionless groups, as scenes do."""
-
-    def groups(self) -> Iterator[Group]:
-        """Yield the groups that are known."""
-
-
-def doubts(scene: Judged) -> list[str]:
+def doubts(scene: Scene) -> list[str]:
     """Return what is doubtful about a scene, a sentence or two each.
 
     Raises:
@@ -169,60 +162,64 @@ def doubts(scene: Judged) -> list[str]:
     return [group.doubt for group in groups if group.doubt is not None]
 
 
-def sheet_groups(sheet: Composite, radius: float) -> Iterator[Group]:
-    """Yield the groups of the sheets of a skin.
+@dataclass(frozen=True, eq=False)
+class Inflated:
+    """A skin under pressure, as its groups see it.
 
-    Args:
+    Attributes:
         sheet: Fabric, print and bladder.
-        radius: Radius of the skin in m.
+        pressure: Largest pressure in Pa.
+        radius: Radius of the inflated skin in m where it is thinnest.
     """
-    fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
-    yield Group("thickness", "thickness", fabric.thickness / radius)
-    yield Group("thickness", "reinforcement_thickness", printed.thickness / radius)
-    contrast = printed.membrane_stiffness / fabric.membrane_stiffness
-    yield Group("contrast", "reinforcement_young", contrast)
-    if bladder is not None:
-        yield Group("thickness", "bladder_thickness", bladder.thickness / radius)
-        share = bladder.membrane_stiffness / fabric.membrane_stiffness
-        yield Group("bladder", "bladder_young", share)
-    c1, c2 = sheet.fabric_bounds
-    yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
 
+    sheet: Composite
+    pressure: float
+    radius: float
 
-def width_groups(widths: Mapping[str, float | None], girth: float) -> Iterator[Group]:
-    """Yield the groups of widths of lines and gaps, by their keys in m; None is left out."""
-    for key, width in widths.items():
-        if width is not None:
-            yield Group("width", key, width / girth)
+    def groups(self) -> Iterator[Group]:
+        """Yield the groups of its sheets and of its pressure."""
+        fabric, printed, bladder = self.sheet.fabric, self.sheet.reinforcement, self.sheet.bladder
+        yield Group("thickness", "thickness", fabric.thickness / self.radius)
+        yield Group("thickness", "reinforcement_thickness", printed.thickness / self.radius)
+        contrast = printed.membrane_stiffness / fabric.membrane_stiffness
+        yield Group("contrast", "reinforcement_young", contrast)
+        if bladder is not None:
+            yield Group("thickness", "bladder_thickness", bladder.thickness / self.radius)
+            share = bladder.membrane_stiffness / fabric.membrane_stiffness
+            yield Group("bladder", "bladder_young", share)
+        c1, c2 = self.sheet.fabric_bounds
+        yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
+        yield Group("load", "pressure", self._widening)
 
+    def width(self, key: str, width: float) -> Group:
+        """Return the group of the width in m of a line or a gap."""
+        return Group("width", key, width / (2 * math.pi * self.radius))
 
-def reach_groups(
-    key: str, strain: float, sheet: Composite, pressures: Sequence[float], radius: float
-) -> Iterator[Group]:
-    """Yield the groups of a strain that a target needs.
+    def reach(self, key: str, strain: float) -> Iterator[Group]:
+        """Yield the groups of a strain that the fabric must have for the target of a key."""
+        bound, given = self.sheet.fabric_bounds[0] - 1, self._widening / 2
+        yield Group("bound", key, strain / bound)
+        if given > 0:
+            yield Group("reach", key, strain / min(given, bound))
 
-    Args:
-        key: Key of the target.
-        strain: What the fabric must stretch by.
-        sheet: Fabric, print and bladder.
-        pressures: Pressures in Pa; the largest counts.
-        radius: Radius of the skin in m.
-    """
-    bound = sheet.fabric_bounds[0] - 1
-    given = max(pressures) * radius / (2 * sheet.least_stiffness)
-    yield Group("bound", key, strain / bound)
-    if given > 0:
-        yield Group("reach", key, strain / min(given, bound))
+    def turn(self, key: str, angle: float, strain: float) -> Iterator[Group]:
+        """Yield the groups of a bend or a twist in degrees, and of the strain that it needs."""
+        yield Group("angle", key, abs(angle) / 360)
+        yield from self.reach(key, strain)
+
+    @property
+    def _widening(self) -> float:
+        return self.pressure * self.radius / self.sheet.least_stiffness
 
 
 def bending_strain(angle: float, length: float, radius: float, neutral: float) -> float:
-    """Return the strain of the outer side of a tube that bends by an angle in rad."""
-    return abs(angle) * (radius + neutral) / length
+    """Return the strain of the outer side of a tube that bends by an angle in degrees."""
+    return abs(math.radians(angle)) * (radius + neutral) / length
 
 
 def twisting_strain(angle: float, length: float, radius: float) -> float:
-    """Return the largest principal strain of the wall of a tube that twists by an angle in rad."""
-    half = abs(angle) * radius / length / 2  # of the shear
+    """Return the largest principal strain of the wall of a tube that twists, in degrees."""
+    half = abs(math.radians(angle)) * radius / length / 2  # of the shear
     return half + math.hypot(1.0, half) - 1
 
 

@@ -29,7 +29,7 @@ from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.result import ActuatorResult, Trial
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
-from toros_fem.products.plausibility import Group, sheet_groups, width_groups
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
@@ -158,25 +158,27 @@ class ActuatorScene(Scene):
         """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
         return None
 
+    @property
+    def inflated(self) -> Inflated | None:
+        """The skin under its largest pressure; None if its radius is not known."""
+        if self.radius is None:
+            return None
+        pressing = self.pressure
+        largest = pressing.pressure if pressing.bounds is None else pressing.bounds[1]
+        return Inflated(self.material.composite, largest, self.radius)
+
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene that are known."""
-        radius, sheet = self.radius, self.material.composite
-        if radius is None:
+        skin, design = self.inflated, self.design
+        if skin is None:
             return
-        yield from sheet_groups(sheet, radius)
-        yield Group("load", "pressure", max(self.pressures) * radius / sheet.least_stiffness)
-        design, girth = self.design, 2 * np.pi * radius
+        yield from skin.groups()
         widths: dict[str, float | None] = {"print_width": self.print.print_width}
         if design.constrained_iterations:
             widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
         if design.start == "relaxed":
-            widths |= {"laid_width": max(self.laid_widths)}
-        yield from width_groups(widths, girth)
-
-    @property
-    def pressures(self) -> tuple[float, ...]:
-        """Least and largest pressure in Pa, or the one that is prescribed."""
-        return self.pressure.bounds or (self.pressure.pressure,)
+            widths["laid_width"] = max(self.laid_widths)
+        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
 
     def run_design(
         self,

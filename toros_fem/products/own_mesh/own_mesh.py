@@ -33,7 +33,7 @@ from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
-from toros_fem.products.plausibility import Group, bending_strain, reach_groups, twisting_strain
+from toros_fem.products.plausibility import Group, bending_strain, twisting_strain
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import (
@@ -321,26 +321,22 @@ class OwnMeshScene(ActuatorScene):
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene, once its files are read."""
         yield from super().groups()
-        if self.read is None or self.radius is None:
+        skin, asked = self.inflated, self.target
+        if self.read is None or skin is None:
             return
-        radius, asked, sheet = self.radius, self.target, self.material.composite
         edge = self.read.edge_length / 2.0**self.skin.refinements
-        yield Group("edges", "refinements", 2 * np.pi * radius / edge)
+        yield Group("edges", "refinements", 2 * np.pi * skin.radius / edge)
         if self.read.target is not None:
             return
         body = asked.of_body(self.read.whole)
-        length = body.end - body.begin
-        for name, value in (("bend", asked.bend), ("twist", asked.twist)):
-            if value is None:
-                continue
-            yield Group("angle", name, abs(value) / 360)
-            angle, neutral = np.radians(value), asked.neutral or body.half_width
-            strain = (
-                bending_strain(angle, length, body.half_width, neutral)
-                if name == "bend"
-                else twisting_strain(angle, length, radius)
-            )
-            yield from reach_groups(name, strain, sheet, self.pressures, radius)
+        length, half = body.end - body.begin, body.half_width
+        if asked.bend is not None:
+            neutral = half if asked.neutral is None else asked.neutral
+            strain = bending_strain(asked.bend, length, half, neutral)
+            yield from skin.turn("bend", asked.bend, strain)
+        if asked.twist is not None:
+            strain = twisting_strain(asked.twist, length, skin.radius)
+            yield from skin.turn("twist", asked.twist, strain)
         if asked.shorten is not None and asked.shorten > 0:
             yield Group("shortening", "shorten", asked.shorten / 100)
 

@@ -36,11 +36,9 @@ class BendTarget(Table):
 
     def groups(self, scene: TubeScene) -> Iterator[Group]:
         """Yield the groups of the bend of a tube."""
-        angle, radius = np.radians(self.angle), scene.radius
-        yield Group("angle", "angle", abs(self.angle) / 360)
-        yield Group("neutral", "neutral", self.neutral / radius)
-        strain = bending_strain(angle, scene.skin.length, radius, self.neutral)
-        yield from scene.reach("angle", strain)
+        yield Group("neutral", "neutral", self.neutral / scene.radius)
+        strain = bending_strain(self.angle, scene.skin.length, scene.radius, self.neutral)
+        yield from scene.inflated.turn("angle", self.angle, strain)
 
 
 @dataclass(frozen=True)

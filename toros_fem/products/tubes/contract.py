@@ -58,7 +58,7 @@ class ContractScene(SectionTubeScene):
         yield from super().groups()
         share = self.target.contraction / 100
         if share < 0:
-            yield from self.reach("contraction", -share)
+            yield from self.inflated.reach("contraction", -share)
         else:
             yield Group("shortening", "contraction", share)
 

@@ -23,7 +23,7 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, Probe
-from toros_fem.products.plausibility import Group, sheet_groups
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
@@ -77,10 +77,8 @@ class InflateScene(Scene):
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
-        radius, sheet = self.skin.diameter / 2, self.material.composite
-        highest = max(self.pressure.pressure, self.pressure.highest_pressure)
-        yield from sheet_groups(sheet, radius)
-        yield Group("load", "pressure", highest * radius / sheet.least_stiffness)
+        highest = self.pressure.highest_pressure
+        return Inflated(self.material.composite, highest, self.skin.diameter / 2).groups()
 
     @property
     def planes(self) -> tuple[int, ...]:

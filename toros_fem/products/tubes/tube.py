@@ -30,7 +30,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, reach_groups, twisting_strain
+from toros_fem.products.plausibility import Group, Inflated, twisting_strain
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -104,9 +104,12 @@ class TubeScene(ActuatorScene):
         yield Group("slenderness", "length", self.skin.length / self.skin.diameter)
         yield from super().groups()
 
-    def reach(self, key: str, strain: float) -> Iterator[Group]:
-        """Yield the groups of a strain that the target of a key needs."""
-        return reach_groups(key, strain, self.material.composite, self.pressures, self.radius)
+    @property
+    def inflated(self) -> Inflated:
+        """The tube under its largest pressure."""
+        found = super().inflated
+        assert found is not None
+        return found
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: all its vertices count, those of the tip more."""
@@ -189,9 +192,8 @@ def shortening_metric(target: float) -> Metric:
 
 def twist_groups(scene: TubeScene, twist: float) -> Iterator[Group]:
     """Yield the groups of the twist of a tube in degrees."""
-    yield Group("angle", "twist", abs(twist) / 360)
-    strain = twisting_strain(np.radians(twist), scene.skin.length, scene.radius)
-    yield from scene.reach("twist", strain)
+    strain = twisting_strain(twist, scene.skin.length, scene.radius)
+    return scene.inflated.turn("twist", twist, strain)
 
 
 def length_metric(target: float | None) -> Metric:
