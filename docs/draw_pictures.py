@@ -44,7 +44,17 @@ from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
 from toros_fem.results.pictures.shapes import plot_states
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.style import ACCENT, DARK, INK, SECOND, SIZE, SOFT, TALL, page
+from toros_fem.results.pictures.style import (
+    ACCENT,
+    DARK,
+    INK,
+    SECOND,
+    SERIES,
+    SIZE,
+    SOFT,
+    TALL,
+    page,
+)
 from toros_fem.results.pictures.view import View
 from toros_fem.results.report.page_file import write_report
 
@@ -64,8 +74,6 @@ PARTS = {
         "objective_s", "metrics_s", "mma_s",
     ),
 }  # fmt: skip
-# Colours of the kinds of prints.
-KIND_COLOURS = (DARK, ACCENT, SECOND, "#009E73", "#CC79A7", "#E69F00")
 # Pressure in Pa that fills the tube.
 FILLED = 100.0
 BROWSER = (
@@ -240,7 +248,7 @@ def draw_intervals(path: Path) -> None:
     """Draw errors over time, and half-widths over true errors, in parts of the change from rest."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     sizes = sorted({one.size for one in found}, reverse=True)
-    colours = dict(zip(intervals.KINDS, KIND_COLOURS, strict=True))
+    colours = dict(zip(intervals.KINDS, SERIES, strict=True))
     with page(path, intervals_told(), SIZE) as figure:
         left, right = figure.subplots(
             1, 2, gridspec_kw={"left": 0.08, "right": 0.98, "bottom": 0.12, "top": 0.86,

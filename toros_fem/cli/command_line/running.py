@@ -23,7 +23,7 @@ from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import RunResult
 from toros_fem.results.runs.files import SCENE
 from toros_fem.results.runs.folder import open_run, read_record
-from toros_fem.results.runs.summary_file import read_content, summary_of
+from toros_fem.results.runs.summary_file import read_content
 
 log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ def run_scene(
             log.info("the run in %s goes on", folder)
         found: RunResult = action(comm, folder, files, verbose=verbose)
     summary = on_first_rank(comm, lambda: read_content(folder))
-    used = on_first_rank(comm, lambda: summary_of(folder).value("stretch_use"))
+    used = next((one.value for one in found.figures if one.key == "stretch_use"), None)
     if (beyond := beyond_tests(scene, used)) and comm.rank == 0:
         log.warning(beyond)
     return Answer(f"{found.sentence()}; see {folder}/", summary)

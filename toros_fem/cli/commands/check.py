@@ -54,8 +54,8 @@ class Check(SceneCommand):
         with self.meshes_allowed(), scene.located():
             read = scene.config.with_files(comm, scene.files)
             figures["doubts"] = doubtful = doubts(read)
-            cost_of = getattr(scene.config, "expected_cost", None)
-            cost = cost_of and cost_of(comm, scene.files, probing=not self.no_probe)
+            cost_of = getattr(read, "expected_cost", None)
+            cost = cost_of and cost_of(comm, probing=not self.no_probe)
         state = "is in order" if not doubtful else "can be read, but is doubtful"
         lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
         lines += [f"doubt       {one}" for one in doubtful]

@@ -15,7 +15,7 @@ from toros_fem.base.errors import LibraryError, ParameterError, SceneError
 from toros_fem.base.keys import Key, Table, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
-from toros_fem.base.toml_files.document import Document, read_text
+from toros_fem.base.toml_files.document import Document, at, read_text
 from toros_fem.base.toml_files.lines import Place
 from toros_fem.base.validation import shown
 from toros_fem.cli.scene_files.layout import FILES, LIBRARY, QUICK, keys_of
@@ -58,9 +58,9 @@ class SceneFile:
         )
         for name in missing:
             line = self.lines.get(f"files.{name}")
-            at = "" if line is None else f"{self.path}, line {line}: "
+            place = "" if line is None else f"{at(self.path, line)}: "
             raise SceneError(
-                f"{at}files.{name}: there is no {self.files[name]}. Paths in a scene file are "
+                f"{place}files.{name}: there is no {self.files[name]}. Paths in a scene file are "
                 "relative to it, those of the command line to the current folder.",
                 self.path,
                 line,
@@ -80,8 +80,8 @@ class SceneFile:
             if caught.key is None:
                 raise
             line = self.lines.get(str(caught.key))
-            at = f"{self.path}: " if line is None else f"{self.path}, line {line}: "
-            raise SceneError(f"{at}{caught}", self.path, line, caught.key) from None
+            message = f"{at(self.path, line)}: {caught}"
+            raise SceneError(message, self.path, line, caught.key) from None
 
 
 def read_scene(

@@ -228,9 +228,9 @@ class ActuatorScene(Scene):
         scene, pattern = self.with_files(comm, given), given.get("pattern")
         return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
 
-    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
-        """Return the cost of a design, by `actuator_cost` (collective)."""
-        return actuator_cost(comm, self.with_files(comm, files), probing=probing)
+    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
+        """Return the cost of a design with its files, by `actuator_cost` (collective)."""
+        return actuator_cost(comm, self, probing=probing)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).

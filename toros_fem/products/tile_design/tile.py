@@ -128,7 +128,7 @@ class TileScene(TileDesignScene):
         write_tile_results(output, found)
         return found
 
-    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
         """Return the cost of the design, probed on the mesh of the starts (collective)."""
         require_affordable(self.skin.size**2, self.skin.edge_length / 2)
         case, design = tile_case(comm, self), self.design

@@ -134,7 +134,7 @@ class InflateScene(Scene):
         draw_pictures(comm, output)
         return found
 
-    def expected_cost(self, comm: MPI.Comm, files: Mapping[str, Path], *, probing: bool) -> Cost:
+    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
         """Return the cost of the curve, probed by one equilibrium of a coarser tube (collective).
 
         Raises:

@@ -11,12 +11,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from toros_fem.measures.figures import Figure, Unit, split_key, unit_of
-from toros_fem.results.pictures.style import ACCENT, DARK, INK, SECOND, SOFT, page, write_title
+from toros_fem.results.pictures.style import INK, SERIES, SOFT, page, write_title
 from toros_fem.results.runs.summary_file import Summary
 
 # Charts at most, and curves with labels of their own.
 MOST, CURVES = 4, 8
-COLOURS = (DARK, ACCENT, SECOND, "#009E73", "#CC79A7", "#E69F00", "#56B4E9", SOFT)
+COLOURS = (*SERIES, "#56B4E9", SOFT)
 
 
 def draw_study(
