@@ -178,10 +178,11 @@ def _printed(
         made = scene.case(comm, level)
     try:
         if stored is None:
-            transfer, density = make_transfer(source, made.pattern), printed.astype(np.float64)
+            density = printed.astype(np.float64)
             if _same(source, made.pattern):
                 return replace(made, pattern=source), level, density, None
-            return made, level, (transfer.at_cells(density) >= 0.5).astype(np.float64), None
+            there = make_transfer(source, made.pattern).at_cells(density)
+            return made, level, (there >= 0.5).astype(np.float64), None
         fine, own = case_of_print(comm, made, stored.pattern, stored.regions)
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
