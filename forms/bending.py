@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +11,11 @@ import ufl
 
 from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, cross, dot, minus, total
 from toros_fem.forms.kinematics import Triangle
+
+# Angle in rad from which on a fold resists closing more than a bend does.
+STEEP = math.radians(150)
+# What is left of a closed fold in rad, so that its energy is finite.
+CLOSED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,8 @@ class Edges:
             if nothing is mirrored.
         folds: 1 for an edge with a neighbour or a mirror, 0 for a free edge with a rotation, three;
             None if no free edge has a rotation.
+        stops: 1 for an edge whose fold may not close, 0 for one that is assembled steeper than
+            `STEEP`, three; None if there is none of these.
     """
 
     tensors: Sequence[Any]
@@ -32,6 +40,7 @@ class Edges:
     turns: Sequence[Any] | None = None
     mirrors: Sequence[Any] | None = None
     folds: Any | None = None
+    stops: Any | None = None
 
     def curvature(self, angles: Sequence[Scalar]) -> list[Scalar]:
         """Return Λ = Σᵢ φᵢ Tᵢ as (xx, yy, xy), in 1/m, from `edge_angles`."""
@@ -52,7 +61,7 @@ def edge_angles(t: Triangle, edges: Edges) -> list[Jet]:
         a, b, c, d = (t.nodes[n] for n in ((i + 1) % 3, (i + 2) % 3, i, 3 + i))
         if edges.mirrors is not None:
             d = reflected(d, a, edges.mirrors[i])
-        angle = fold(a, b, c, d)
+        angle = fold(a, b, c, d, 1 if edges.stops is None else edges.stops[i])
         if edges.folds is not None:
             angle = angle * edges.folds[i]
         if edges.rests is not None:
@@ -63,20 +72,38 @@ def edge_angles(t: Triangle, edges: Edges) -> list[Jet]:
     return angles
 
 
-def fold(a: Vector, b: Vector, c: Vector, d: Vector) -> Jet:
+def fold(a: Vector, b: Vector, c: Vector, d: Vector, stop: Any = 1) -> Jet:
     """Return the dihedral angle at edge a-b of triangles (a, b, c) and (b, a, d), in rad.
 
     The angle is the full one in the deformed skin, 0 where it is flat, positive where the
     triangles fold away from their normals. It uses atan2, since acos loses half the digits near 0.
+    With `stop` 1 it is `stopped`, with 0 it jumps where the fold closes.
     """
 
     def angle(uu: Any, uv: Any, uw: Any, vw: Any, volume: Any) -> Any:
-        return ufl.atan2(-ufl.sqrt(uu) * volume, uw * uv - uu * vw)
+        return stopped(ufl.atan2(-ufl.sqrt(uu) * volume, uw * uv - uu * vw), stop)
 
     def of_edges(u: Vector, v: Vector, w: Vector) -> Jet:
         return compose(angle, [dot(u, u), dot(u, v), dot(u, w), dot(v, w), dot(u, cross(v, w))])
 
     return by_vectors(of_edges, minus(b, a), minus(c, a), minus(d, a))
+
+
+def stopped(angle: Any, stop: Any = 1) -> Any:
+    """Return an angle in rad that grows beyond itself above `STEEP`, without bound towards π.
+
+    An energy of the angle alone jumps at π, where a fold turns inside out, and has a minimum there
+    that no Newton step finds. With e = |θ| − `STEEP`, e³/((π − `STEEP`)(π − |θ|)) is added, which
+    has two continuous derivatives.
+    """
+    room = math.pi - STEEP
+
+    def beyond(angle: Any) -> Any:
+        return stop * (angle - STEEP) ** 3 / (room * (math.pi - angle + CLOSED))
+
+    one_way = ufl.conditional(ufl.gt(angle, STEEP), beyond(angle), 0.0)
+    other_way = ufl.conditional(ufl.lt(angle, -STEEP), -beyond(-angle), 0.0)
+    return angle + one_way + other_way
 
 
 def reflected(at: Vector, through: Vector, normal: Any) -> Vector:

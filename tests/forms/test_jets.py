@@ -8,7 +8,7 @@ import ufl
 from helpers.expressions import number
 from kit.slopes import slope
 
-from toros_fem.forms.bending import fold, reflected
+from toros_fem.forms.bending import STEEP, fold, reflected
 from toros_fem.forms.jets import Jet, Vector, compose, dot, total
 
 FLAT = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.8, 0], [0.6, -0.7, 0]], dtype=float)
@@ -22,8 +22,21 @@ def nodes(points: np.ndarray) -> list[Vector]:
     return [(jets[i], jets[i + 1], jets[i + 2]) for i in range(0, len(jets), 3)]
 
 
-def folded(points: np.ndarray) -> Jet:
-    return fold(*nodes(points))
+def folded(points: np.ndarray, stop: float = 1) -> Jet:
+    return fold(*nodes(points), stop)
+
+
+def turned(angle: float) -> np.ndarray:
+    """The flap turned about the edge, away from the normal if positive."""
+    points = FLAT.copy()
+    height = -points[3, 1]
+    points[3] = [0.6, -height * np.cos(angle), -height * np.sin(angle)]
+    return points
+
+
+def steep(points: np.ndarray) -> Jet:
+    """A fold by 165 degrees and a bit."""
+    return fold(*nodes(points - BENT + turned(-2.88)))
 
 
 def mirrored(points: np.ndarray) -> Jet:
@@ -39,13 +52,21 @@ def in_one_law(points: np.ndarray) -> Jet:
     return compose(lambda x, y: ufl.exp(x / 4) * y**2, [one, two]) + one * two - (-two)
 
 
-@pytest.mark.parametrize("angle", [-2.0, -0.3, 0.0, 1e-9, 1.0, 3.0])
-def test_angle_of_a_fold(angle: float) -> None:
-    """The flap is turned about the edge by a known angle, away from the normal if positive."""
-    points = FLAT.copy()
-    height = -points[3, 1]
-    points[3] = [0.6, -height * np.cos(angle), -height * np.sin(angle)]
-    assert number(folded(points).value) == pytest.approx(angle, rel=1e-12, abs=1e-15)
+@pytest.mark.parametrize("stop", [0, 1])
+@pytest.mark.parametrize("angle", [-2.6, -0.3, 0.0, 1e-9, 1.0, 2.6])
+def test_angle_of_a_fold(angle: float, stop: float) -> None:
+    assert number(folded(turned(angle), stop).value) == pytest.approx(angle, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_fold_does_not_close(sign: int) -> None:
+    """Towards π the angle of the energy grows without bound; an edge without a stop has its own."""
+    gaps = np.array([0.4, 0.1, 0.01, 1e-4])
+    stopped = [sign * number(folded(turned(sign * (np.pi - gap))).value) for gap in gaps]
+    room = np.pi - STEEP
+    assert stopped == pytest.approx(np.pi - gaps + (room - gaps) ** 3 / (room * gaps), rel=1e-4)
+    assert number(folded(turned(3.0 * sign), 0).value) == pytest.approx(3.0 * sign, rel=1e-12)
+    assert np.isfinite(number(folded(turned(np.pi)).value))
 
 
 def test_mirrored_flap() -> None:
@@ -57,7 +78,7 @@ def test_mirrored_flap() -> None:
     assert [number(x.value) for x in reflected(d, a, np.zeros(3))] == pytest.approx(at)
 
 
-@pytest.mark.parametrize("function", [folded, mirrored, in_one_law])
+@pytest.mark.parametrize("function", [folded, steep, mirrored, in_one_law])
 def test_derivatives_by_differences(function: Callable[[np.ndarray], Jet]) -> None:
     jet, numbers = function(BENT), np.random.default_rng(1)
     way = numbers.standard_normal(12)

@@ -8,16 +8,11 @@ from benchmarks.stability.drawn import outcome_of
 MOST = 1500
 
 
-# Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes
-# more time than a test has.
-COLLAPSE = (7, 14)
-
-
 # Their supports leave a rigid motion free.
 REFUSED = (1, 13)
 
 
-@pytest.mark.parametrize("seed", [seed for seed in range(42) if seed not in COLLAPSE])
+@pytest.mark.parametrize("seed", range(42))
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
     if seed in REFUSED:
@@ -28,7 +23,8 @@ def test_random_scene(seed: int) -> None:
 
 
 def test_a_collapse_names_its_folds() -> None:
-    row = outcome_of(COLLAPSE[-1], few_terms=True, ask_oracle=False)
+    """Layers that are sewn flat by stiff seams are pushed through each other."""
+    row = outcome_of(411, ask_oracle=False)
     assert row.outcome == "no equilibrium"
     assert "edges are folded" in row.reason
     assert row.steps <= MOST

@@ -10,6 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest
+from toros_fem.forms.bending import STEEP
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
@@ -38,6 +39,7 @@ class Hinges:
         rest: Angle of each edge at which it carries no moment, in rad, (cells, 3).
         rotation: Factor of the edge's rotation unknown, a length, in the angle, (cells, 3), in
             1/m: opposite in the two triangles of an edge; zero where there is no such unknown.
+        steep: Whether the edge is assembled steeper than `STEEP`, (cells, 3).
     """
 
     flap: LocalInts
@@ -46,6 +48,7 @@ class Hinges:
     tensors: Floats
     rest: Floats
     rotation: Floats
+    steep: Bools
 
 
 def find_hinges(
@@ -78,18 +81,19 @@ def find_hinges(
         turning = (has_moment | alone if turn_free else has_moment) & ~mirrored
         factor = np.where(first < second, 2.0, -2.0) / _rotation_length(skin)
         rotation = np.where(turning, factor, 0.0)
-    rest: Floats = np.zeros(alone.shape)
-    if bending.rest == "assembled":
-        place = skin.pattern.points[skin.vertex]
-        rest = edge_angles(place[corner], place[flap], mirror) * has_moment
-        _require_unfolded(skin, rest)
+    place = skin.pattern.points[skin.vertex]
+    assembled = edge_angles(place[corner], place[flap], mirror) * has_moment
+    shaped = bending.rest == "assembled"
+    if shaped:
+        _require_unfolded(skin, assembled)
     return Hinges(
         flap=flap.astype(np.int32),
         has_moment=has_moment,
         mirror=mirror,
         tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
-        rest=rest,
+        rest=assembled if shaped else np.zeros_like(assembled),
         rotation=rotation,
+        steep=np.abs(assembled) > STEEP,
     )
 
 
@@ -165,7 +169,7 @@ def guided_edges(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Flo
 
 
 def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
-    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `forms.hinge`.
+    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `fold`.
 
     They lie between corners and the flaps across the edges, which planes with the unit normals
     `mirror` reflect, all (cells, 3, 3); zero is no mirror.

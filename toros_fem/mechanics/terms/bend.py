@@ -110,9 +110,9 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     # Only owned triangles see all of their neighbours.
     owned = slice(0, len(skin.owned_cells))
     free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
-    mirrored, shaped, freed = (
+    mirrored, shaped, freed, steep = (
         skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
-        for values in (hinges.mirror, hinges.rest, free)
+        for values in (hinges.mirror, hinges.rest, free, hinges.steep[owned])
     )
     return Edges(
         tensors=three(hinges.tensors),
@@ -120,4 +120,5 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
         turns=cell_function(space, hinges.rotation) if rotations else None,
         mirrors=three(hinges.mirror) if mirrored else None,
         folds=cell_function(space, hinges.has_moment.astype(np.float64)) if freed else None,
+        stops=cell_function(space, ~hinges.steep * 1.0) if steep else None,
     )
