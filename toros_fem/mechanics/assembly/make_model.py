@@ -108,7 +108,8 @@ def make_model(
     if composite.knit is not None:
         terms.append(Courses(skin, composite, composite.knit))
     if bending is not None:
-        terms.append(Bend(skin, composite, bending, supports))
+        repeats = periodic is not None
+        terms.append(Bend(skin, composite, bending, supports, repeats=repeats))
     if composite.print_side is not None:
         terms.append(OffsetPrint(skin, composite))
     if periodic is not None:

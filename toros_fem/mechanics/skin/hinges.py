@@ -52,7 +52,13 @@ class Hinges:
 
 
 def find_hinges(
-    skin: Skin, bending: Bending, supports: Supports, poisson: float, *, turn_free: bool = False
+    skin: Skin,
+    bending: Bending,
+    supports: Supports,
+    poisson: float,
+    *,
+    turn_free: bool = False,
+    repeats: bool = False,
 ) -> Hinges:
     """Return the hinges of all local triangles; complete for those that this rank owns.
 
@@ -60,7 +66,7 @@ def find_hinges(
     triangle. It depends on Poisson's ratio alone, so that the tensors are constants. Where that of
     fabric and reinforcement differs, an error of second order in the difference remains there.
     With `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their
-    angles, whatever bends the sheet.
+    angles, whatever bends the sheet. A skin that `repeats` is assembled flat.
 
     Raises:
         ParameterError: The assembled rest shape is folded flat somewhere.
@@ -93,7 +99,7 @@ def find_hinges(
         tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
         rest=assembled if shaped else np.zeros_like(assembled),
         rotation=rotation,
-        steep=np.abs(assembled) > STEEP,
+        steep=(np.abs(assembled) > STEEP) & (not repeats),
     )
 
 

@@ -32,12 +32,20 @@ class Bend(Term):
     """
 
     def __init__(
-        self, skin: Skin, composite: Composite, bending: Bending, supports: Supports
+        self,
+        skin: Skin,
+        composite: Composite,
+        bending: Bending,
+        supports: Supports,
+        *,
+        repeats: bool = False,
     ) -> None:
         # Membrane strain bends an offset print up to its free edges.
         coupled = composite.print_side is not None
         poisson = composite.reinforcement.poisson
-        self.hinges = find_hinges(skin, bending, supports, poisson, turn_free=coupled)
+        self.hinges = find_hinges(
+            skin, bending, supports, poisson, turn_free=coupled, repeats=repeats
+        )
         rotations = bending.curvature == "midedge"
         if rotations:
             skin.mesh.topology.create_entities(1)
