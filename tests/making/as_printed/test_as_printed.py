@@ -10,7 +10,8 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.making.as_printed.as_printed import as_printed, contour_values
+from toros_fem.design.loop.physics import InflatedSkin
+from toros_fem.making.as_printed.as_printed import as_printed, contour_values, followed
 from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
@@ -76,6 +77,19 @@ def test_printed_design(
     cells = printed_cells(printed.pattern, printed.contours)[short_tube.owned_cells]
     rounded = result.final.filtered > 0.5
     assert np.array_equal(cells[problem.designed], rounded[problem.designed])
+
+
+def test_a_print_whose_start_is_out_of_bounds_starts_assembled(
+    short_tube: Skin,
+    short_solver: EquilibriumSolver,
+    result: DesignResult,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = full(short_tube, short_solver, beta=20.0)
+    regions = list(as_printed(problem, result, PrintLimits()).regions)
+    monkeypatch.setattr(InflatedSkin, "state_at", lambda self, positions: None)
+    there, _, start = followed(problem, result.final, regions)
+    assert np.array_equal(start, there.physics.solver.model.assembled)
 
 
 def test_islands_are_taken_out_of_the_density(

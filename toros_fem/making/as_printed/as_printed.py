@@ -150,6 +150,8 @@ def followed(
 ) -> tuple[DesignProblem, Evaluation, Any]:
     """Return a problem on a mesh that follows a print, a design there, and its state (collective).
 
+    Where that shape leaves the stretch bounds of the other mesh, the state is the assembled one.
+
     Args:
         problem: The design problem.
         like: The design.
@@ -164,7 +166,8 @@ def followed(
     near = make_transfer(skin.pattern, other.pattern).positions(
         skin.gather_vertices(like.equilibrium.positions)
     )
-    return there, moved, there.physics.state_at(near)
+    start = there.physics.state_at(near)
+    return there, moved, there.physics.solver.model.assembled if start is None else start
 
 
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:

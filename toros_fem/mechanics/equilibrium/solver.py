@@ -150,6 +150,8 @@ class EquilibriumSolver:
             if start.density.shape[1:] == density.shape[1:]:  # not of a relaxed design and another
                 near = start
             start = start.state
+        self.forget()
+        model.set_density(density)  # smoothed strains, and so what a start may be, are by it
         state = start_state(model, start)
         with together(comm):
             if near is not None and len(near.density) != len(density):
