@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from helpers.designs import full, passive_in
+from helpers.designs import full, passive_in, problem_of
+from mpi4py import MPI
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.fields import densities_of
@@ -17,6 +18,7 @@ from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
+from toros_fem.products.tubes.bend import BendScene
 
 
 @pytest.fixture(scope="module")
@@ -80,15 +82,15 @@ def test_printed_design(
 
 
 def test_a_print_whose_start_is_out_of_bounds_starts_assembled(
-    short_tube: Skin,
-    short_solver: EquilibriumSolver,
-    result: DesignResult,
-    monkeypatch: pytest.MonkeyPatch,
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    problem = full(short_tube, short_solver, beta=20.0)
-    regions = list(as_printed(problem, result, PrintLimits()).regions)
+    problem = problem_of(
+        alone, BendScene().updated(length=0.04, edge_length=5e-3, filter_radius=9e-3, levels=1)
+    )
+    made = optimize(problem, [Stage(1)], seed=1)
+    regions = list(as_printed(problem, made, PrintLimits()).regions)
     monkeypatch.setattr(InflatedSkin, "state_at", lambda self, positions: None)
-    there, _, start = followed(problem, result.final, regions)
+    there, _, start = followed(problem, made.final, regions)
     assert np.array_equal(start, there.physics.solver.model.assembled)
 
 

@@ -318,7 +318,7 @@ def outside(solver: EquilibriumSolver, use: float) -> np.ndarray:
 
 
 def test_a_start_is_judged_by_the_density_of_its_solve(short_tube: Skin) -> None:
-    """Smoothed strains are weighted by the stiffness of neighbours, that of the last solve's not."""
+    """Smoothed strains are weighted by stiffness, and not by that of the last solve."""
     smoothed = Composite(membrane=Membrane(strain="smoothed"))
     solver = EquilibriumSolver(short_tube, smoothed, clamp(short_tube.pattern, ["base"]))
     random = np.random.default_rng(2).random(len(short_tube.owned_cells))
