@@ -238,3 +238,15 @@ def test_a_corrected_design(
     final = made.design.final
     objective = made.problem.objective.forward(final.equilibrium.positions)
     assert final.shape == pytest.approx(objective, rel=1e-12)
+
+
+@pytest.mark.slow
+def test_a_design_that_does_not_follow_is_not_asked_again(alone: MPI.Comm, tmp_path: Path) -> None:
+    config = bend_demo.BendScene().updated(
+        length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=90.0, seed=1,
+        iterations=2, constrained_iterations=0, polish_iterations=0, level_iterations=1,
+        level_move_limit=1e-4, corrections=4, **DESIGN_ALONE,
+    )  # fmt: skip
+    made = design_actuator(alone, tmp_path, config)
+    assert made.search.rounds == 1
+    assert made.binding[-1] == "correction 1 hardly helped"

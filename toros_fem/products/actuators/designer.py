@@ -37,6 +37,7 @@ from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
     HELPS,
+    Aim,
     aims_of,
     asked_next,
     largest_error,
@@ -57,6 +58,8 @@ log = logging.getLogger(__name__)
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
+# A design that changes by less than this part of what was asked beyond the last is at its limit.
+FOLLOWS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,7 @@ class Attempt:
     Attributes:
         asked: Targets that were asked, by the keys of their metrics.
         metrics: Metrics of the print, by key; empty without an equilibrium.
+        designed: Those of the design.
         result: The design, with the objective of the problem itself.
         printed: Its print.
         spread: How far prints with other widths are apart; None if the design is not robust.
@@ -73,9 +77,18 @@ class Attempt:
 
     asked: Mapping[str, float]
     metrics: Mapping[str, float]
+    designed: Mapping[str, float]
     result: DesignResult
     printed: PrintedDesign
     spread: PrintSpread | None
+
+    def follows(self, before: Attempt, aims: Mapping[str, Aim]) -> bool:
+        """Return whether the design came nearer to what was asked beyond an attempt before it."""
+        asked, designed = (
+            float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
+            for now, then in ((self.asked, before.asked), (self.designed, before.designed))
+        )
+        return designed >= FOLLOWS * asked
 
     @property
     def clean(self) -> bool:
@@ -254,8 +267,8 @@ class Designer(Job):
 
         The design is continued on the finest mesh with targets beyond those of the problem. Metrics
         whose target no field holds only count for which print is best. Near the targets a
-        correction that hardly helps is the last. A robust design is told how far its prints are
-        apart.
+        correction that hardly helps is the last, and so is one that the design does not follow. A
+        robust design is told how far its prints are apart.
 
         Args:
             goal: Returns the case of a scene of other targets on the finest mesh.
@@ -275,6 +288,8 @@ class Designer(Job):
             if len(attempts) > 1:
                 now, before = _error(last), min(map(_error, attempts[:-1]))
                 if now > HELPS * before and min(now, before) < FINE:
+                    return True
+                if not last.follows(attempts[-2], free):
                     return True
             return close(last)
 
@@ -464,7 +479,8 @@ def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedD
     problem, metrics, spread = _problem(result), printed.metrics, None
     if problem.robust is not None:
         spread = print_spread(printed, problem.robust.tolerance.offset)
-    return Attempt(asked, metrics, result, printed, spread)
+    designed = problem.metrics_of(result.final.equilibrium)
+    return Attempt(asked, metrics, designed, result, printed, spread)
 
 
 def _error(attempt: Attempt) -> float:

@@ -119,10 +119,13 @@ class ActuatorResult(RunResult):
 
     @property
     def binding(self) -> tuple[str, ...]:
-        """What keeps the print from its targets, as of `PrintedResult`, and used corrections."""
-        state, rounds = overall(self.figures), self.search.rounds
-        used = state in (State.MISSED, State.NOT_CERTAIN) and rounds >= self.corrections > 0
-        return (*self.made.binding, *([f"all {rounds} corrections are used"] if used else []))
+        """What keeps the print from its targets, as of `PrintedResult`, and its corrections."""
+        found, rounds, state = list(self.made.binding), self.search.rounds, overall(self.figures)
+        if rounds >= self.corrections > 0 and state in (State.MISSED, State.NOT_CERTAIN):
+            found.append(f"all {rounds} corrections are used")
+        elif rounds and state is State.MISSED:
+            found.append(f"correction {rounds} hardly helped")
+        return tuple(found)
 
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""
