@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +12,9 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import PanelError, PatternError
+from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import (
     barycentric,
     between,
@@ -56,7 +55,7 @@ KEPT_ANGLE, HALVINGS = 0.4, 6
 
 
 @on_root
-def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -> Pattern:
+def snapped(comm: MPI.Comm, pattern: Pattern, regions: Regions) -> Pattern:
     """Return the same triangles with vertices moved onto the borders of polygons (collective).
 
     Of each edge that a border cuts, the nearer end is moved onto it in the flat chart, if all
@@ -68,11 +67,7 @@ def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -
         pattern: The pattern, with edges that are not much longer than the polygons are wide.
         regions: Polygons on each panel, in m.
     """
-    if len(regions) != len(pattern.panel_names):
-        raise PanelError(
-            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give "
-            "one for each panel, an empty polygon where nothing is printed."
-        )
+    pattern.require_regions(regions)
     mesh = _MovingMesh(pattern, regions)
     for turn in range(ROUNDS if mesh.any_border else 0):
         if turn:
@@ -141,7 +136,7 @@ class _MovingMesh:
         held: Whether each vertex has been moved onto a border of the polygons, (n,).
     """
 
-    def __init__(self, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
+    def __init__(self, pattern: Pattern, regions: Regions) -> None:
         self.pattern, self.count = pattern, len(pattern.points)
         self.flat = pattern.flat_points.copy()
         edges = edges_of(pattern.flat_triangles)
@@ -350,9 +345,7 @@ def _pieces(region: BaseGeometry, outline: Floats, step: float, reach: float) ->
 # ------------------------------------------------------------------------------ moving borders
 
 
-def border_motion(
-    pattern: Pattern, regions: Sequence[BaseGeometry], printed: Bools, largest: float
-) -> Floats:
+def border_motion(pattern: Pattern, regions: Regions, printed: Bools, largest: float) -> Floats:
     """Return by which flat points move where a print's borders move outwards by 1, (m, 2).
 
     Vertices between printed and plain triangles move along the normal of the border. Where a line

@@ -150,11 +150,6 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     """
     for pattern in (source, target):
         pattern.require_flat_panels("transfer between meshes")
-    if sorted(source.panel_names) != sorted(target.panel_names):
-        raise PanelError(
-            f"the panels are named {list(source.panel_names)} on one mesh and "
-            f"{list(target.panel_names)} on the other; they must be the same panels."
-        )
     count = len(target.flat_points)
     cell, weight = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     best = np.full(count, -np.inf)
@@ -182,6 +177,11 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
 
 def scaled_points(source: Pattern, target: Pattern) -> Floats:
     """Return the target's flat points, each panel scaled to the source's bounding box."""
+    if sorted(source.panel_names) != sorted(target.panel_names):
+        raise PanelError(
+            f"the panels are named {list(source.panel_names)} on one mesh and "
+            f"{list(target.panel_names)} on the other; they must be the same panels."
+        )
     flat = target.flat_points.copy()
     for name in target.panel_names:
         points = np.flatnonzero(target.panel_of_point == target.panel_index(name))

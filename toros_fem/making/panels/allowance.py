@@ -16,16 +16,11 @@ TINY = 1e-3
 
 
 def cut_outline(outline: BaseGeometry, lines: Sequence[Floats], allowance: float) -> BaseGeometry:
-    """Return the outline of a panel with its allowance along some lines, a polygon in m.
+    """Return a panel's outline with its allowance, a width in m, along some lines of its border.
 
-    Corners are mitred, sharp ones cut off at twice the allowance. At the end of a line the
-    allowance ends at a right angle to it. Where the allowances of both sides of a dart or slit
-    meet, the fabric between them stays.
-
-    Args:
-        outline: Border of the panel, in m.
-        lines: Parts of this border, points (n, 2) in m each.
-        allowance: Width of the allowance in m.
+    Corners are mitred, sharp ones cut off at twice the allowance. At the end of a line, points
+    (n, 2) in m, the allowance ends at a right angle to it. Where the allowances of both sides of a
+    dart or slit meet, the fabric between them stays.
     """
     if not len(lines):
         return outline

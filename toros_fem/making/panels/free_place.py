@@ -31,14 +31,8 @@ def first_fit(
 ) -> tuple[int, Size] | None:
     """Return the first place where the first rectangle lies in a region that fits anywhere.
 
-    Args:
-        region: Where nothing else is, in m.
-        centres: Places that are tried, (k, 2), the best first.
-        angles: Direction of the length in rad, of all or of each.
-        sizes: Lengths and widths that are tried, the best first.
-
-    Returns:
-        Number of the place, and the size; None without room.
+    Places (k, 2) and sizes are tried the best first, at an angle in rad of the length, or one for
+    each place. Returned are the number of the place, and the size; None without room.
     """
     shapely.prepare(region)
     for size in sizes:

@@ -11,14 +11,13 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import PanelError
-from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
+from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
 from toros_fem.making.panels.allowance import cut_outline
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
 from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,29 +91,19 @@ class PanelDrawing:
 
 
 def panel_drawings(
-    pattern: Pattern,
-    regions: Sequence[BaseGeometry],
-    options: ManufactureOptions | None = None,
+    pattern: Pattern, regions: Regions, options: ManufactureOptions = DEFAULT
 ) -> list[PanelDrawing]:
-    """Return the drawing of each panel in its own flat coordinates.
+    """Return the drawing of each panel of a whole pattern in its own flat coordinates.
 
-    Args:
-        pattern: The whole pattern, by `printed_face` for a print on the inside.
-        regions: Print on each panel, polygons in m.
-        options: Allowance and marks; None takes the defaults.
+    For a print on the inside the pattern is that of `printed_face`.
 
     Raises:
-        ParameterError: Pattern or options are something else.
+        ParameterError: The pattern is something else.
         PanelError: The number of regions is not that of the panels.
         PatternError: The skin is moulded.
     """
-    options = options_or_default(options)
     seams = sewn_seams(pattern)
-    if len(regions) != len(pattern.panel_names):
-        raise PanelError(
-            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give one for "
-            "each panel, an empty polygon where nothing is printed."
-        )
+    pattern.require_regions(regions)
     return [
         drawing_of(
             [(name,), (f"{options.print_side} up", "up")],
@@ -126,6 +115,26 @@ def panel_drawings(
         )
         for panel, name in enumerate(pattern.panel_names)
     ]
+
+
+def printed_face(
+    pattern: Pattern, regions: Regions, options: ManufactureOptions
+) -> tuple[Pattern, Regions]:
+    """Return a pattern, and polygons on its panels, as seen with the printed face up.
+
+    The panels of a pattern are seen from outside. For a print on the inside they are mirrored,
+    (−x, y), and so is the assembled skin, which keeps it a valid pattern.
+    """
+    if options.print_side != INSIDE:
+        return pattern, regions
+    mirror = Affine.mirror()
+    seen = replace(
+        pattern,
+        flat_points=mirror.points(pattern.flat_points),
+        flat_triangles=pattern.flat_triangles[:, ::-1],
+        points=pattern.points * [-1, 1, 1],
+    )
+    return seen, [mirror.region(region) for region in regions]
 
 
 def drawing_of(
@@ -141,6 +150,7 @@ def drawing_of(
     Args:
         texts: What is written on it, its name first; of each the best, then shorter ones.
         outline: Its seam line.
+        printed: Its print.
         edges: Its seams, and which side of them it is.
         names: Names of all panels.
         options: Allowance and marks.

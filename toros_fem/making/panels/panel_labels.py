@@ -60,14 +60,9 @@ def text_size(text: str, height: float) -> Size:
 
 
 def edge_labels(seam: SewnSeam, side: int, free: BaseGeometry, allowance: float) -> list[Label]:
-    """Return the number of a seam once for every 80 mm beside its edge, within its allowance.
+    """Return the number of a seam once for every 80 mm beside its edge, where there is room.
 
     It stands at least once, at the middle of a short seam even where that is not free.
-
-    Args:
-        side: Which of its edges, 0 or 1.
-        free: Where nothing else is.
-        allowance: Width of the allowance in m.
     """
     text, length = str(seam.number), seam.length
     places, angles, arc = _beside(seam, side, allowance)
@@ -99,8 +94,7 @@ def panel_label(
     Args:
         texts: The text, and shorter ones in its place, the best first.
         edges: Its seams, and which side of them it is.
-        band: The allowance, where nothing else is.
-        fabric: The fabric that is not printed, where nothing else is.
+        band, fabric: Allowance and bare fabric, where nothing else is.
         panel: The whole panel, where the shortest text stands if there is no other room.
         allowance: Width of the allowance in m; None without one.
     """

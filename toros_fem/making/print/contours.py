@@ -18,7 +18,7 @@ SNAP = 1e-9
 def printed_regions(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
 ) -> list[BaseGeometry]:
-    """Return the printed region of each panel, polygons in m; arguments as of `printed_region`."""
+    """Return the printed region of each panel, as of `printed_region`."""
     return [
         printed_region(pattern, at_points, at_centroids, panel, threshold)
         for panel in range(len(pattern.panel_names))
@@ -28,15 +28,10 @@ def printed_regions(
 def printed_region(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, panel: int, threshold: float
 ) -> BaseGeometry:
-    """Return the printed region of one panel, where the density exceeds the threshold, in m.
+    """Return the printed region of one panel, where the density exceeds the threshold η.
 
     Each triangle is split into three at its centroid. The density is linear on each third, so that
-    the values at vertices and at centroids are met exactly.
-
-    Args:
-        at_points: Filtered density ρ̃ at the pattern's flat points, (m,).
-        at_centroids: ρ̃ at the triangles' centroids, (t,).
-        threshold: η of the projection.
+    the values ρ̃ at flat points, (m,), and at centroids, (t,), are met exactly.
 
     Raises:
         DensityError: The values do not fit the pattern, or are not finite.
@@ -73,11 +68,7 @@ def printed_region(
 
 
 def _cut(points: Floats, value: Floats, triangles: Ints) -> tuple[Floats, Floats]:
-    """Return the positive parts of triangles with values of both signs.
-
-    Returns:
-        Triangles, (k, 3, 2), and quadrilaterals, (l, 4, 2).
-    """
+    """Return the positive parts of triangles with values of both signs, (k, 3, 2) and (l, 4, 2)."""
     inside = value[triangles] > 0
     lone = inside.sum(axis=1) == 1
     apart = np.argmax(inside == lone[:, None], axis=1)  # the corner alone on its side

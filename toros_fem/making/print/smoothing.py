@@ -21,14 +21,10 @@ TOUCHING = 1e-6
 def smoothed(region: BaseGeometry, outline: BaseGeometry, length: float) -> BaseGeometry:
     """Return a region whose border, where it is not that of its panel, is a smooth curve.
 
-    Points along the border are averaged with a Gaussian weight, twice as 2 G − G²: waves shorter
-    than about twice the length vanish, those longer than eight times it keep 99 % of their height,
-    so that lines neither shrink nor part. Ends on the border of the panel stay.
-
-    Args:
-        region: Polygons in m, inside the panel.
-        outline: Outline of the panel.
-        length: Standard deviation of the weight along the border, in m.
+    Points along the border are averaged with a Gaussian weight, whose standard deviation is the
+    length in m, twice as 2 G − G²: waves shorter than about twice the length vanish, those longer
+    than eight times it keep 99 % of their height, so that lines neither shrink nor part. Ends on
+    the border of the panel stay.
     """
 
     def smooth(points: Floats, closed: bool) -> Floats:

@@ -50,10 +50,9 @@ def thickened(
     limit. At the border of the panel lines run out as they come.
 
     Args:
-        region: Printed region, polygons in m, inside the panel.
+        region: Printed region, inside the panel.
         outline: Outline of the panel.
-        width: Least width of a line in m.
-        gap: Least width of a gap in m.
+        width, gap: Least widths in m of a line and of a gap.
         area: Least area of a hole, or of fabric between print and border, in m².
     """
     lines, gaps = _Discs(outline, width), _Discs(outline, gap)
@@ -104,11 +103,7 @@ class _Discs:
         self._core = outline.buffer(-self.radius)
 
     def narrow(self, region: BaseGeometry) -> tuple[Floats, Bools]:
-        """Return where a region is narrower than the limit, and whether the cut is a side there.
-
-        Returns:
-            Centres, (n, 2), in m, and for each whether the cut is a side.
-        """
+        """Return where a region is too narrow, (n, 2), and whether the cut is a side there."""
         # A line that is cut ends beyond the cut, where its width does not count; but slivers along
         # the cut are seen without that.
         longer = _beyond(region, self._outline, self.limit, CROSSING * self.limit)

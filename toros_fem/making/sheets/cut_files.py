@@ -11,7 +11,7 @@ import shapely
 
 from toros_fem.making.packages import required
 from toros_fem.making.panels.svg import Svg, open_line
-from toros_fem.making.sheets.sheet import LAYERS, Sheet
+from toros_fem.making.sheets.layout import LAYERS, Sheet
 
 # Colours of the layers as cutters tell them apart: in SVG, and by number in DXF.
 COLOURS = {

@@ -10,11 +10,48 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.options import ManufactureOptions
+from toros_fem.making.options import DEFAULT, ManufactureOptions
+from toros_fem.making.panels.marks import CLEAR, HEIGHT, Ruler, ruler
 from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.panels.svg import Box, Layer
 from toros_fem.making.sheets.placement import Placement, nest
-from toros_fem.making.sheets.sheet import Sheet
 from toros_fem.meshes.affine import Affine
+
+# Layers from the lowest to the highest: the order in which most machines work, the cut at last.
+LAYERS = ("print", "seam", "marks", "labels", "cut")
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Panels at their places on a sheet, of a width and depth in m."""
+
+    size: tuple[float, float]
+    drawings: Sequence[PanelDrawing]
+
+    @cached_property
+    def ruler(self) -> Ruler:
+        """The ruler that shows the scale."""
+        return ruler(shapely.union_all([one.footprint for one in self.drawings]), self.size)
+
+    @property
+    def box(self) -> Box:
+        """What a drawing shows: the sheet, and below it the ruler if that has no room on it."""
+        below = 0.0 if self.ruler.inside else HEIGHT + 4 * CLEAR
+        return 0.0, -below, *self.size
+
+    @cached_property
+    def layers(self) -> dict[str, list[Layer]]:
+        """What each layer shows, by its name; notches are cut, and belong to the cut."""
+        layers: dict[str, list[Layer]] = {name: [] for name in LAYERS}
+        for one in self.drawings:
+            layers["print"].append(Layer(one.name, one.printed))
+            layers["seam"].append(Layer(one.name, lines=[seam.line for seam in one.seams]))
+            layers["marks"].append(Layer(one.name, lines=one.marks))
+            layers["labels"].append(Layer(one.name, labels=one.labels))
+            layers["cut"].append(Layer(one.name, one.cut, lines=list(one.notches)))
+        layers["marks"].append(Layer("sheet", lines=self.ruler.lines))
+        layers["labels"].append(Layer("sheet", labels=[self.ruler.label]))
+        return layers
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,16 +108,11 @@ class Layout:
         return sheet, (column * self.bed[0], row * self.bed[1])
 
 
-def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None) -> Layout:
-    """Return the places of panels on beds and sheets; errors as of `nest`.
+def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAULT) -> Layout:
+    """Return the places of panels, in own coordinates, on beds and sheets; errors as of `nest`.
 
     Copies of a panel follow after all panels, with a number after their name.
-
-    Args:
-        drawings: The panels in their own coordinates.
-        options: Sizes of bed and sheet, gap, margin, grain and copies; None takes the defaults.
     """
-    options = options or ManufactureOptions()
     drawings = [
         one if copy == 1 else replace(one, name=f"{one.name} ({copy})")
         for copy in range(1, options.copies + 1)
@@ -102,12 +134,7 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None 
 
 
 def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> Sheet:
-    """Return one piece of film that holds the sheets of a bladder side by side.
-
-    Args:
-        drawings: The sheets in their own coordinates.
-        options: Gap and margin.
-    """
+    """Return one piece of film that holds the sheets of a bladder side by side."""
     left, placed = options.sheet_margin, []
     for one in drawings:
         corner = np.array(one.footprint.bounds[:2])

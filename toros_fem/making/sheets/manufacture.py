@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from shapely.geometry.base import BaseGeometry
-
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_sheets
-from toros_fem.making.panels.panel_drawing import panel_drawings
-from toros_fem.making.panels.printed_face import printed_face
+from toros_fem.making.panels.panel_drawing import panel_drawings, printed_face
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
-from toros_fem.making.sheets.layout import Layout, film_sheet, layout
+from toros_fem.making.sheets.layout import Layout, Sheet, film_sheet, layout
 from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
-from toros_fem.making.sheets.sheet import Sheet
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +19,6 @@ class Manufacture:
     """What is made of a design; files, manifest and page show it.
 
     Attributes:
-        options: Settings of the machine files.
         layout: Panels on beds and sheets.
         film: The film with the sheets of the bladder; None without one.
         seams: All seams.
@@ -37,15 +32,8 @@ class Manufacture:
     order: Sequence[SewingStep]
 
 
-def manufacture(
-    pattern: Pattern, regions: Sequence[BaseGeometry], options: ManufactureOptions
-) -> Manufacture:
-    """Return what is made of a design.
-
-    Args:
-        pattern: The whole pattern.
-        regions: Print on each panel, polygons in m.
-        options: Settings.
+def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
+    """Return what is made of a design on a whole pattern.
 
     Raises:
         SheetError: A panel fits on no sheet.

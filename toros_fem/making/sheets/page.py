@@ -31,13 +31,7 @@ def page(
     title: str,
     summary: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page as HTML that needs no other file.
-
-    Args:
-        made: What is made.
-        manifest: Its manifest.
-        title: Name of the design.
-        summary: The run's summary, for the metrics of its print; None knows none.
+    """Return the page, with a title, as HTML that needs no other file.
 
     Raises:
         MissingPackageError: jinja2 is not installed.

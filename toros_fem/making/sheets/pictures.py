@@ -9,7 +9,7 @@ import shapely
 
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
-from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.making.sheets.layout import Sheet
 
 # Corners closer than this to a line between others are left out of pictures, in m.
 SEEN = 0.02e-3
@@ -24,9 +24,7 @@ HUE = 137.5
 def sheet_picture(sheet: Sheet, about: str) -> str:
     """Return a bed or a sheet with all that its files hold, one class for each layer.
 
-    Args:
-        sheet: Panels at their places.
-        about: What is shown, for readers that do not see it.
+    `about` tells readers who do not see it what is shown.
     """
     svg = _canvas(sheet, sheet.box, about)
     svg.region(svg.group({"class": "sheet"}), shapely.box(0, 0, *sheet.size))
@@ -41,12 +39,7 @@ def sheet_picture(sheet: Sheet, about: str) -> str:
 
 
 def seam_picture(sheet: Sheet, about: str) -> str:
-    """Return panels whose seams are coloured and numbered, both edges of a seam alike.
-
-    Args:
-        sheet: Panels at their places.
-        about: What is shown, for readers that do not see it.
-    """
+    """Return panels whose seams are coloured and numbered, both edges of a seam alike."""
     box = shapely.total_bounds([one.cut for one in sheet.drawings])
     svg = _canvas(sheet, box, about)
     fabric, printed, lines, marks = (

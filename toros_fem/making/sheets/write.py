@@ -8,8 +8,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from shapely.geometry.base import BaseGeometry
-
 from toros_fem.base.errors import ManufactureFileError
 from toros_fem.base.files import read_json, replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
@@ -19,7 +17,7 @@ from toros_fem.making.sheets.manufacture import Manufacture, manufacture
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
 from toros_fem.making.sheets.print_bodies import print_bodies, stl_of, threemf_of
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
@@ -31,7 +29,7 @@ CUTS = {"svg": cut_svg, "dxf": cut_dxf}
 def write_manufacture(
     folder: Path | str,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     options: ManufactureOptions | None = None,
     *,
     summary: Mapping[str, Any] | None = None,
@@ -48,7 +46,7 @@ def write_manufacture(
     Args:
         folder: The folder, made if missing.
         pattern: The whole pattern.
-        regions: Print on each panel, polygons in m.
+        regions: Its print.
         options: Settings; None takes those of `made_as`.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
         title: Name of the design on the page; by default that of the folder above.
@@ -101,10 +99,7 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     """Return the settings that fit a run's summary: height and face of the print, grain.
 
     The height is that of `print_height`. The grain is that of the wales, across the courses of a
-    knit.
-
-    Args:
-        summary: The run's summary; None takes the defaults.
+    knit. Without a summary they are the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
     known: dict[str, Any] = {"layer_height": print_height(inputs)[0]}
@@ -115,11 +110,7 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
 
 
 def _make_room(folder: Path, names: Sequence[str]) -> None:
-    """Remove the files of an earlier call, if nobody else's bar the way of new ones.
-
-    Raises:
-        ManufactureFileError: Some do.
-    """
+    """Remove the files of an earlier call, if nobody else's bar the way of new ones."""
     folder.mkdir(parents=True, exist_ok=True)
     digests: dict[str, str | None] = {}
     with suppress(Exception):  # anybody's file may have this name
