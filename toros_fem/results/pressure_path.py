@@ -64,11 +64,7 @@ class PathResult(RunResult):
         return self.figures_within({})
 
     def figures_within(self, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
-        """Return the figures at the last point.
-
-        Args:
-            intervals: Half-width of the interval of each metric, by key, as far as they are known.
-        """
+        """Return the figures at the last point, with the known intervals of metrics, by key."""
         last = self.points[-1]
         return (
             *(
@@ -100,12 +96,7 @@ class PathResult(RunResult):
 
 
 def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -> None:
-    """Write table, frames and fields of a pressure path (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        found: The path.
+    """Write table, frames and fields of a pressure path into a folder (collective).
 
     Raises:
         OutputError: A file cannot be written; on all ranks.

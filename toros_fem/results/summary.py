@@ -22,11 +22,7 @@ from toros_fem.results.result import RunResult, state_figures
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
-    """Return the problem of a result, which must be the design of a shape.
-
-    Raises:
-        ParameterError: It is the design of something else.
-    """
+    """Return the problem of a result, which must be the design of a shape, or a ParameterError."""
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     if not isinstance(result.problem, ShapeProblem):
         raise ParameterError(
@@ -251,10 +247,6 @@ class PrintedResult(RunResult):
 
 
 def printed_metrics(result: DesignResult, printed: PrintedDesign) -> dict[str, float]:
-    """Return the metrics of a print, by key; none without an equilibrium (collective).
-
-    Raises:
-        ParameterError: The result is not the design of a shape.
-    """
+    """Return the metrics of the print of a shape, by key, as of `PrintedDesign` (collective)."""
     shape_problem(result)
     return printed.metrics

@@ -82,10 +82,6 @@ def write_results(
 def write_design(folder: str | Path, found: PrintedResult) -> None:
     """Write the files of `write_results` without summary.json and its pictures (collective).
 
-    Args:
-        folder: Output folder, made if missing.
-        found: The design and its print.
-
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
@@ -109,12 +105,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
 def draw_pictures(
     comm: MPI.Comm, folder: str | Path, more: Callable[[], None] = lambda: None
 ) -> None:
-    """Draw the pictures of a run's folder, and further ones (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Folder of a run with its summary.
-        more: Draws further pictures, on the first rank.
+    """Draw the pictures of a folder with its summary, and further ones on one rank (collective).
 
     Raises:
         OutputError: A picture cannot be written; on all ranks.

@@ -32,12 +32,11 @@ class ShownSkin:
     """A whole skin, and what is drawn with it.
 
     Attributes:
-        pattern: The pattern.
         target: Target positions of all vertices, (n, 3), in m; None without a target shape.
         aligned: Whether shapes are compared with the target after the best rigid motion.
         passive: Prescribed density of all triangles, (t,), NaN where it is designed; None designs
             every triangle.
-        regions: Print on each panel, polygons in m; None before there is one.
+        regions: Its print; None before there is one.
         body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
         grounds: A point of the surface, in m, and the normal of each ground, (g, 2, 3).
         compared: Whether the design compares positions with the target along x, y and z.
@@ -59,10 +58,7 @@ class ShownSkin:
         return next((float(point[2]) for point, normal in grounds if normal[2] > LEVEL), None)
 
     def placed(self, positions: Floats) -> Floats:
-        """Return positions, moved rigidly onto the target where the design compares them so.
-
-        Positions are those of all vertices, (n, 3), in m.
-        """
+        """Return positions of all vertices, (n, 3), in m, as they are compared with the target."""
         if not self.aligned or self.target is None:
             return positions
         weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
@@ -72,19 +68,13 @@ class ShownSkin:
         return np.asarray((positions - centre) @ rotation.T + goal)
 
     def miss(self, placed: Floats) -> Miss | None:
-        """Return how far placed positions, (n, 3), are from the target; None if nothing says so.
-
-        That is without a target, and where the design compares no positions.
-        """
+        """Return how far placed positions, (n, 3), are from the target; None if nothing says so."""
         if self.target is None or not any(self.compared):
             return None
         return miss_of(self.pattern, placed, self.target, self.compared)
 
     def wanted(self, placed: Floats) -> Floats | None:
-        """Return the target, (n, 3), where axes that do not count are those of placed positions.
-
-        None without a target.
-        """
+        """Return the target, (n, 3), where axes that do not count are those of placed positions."""
         if any(self.compared) and not all(self.compared):
             miss = self.miss(placed)
             return self.target if miss is None else miss.asked
@@ -100,11 +90,9 @@ class ShownSkin:
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:
-    """Write a skin and return the name of its file, which its content determines (one rank).
+    """Write a skin into the folder of the frames and return the name of its file (one rank).
 
-    Args:
-        folder: Folder of the frames, which exists.
-        skin: The skin. A file that is there already stays.
+    Its content determines the name. A file that is there already stays.
     """
     given = {"target": skin.target, "passive": skin.passive, "grounds": skin.grounds}
     arrays: dict[str, npt.NDArray] = {
@@ -123,11 +111,7 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
 
 
 def read_skin(path: Path) -> ShownSkin:
-    """Return the skin in a file.
-
-    Raises:
-        OutputError: The file cannot be read, or holds no valid skin.
-    """
+    """Return the skin in a file, or raise an OutputError."""
 
     def make(archive: Archive) -> ShownSkin:
         arrays = archive.arrays

@@ -68,12 +68,7 @@ class Ink:
 
 
 def ink_of(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Ink:
-    """Return the print of a pattern, to draw with.
-
-    Args:
-        pattern: The pattern.
-        regions: Print on each panel, polygons in m.
-    """
+    """Return the print of a pattern, to draw with."""
     bitmaps = []
     for number, region in enumerate(regions):
         flat = pattern.corners[pattern.panel == number].reshape(-1, 2)
@@ -155,13 +150,9 @@ class Image:
 
 
 def window_of(points: Floats, aspect: float, width: int, margin: float = 0.04) -> Window:
-    """Return the window of an aspect that holds points on the picture, in the middle.
+    """Return the window of an aspect, width over height, with points (n, 2) in m in its middle.
 
-    Args:
-        points: Points, (n, 2), in m.
-        aspect: Width over height.
-        width: In pixels.
-        margin: Empty border over the window's size.
+    The width is in pixels; the margin is an empty border over the window's size.
     """
     low, high = points.min(axis=0), points.max(axis=0)
     size = np.maximum(high - low, 1e-6) / (1 - 2 * margin)
@@ -172,13 +163,9 @@ def window_of(points: Floats, aspect: float, width: int, margin: float = 0.04) -
 
 
 def render(surfaces: Sequence[Surface], view: View, window: Window, *, cut: bool = True) -> Image:
-    """Return a picture of surfaces, those behind hidden by those before.
+    """Return a picture of surfaces, those behind hidden by those before, in a window.
 
-    Args:
-        surfaces: The surfaces.
-        view: Where the viewer is.
-        window: What is shown.
-        cut: Whether the picture is cut to what the surfaces cover.
+    It is cut to what the surfaces cover, if it may be.
     """
     if cut:
         window = _covered(window, view.project(np.concatenate([s.points for s in surfaces])))

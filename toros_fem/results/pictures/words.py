@@ -24,15 +24,7 @@ HIGHER = 10.0
 
 
 class Word(NamedTuple):
-    """Words about a point.
-
-    Attributes:
-        text: The words, on one or several lines.
-        at: The point, in the units of the axes.
-        colour: Their colour.
-        size: Size of the letters in points.
-        bold: Whether they are bold.
-    """
+    """Words about a point in the units of the axes; the size of letters is in points."""
 
     text: str
     at: tuple[float, float]
