@@ -56,16 +56,13 @@ KEPT_ANGLE, HALVINGS = 0.4, 6
 
 @on_root
 def snapped(comm: MPI.Comm, pattern: Pattern, regions: Regions) -> Pattern:
-    """Return the same triangles with vertices moved onto the borders of polygons (collective).
+    """Return the same triangles with vertices moved onto the borders of regions (collective).
 
     Of each edge that a border cuts, the nearer end is moved onto it in the flat chart, if all
     triangles around keep angles of at least 18°. Vertices on a seam or a free border slide along
     it, both sides of a seam alike, and stay where it turns: outlines and seams are kept. In the
     assembled shape a vertex moves along the curved surface that the normals of its panel suggest.
-
-    Args:
-        pattern: The pattern, with edges that are not much longer than the polygons are wide.
-        regions: Polygons on each panel, in m.
+    Edges should not be much longer than the regions are wide.
     """
     pattern.require_regions(regions)
     mesh = _MovingMesh(pattern, regions)
@@ -354,8 +351,8 @@ def border_motion(pattern: Pattern, regions: Regions, printed: Bools, largest: f
     so do vertices where two lines touch.
 
     Args:
-        pattern: The pattern, with edges that follow the polygons, by `snapped`.
-        regions: Polygons on each panel, in m; they give the normals.
+        pattern: The pattern, with edges that follow the regions, by `snapped`.
+        regions: They give the normals.
         printed: Whether each triangle is printed, (t,).
         largest: Largest way of the borders in m, to either side. Where it would flatten triangles,
             the motion is less.

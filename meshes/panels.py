@@ -52,13 +52,10 @@ def panel_places(
     """Return the maps of all panels into a picture, whose lower left corner is the origin.
 
     Panels that are apart in the flat plane, as those of `unwrap`, keep their places beside each
-    other. Others, as those of `cylinder`, are packed in rows.
+    other. Others, as those of `cylinder`, are packed in rows, with a gap in m.
 
-    Args:
-        gap: Gap between panels that are packed here, in m.
-        page: Width and height of a page, in any unit, on which all shall be as large as possible:
-            slim panels may be turned for this by 90° clockwise, all alike, and small ones stand
-            above each other. None: no panel is turned.
+    On a page, of a width and height in any unit, all become as large as possible: slim panels may
+    be turned by 90° clockwise, all alike, and small ones stand above each other.
     """
     corners = [
         pattern.corners[pattern.panel == panel].reshape(-1, 2)

@@ -373,10 +373,7 @@ class Pattern:
 def keep_arrays(owner: Any, failure: type[TorosError], **kinds: tuple[type, int]) -> None:
     """Check the arrays of a frozen dataclass, and keep copies that cannot be written.
 
-    Args:
-        owner: The dataclass.
-        failure: Type of the error.
-        **kinds: Of each array float or int, and the length of its second axis, 0 if it has none.
+    Of each it is told whether it is float or int, and the length of its second axis, 0 without.
     """
     for name, (kind, width) in kinds.items():
         required = f"(…, {width})" if width else "(…,)"

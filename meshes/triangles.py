@@ -369,11 +369,7 @@ def require_fewer(count: int, area: float) -> None:
 
 @contextmanager
 def triangle_limit(most: int | None) -> Iterator[None]:
-    """Make meshes inside a `with` block with another largest number of triangles.
-
-    Args:
-        most: The largest number; None for no limit.
-    """
+    """Make meshes inside a `with` block with another largest number of triangles; None for none."""
     if most is not None:
         require_count(1, most=most)
     token = _most.set(most)

@@ -100,10 +100,8 @@ def disc(
 ) -> Pattern:
     """Make a disc around the origin, with a regular polygon as its border (collective).
 
-    Args:
-        radius: Radius in m of the circle through the corners.
-        mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
-        place: As in `rectangle`.
+    Its corners are on a circle of the radius in m. The mesh is "structured" (rings around the
+    centre) or "unstructured" (gmsh).
     """
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
@@ -232,11 +230,8 @@ def moulded(
     filter, prints, lines, courses of a knit, transfer between meshes. For bending the rest shape
     is the choice of `Bending.rest`: "assembled" for a shell without moments in this shape.
 
-    Args:
-        points: Positions (n, 3) in m.
-        triangles: Corners (t, 3), counter-clockwise seen from outside.
-        panel: Number of the panel of each triangle, (t,), to name parts of the skin; None for one.
-        panel_names: A name for each panel.
+    Points are (n, 3) in m, triangles (t, 3) counter-clockwise seen from outside. Panels name parts
+    of the skin, by the number of each triangle's, (t,); None for one.
     """
     places = real_numbers("points", points, "(n, 3), in m", PatternError)
     corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)

@@ -105,8 +105,7 @@ class Star:
     Attributes:
         arms: Number of arms, at least 2.
         arm_length: Length of an arm from the body's circle to the tip, in m.
-        arm_width: Width of an arm in m.
-        body_radius: Radius of the body in m.
+        arm_width, body_radius: Width of an arm and radius of the body in m.
         corner_radius: Radius of the fillets between arm and body, or between two arms, in m.
         angle: Angle from the x axis to the first arm, in rad.
     """
@@ -197,11 +196,8 @@ def walker(
     """Make a body with legs, by default four along the diagonals (paper Figs. 9, 10).
 
     Mesh edges separate body and legs: a triangle with the `plane_centroids` c belongs to leg k
-    where c · star.directions[k] > star.root.
-
-    Args:
-        star: The sizes.
-        planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
+    where c · star.directions[k] > star.root. Planes are () for the whole, (0,) or (1,) for half of
+    it, (0, 1) for a quarter with one leg.
     """
     require_kind("star", star, Star, "a Star")
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)

@@ -131,10 +131,7 @@ def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
     """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
 
     Of functions and other objects only the type is compared. It comes before any other check: what
-    one rank alone refuses would leave the others waiting.
-
-    Raises:
-        ParameterError: They are not; on all ranks.
+    one rank alone refuses would leave the others waiting. A ParameterError is raised on all ranks.
     """
     require_comm(comm)
     if comm.size == 1:
@@ -251,8 +248,7 @@ def _digest(value: Any) -> bytes:
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
     """Warn on the first rank, at the line of the user's code (collective).
 
-    Raises:
-        Warning: Python's filters make errors of such warnings; on all ranks.
+    Where Python's filters make errors of such warnings, all ranks raise it.
     """
 
     def warn() -> None:

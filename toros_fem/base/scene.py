@@ -70,14 +70,9 @@ class Scene:
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
-        """Return the scene with what its files hold (collective).
+        """Return the scene with what its files hold, by the names in `DESIGN_FILES` (collective).
 
-        Args:
-            comm: Communicator.
-            files: Paths, by the names in `DESIGN_FILES`; most scenes need none.
-
-        Raises:
-            TorosError: A file cannot be read, or does not fit.
+        Most scenes need none. A TorosError says that one cannot be read, or does not fit.
         """
         del comm, files
         return self
@@ -131,10 +126,7 @@ class Scene:
         return cls._layout().homes[key]
 
     def updated(self, **changes: Any) -> Self:
-        """Return a copy with other values.
-
-        Args:
-            changes: Values by the names of their keys, or whole tables by theirs.
+        """Return a copy with other values, by the names of their keys, or whole tables by theirs.
 
         Raises:
             ParameterError: A name is unknown, or a value is out of its bounds.
@@ -174,11 +166,7 @@ class _Layout:
 
 @functools.cache
 def _layout_of(scene: type[Scene]) -> _Layout:
-    """Return the layout of a type of scenes.
-
-    Raises:
-        TypeError: The type itself is wrong: a key stands in two tables.
-    """
+    """Return the layout of a type of scenes; a TypeError where a key stands in two tables."""
     hints = typing.get_type_hints(scene)
     tables = [one.name for one in fields(scene) if not one.metadata.get("outside")]
     parts = {name: typing.get_args(hints[name]) for name in sorted(tables, key=ORDER.index)}

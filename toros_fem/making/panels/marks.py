@@ -10,8 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.free_place import first_fit, places_in
-from toros_fem.making.panels.panel_labels import Label
+from toros_fem.making.panels.panel_labels import Label, first_fit, places_in
 from toros_fem.making.panels.seam_lines import SewnSeam
 from toros_fem.meshes.affine import Affine
 

@@ -12,11 +12,11 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
+from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import mirrored_regions, symmetric_part
-from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions

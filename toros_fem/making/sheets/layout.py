@@ -1,4 +1,4 @@
-"""Beds and sheets of a design: panels nested once, at the same places for printer and cutter."""
+"""What is made of a design: panels nested on beds and sheets, bladder, order of sewing."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.options import DEFAULT, ManufactureOptions
+from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.marks import CLEAR, HEIGHT, Ruler, ruler
-from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
+from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.making.panels.svg import Box, Layer
 from toros_fem.making.sheets.placement import Placement, nest
+from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Layers from the lowest to the highest: the order in which most machines work, the cut at last.
 LAYERS = ("print", "seam", "marks", "labels", "cut")
@@ -142,3 +146,41 @@ def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) ->
         left = placed[-1].footprint.bounds[2] + options.panel_gap
     wide, high = shapely.total_bounds([one.footprint for one in placed])[2:]
     return Sheet((float(wide) + options.sheet_margin, float(high) + options.sheet_margin), placed)
+
+
+@dataclass(frozen=True, eq=False)
+class Manufacture:
+    """What is made of a design; files, manifest and page show it.
+
+    Attributes:
+        layout: Panels on beds and sheets.
+        film: The film with the sheets of the bladder; None without one.
+        seams: All seams.
+        order: The order in which they are sewn.
+    """
+
+    options: ManufactureOptions
+    layout: Layout
+    film: Sheet | None
+    seams: Sequence[SewnSeam]
+    order: Sequence[SewingStep]
+
+
+def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
+    """Return what is made of a design on a whole pattern.
+
+    Raises:
+        SheetError: A panel fits on no sheet.
+        PatternError: The skin is moulded, so that it has no flat panels.
+        MissingPackageError: Panels must be nested, and u-nesting is not installed.
+    """
+    pattern, regions = printed_face(pattern, regions, options)
+    seams, film = sewn_seams(pattern), bladder_sheets(pattern, options)
+    closing = [] if film.tab_seam is None else [film.tab_seam]
+    return Manufacture(
+        options=options,
+        layout=layout(panel_drawings(pattern, regions, options), options),
+        film=film_sheet(film.drawings, options) if film.drawings else None,
+        seams=seams,
+        order=sewing_order(pattern, seams, closing),
+    )

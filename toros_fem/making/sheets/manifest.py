@@ -15,8 +15,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import notch_arcs
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.seam_lines import SewnSeam
-from toros_fem.making.sheets.layout import Sheet
-from toros_fem.making.sheets.manufacture import Manufacture
+from toros_fem.making.sheets.layout import Manufacture, Sheet
 
 NAME = "manufacture.json"
 FORMAT, VERSION = "toros_fem manufacture", 1

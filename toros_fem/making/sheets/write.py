@@ -12,8 +12,8 @@ from toros_fem.base.errors import ManufactureFileError
 from toros_fem.base.files import read_json, replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
+from toros_fem.making.sheets.layout import Manufacture, manufacture
 from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest, print_height
-from toros_fem.making.sheets.manufacture import Manufacture, manufacture
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
 from toros_fem.making.sheets.print_bodies import print_bodies, stl_of, threemf_of
