@@ -18,6 +18,7 @@ from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import (
     barycentric,
     between,
+    cross,
     edges_of,
     least_angles,
     lengths,
@@ -216,8 +217,7 @@ class _MovingMesh:
         both = both[np.bincount(border.ravel(), minlength=len(self.flat))[both[:, 0]] == 2]
         point, around = both[::2, 0], both[:, 1].reshape(-1, 2)
         one, two = (self.flat[around[:, i]] - self.flat[point] for i in range(2))
-        cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-        turn = np.abs(np.arctan2(cross, -np.einsum("ij,ij->i", one, two)))
+        turn = np.abs(np.arctan2(cross(one, two), -np.einsum("ij,ij->i", one, two)))
         # All flat points of a vertex that slides have the same two neighbours.
         vertex, beside = sewn[point], sewn[around]
         low, high = np.full((self.count, 2), self.count), np.full((self.count, 2), -1)

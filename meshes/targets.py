@@ -63,8 +63,7 @@ def curl(
             other way.
         length: Length in m over which the curvature is spread.
         origin: Point in m on the neutral line where the bend begins, (3,).
-        along: Direction of the body, (3,), of any length.
-        toward: Direction of the bend, (3,), perpendicular to `along`, of any length.
+        along, toward: Directions of the body and of the bend, (3,), of any length, perpendicular.
     """
     require_positive(length=length)
     _require_angle(angle, BEND_TURNS)

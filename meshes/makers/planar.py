@@ -16,7 +16,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
 from toros_fem.base.validation import is_number, real_numbers, require_between, shown
 from toros_fem.meshes.makers.flat import polygon_mesh
-from toros_fem.meshes.triangles import coincident, edges_of, require_affordable
+from toros_fem.meshes.triangles import coincident, cross, edges_of, require_affordable
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 
@@ -141,8 +141,7 @@ def _checked(points: npt.ArrayLike) -> Floats:
 def _turns(points: Floats) -> Floats:
     """Return the angle in rad by which a closed line (k, 2) turns at each point, (k,)."""
     into, out = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
-    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    return np.arctan2(cross, (into * out).sum(axis=1))
+    return np.arctan2(cross(into, out), (into * out).sum(axis=1))
 
 
 def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:

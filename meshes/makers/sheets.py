@@ -63,16 +63,13 @@ def rectangle(
     mesh: str = "right",
     place: Place | None = None,
 ) -> Pattern:
-    """Make a rectangle [0, length] × [0, width] (collective).
+    """Make a rectangle [0, length] × [0, width] in m (collective).
 
-    Args:
-        length, width: Size in m.
-        edge_length: Target edge length in m; the sides are divided evenly.
-        mesh: "right" triangles with diagonals that fall along the length, "left" with diagonals
-            that rise, "equilateral" ones (halved at two borders), "crossed" (four around each
-            square's centre), "union-jack" (diagonals that alternate), or "unstructured" (gmsh).
-        place: Maps flat positions (m, 2) to assembled ones, (m, 3), in m. None: the sheet is in
-            the plane z = 0.
+    The sides are divided evenly, in edges of about the edge length in m. The mesh has "right"
+    triangles with diagonals that fall along the length, "left" with diagonals that rise,
+    "equilateral" ones (halved at two borders), "crossed" (four around each square's centre),
+    "union-jack" (diagonals that alternate), or is "unstructured" (gmsh). `place` maps flat
+    positions (m, 2) to assembled ones, (m, 3), in m; by default the sheet is at z = 0.
     """
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))

@@ -31,15 +31,11 @@ class Scene:
     A key stands in one table only, so that its name is enough where values are given.
 
     Attributes:
-        KIND: Name of its kind in scene files.
         FEW: Keys that a new user changes.
         COARSE: Factors of the quick variant, by key.
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
             name, with their help.
         EXAMPLE_FILES: Files that a new scene file names.
-
-    Raises:
-        ParameterError: A field is no table of its type.
     """
 
     KIND: ClassVar[str] = ""

@@ -92,19 +92,13 @@ def require_flag(**values: Any) -> None:
             raise ParameterError(f"{name} = {shown(value)} must be True or False.")
 
 
-def require_kind(
-    name: str,
-    value: Any,
-    kind: type | tuple[type, ...],
-    what: str,
-    failure: type[TorosError] = ParameterError,
-) -> None:
+def require_kind(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> None:
     """Check that a value is of a type, or one of several.
 
     `what` it must be comes with the remedy: "a Composite, by Composite(…)".
     """
     if not isinstance(value, kind):
-        raise failure(f"{name} = {shown(value)} must be {what}.")
+        raise ParameterError(f"{name} = {shown(value)} must be {what}.")
 
 
 def require_callable(name: str, value: Any, what: str) -> None:

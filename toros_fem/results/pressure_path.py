@@ -30,15 +30,12 @@ class PathResult(RunResult):
     """A skin followed over the pressure: what `write_pressure_path` writes.
 
     Attributes:
-        pattern: The pattern.
-        points: The equilibria.
         density: Density of all triangles, (t,), to colour by.
         metrics: Numbers that were measured.
-        whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
-            and pictures are its own. None: the pattern is whole.
+        whole: The whole skin that the pattern is a part of: volumes, fields and pictures are its
+            own. None: the pattern is whole.
         composite: Materials; those of a tension field add the wrinkles of the last state to the
-            fields and pictures. None adds nothing.
-        config: Configuration of the run; None if it has none.
+            fields and pictures.
         seconds: Wall times in s.
         tolerance: Part of its target that a metric may be off by and count as reached.
     """

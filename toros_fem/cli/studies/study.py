@@ -42,12 +42,9 @@ _NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*(?P<unit>.
 
 @dataclass
 class Trial:
-    """One run of a study.
+    """One run of a study: its values by key, and what it found.
 
     Attributes:
-        values: Its values by key.
-        folder: Folder of the run.
-        summary: What it found; None before.
         failure: Why there is no result; empty if there is one.
         seconds: Wall time in this study; None for a run that was finished before.
     """
@@ -141,9 +138,7 @@ def run_study(
         over: Values by key, or words KEY=VALUES as of `values_of`.
         output: Folder of the study, made if missing: study.csv, study.png, a folder for each run.
         command: "design" or "simulate".
-        coarse: Whether to take the scene's quick variant.
         changes: Texts "KEY=VALUE" that hold for all runs.
-        allow_large: Whether to allow meshes of any size.
         jobs: Runs at a time; None takes one for each core.
 
     Raises:

@@ -115,12 +115,9 @@ def as_printed(
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it (collective).
 
-    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains.
-
-    Args:
-        island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
-        domain: What is cleaned, for a pattern that goes on beyond its border; None: its panels.
-        journal: Keeps the simulation; None keeps nothing.
+    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains. What
+    is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels. Free
+    islands smaller than the area, in m², are removed; larger ones are bridged.
 
     Raises:
         ParameterError: The area is negative, or not below the pattern's; or an argument has
@@ -177,15 +174,10 @@ def printed(
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Measure a print, and simulate it (collective).
+    """Measure a print, and simulate it as `simulate_binary` does (collective).
 
-    Args:
-        problem: The design problem. A `ShapeDesign` with `like` is simulated on a mesh that follows
-            the print, every other problem on its own mesh.
-        cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
-        limits: Limits of the printer.
-        like, start, pressure: As of `simulate_binary`.
-        journal: Keeps the simulation; None keeps nothing.
+    A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
+    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank.
 
     Raises:
         PatternError: The skin is moulded.

@@ -42,14 +42,11 @@ def printed_lines(
     Args:
         problem: The design problem, on the mesh that the print is simulated on.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
-        regions: The polygons.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
         pressure: In Pa, of all chambers or of each; None takes the problem's own.
-        journal: Keeps the simulation; None keeps nothing.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.

@@ -29,12 +29,10 @@ EMPTY = shapely.Polygon()
 
 @dataclass(frozen=True, eq=False)
 class BladderSheets:
-    """A bladder: sheets of film, to be welded along their seam lines.
+    """Sheets of film in their own coordinates, to be welded along their seam lines.
 
-    Attributes:
-        drawings: The sheets, each in its own coordinates; none where nothing is sewn.
-        tab_seam: Number of the seam of the skin where its tab leaves; None for a tube, whose
-            sheets have a weld of their own, and without a tab.
+    Its tab leaves at a seam of the skin; None for a tube, whose sheets have a weld of their own,
+    and without a tab. There are no sheets where nothing is sewn.
     """
 
     drawings: list[PanelDrawing]

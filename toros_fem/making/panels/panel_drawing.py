@@ -26,12 +26,10 @@ TINY = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """One edge of a panel that is sewn to an edge of the same or of another panel.
+    """One edge of a panel that is sewn to an edge of the same or of another panel, the partner.
 
-    Attributes:
-        number: Number of the seam, the same on both edges, from 1.
-        line: The seam line, (n, 2), in m. Both edges begin at the same end of the seam.
-        partner: Name of the panel it is sewn to.
+    Its number, from 1, is the same on both edges. Its line, (n, 2), in m, begins on both at the
+    same end of the seam.
     """
 
     number: int
@@ -149,15 +147,10 @@ def drawing_of(
     names: Sequence[str],
     options: ManufactureOptions,
 ) -> PanelDrawing:
-    """Return the drawing of one panel.
+    """Return the drawing of one panel, of its seam line, its print and the names of all panels.
 
-    Args:
-        texts: What is written on it, its name first; of each the best, then shorter ones.
-        outline: Its seam line.
-        printed: Its print.
-        edges: Its seams, and which side of them it is.
-        names: Names of all panels.
-        options: Allowance and marks.
+    Of what is written on it, its name first, come the best words and then shorter ones. The edges
+    are its seams, and which side of them it is.
     """
     allowance = options.seam_allowance
     cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])

@@ -74,14 +74,7 @@ def places_in(region: BaseGeometry) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A text on a panel.
-
-    Attributes:
-        text: The text.
-        place: Its centre, (2,), in m.
-        angle: Direction of writing in rad.
-        height: Height of capitals in m.
-    """
+    """A text on a panel: its centre, (2,), in m, direction in rad, and height of capitals in m."""
 
     text: str
     place: Floats
@@ -136,12 +129,8 @@ def panel_label(
 ) -> Label:
     """Return a text beside an edge of a panel, or inside of it where no edge is long enough.
 
-    Args:
-        texts: The text, and shorter ones in its place, the best first.
-        edges: Its seams, and which side of them it is.
-        band, fabric: Allowance and bare fabric, where nothing else is.
-        panel: The whole panel, where the shortest text stands if there is no other room.
-        allowance: Width of the allowance in m; None without one.
+    The words are the text, and shorter ones in its place, the best first. Nothing else is on the
+    band, the allowance, and on the bare fabric. Without any room the shortest stands on the panel.
     """
     inside = places_in(fabric)
     for text in texts:

@@ -127,9 +127,6 @@ def clean(
     """Return regions that can be printed: no thin line or gap, no small hole, no free island.
 
     Args:
-        domain: What is printed on.
-        regions: Print on each panel.
-        limits: Limits of the printer.
         island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
             the rest of their panel by a line, where one fits.
         smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are

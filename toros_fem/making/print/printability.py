@@ -93,10 +93,15 @@ class Printability:
 
     def summary(self) -> dict[str, Any]:
         """Return all results as plain numbers; each key ends in its unit."""
-
-        def ends(place: LocalWidth | None) -> list[list[float]] | None:
-            return [[1e3 * x, 1e3 * y] for x, y in place.ends] if place else None
-
+        thinnest = {
+            f"smallest_{name}_{what}": found
+            for name, place in (("width", self.smallest_width), ("gap", self.smallest_gap))
+            for what, found in (
+                ("mm", place and 1e3 * place.width),
+                ("panel", place and place.panel),
+                ("ends_mm", place and [[1e3 * x, 1e3 * y] for x, y in place.ends]),
+            )
+        }
         return {
             "pieces": self.number_of_pieces,
             "islands": len(self.free_islands),
@@ -105,12 +110,7 @@ class Printability:
             "holes": len(self.holes),
             "smallest_hole_mm2": 1e6 * self.holes[0].area if self.holes else None,
             "border_mm": 1e3 * self.border_length,
-            "smallest_width_mm": self.smallest_width and 1e3 * self.smallest_width.width,
-            "smallest_width_panel": self.smallest_width and self.smallest_width.panel,
-            "smallest_width_ends_mm": ends(self.smallest_width),
-            "smallest_gap_mm": self.smallest_gap and 1e3 * self.smallest_gap.width,
-            "smallest_gap_panel": self.smallest_gap and self.smallest_gap.panel,
-            "smallest_gap_ends_mm": ends(self.smallest_gap),
+            **thinnest,
             "narrow_places": len(self.narrow_lines),
             "tight_places": len(self.narrow_gaps),
         }

@@ -47,13 +47,8 @@ def thickened(
     wider gets the limit: along its middle, discs are added to a line, or cut out of the sides of a
     gap. So the border moves by a quarter of the limit at most; only where lines and gaps that are
     both too narrow lie side by side, gaps are filled. Corners get a radius of nearly half the
-    limit. At the border of the panel lines run out as they come.
-
-    Args:
-        region: Printed region, inside the panel.
-        outline: Outline of the panel.
-        width, gap: Least widths in m of a line and of a gap.
-        area: Least area of a hole, or of fabric between print and border, in m².
+    limit. At the border of the panel lines run out as they come. The limits are least widths in m;
+    holes, and fabric between print and border, have a least area in m².
     """
     lines, gaps = _Discs(outline, width), _Discs(outline, gap)
 

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.polygons import TOUCHING, fabric_of
-from toros_fem.meshes.triangles import linked
+from toros_fem.meshes.triangles import cross, linked
 
 # Most samples of a border: some minutes, and some hundred megabytes.
 MOST_SAMPLES = 5e6
@@ -90,9 +90,6 @@ def measure_widths(
     wide as the largest disc in it; one that meets the cut counts below the limit only.
 
     Args:
-        region: Printed region.
-        outline: Outline of the panel.
-        panel: Its number.
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.
@@ -308,7 +305,7 @@ def _circumcentres(corners: Floats) -> Floats:
     u, v = corners[:, 1] - a, corners[:, 2] - a
     uu, vv = np.sum(u * u, axis=1), np.sum(v * v, axis=1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        scale = 0.5 / (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        scale = 0.5 / cross(u, v)
         x, y = v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu
         return a + np.stack([x * scale, y * scale], axis=1)
 

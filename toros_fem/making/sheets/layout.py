@@ -68,8 +68,7 @@ class Layout:
     Attributes:
         drawings: The panels in their own coordinates.
         placements: Their places on the beds; `Placement.sheet` is the number of the bed.
-        bed: Width and depth in m of the part of the bed that is used.
-        sheet: Width and depth of a sheet in m.
+        bed, sheet: Width and depth in m of the part of the bed that is used, and of a sheet.
         grid: Numbers of beds on a sheet, along its width and its depth.
     """
 

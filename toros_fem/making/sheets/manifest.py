@@ -32,14 +32,9 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class MadeFile:
-    """A file for printer and cutter.
+    """A file for printer and cutter: what it shows, in some words, and its bytes.
 
-    Attributes:
-        name: Its name in the folder.
-        kind: "print", "cut" or "bladder".
-        shows: What it holds, in some words.
-        content: Its bytes.
-        bed, sheet: Numbers of bed and sheet, from 1; None where there is none.
+    Its kind is "print", "cut" or "bladder"; beds and sheets are numbered from 1.
     """
 
     name: str

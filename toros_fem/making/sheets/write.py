@@ -36,31 +36,24 @@ def write_manufacture(
     title: str = "",
     others: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write print files, cut files, bladder, manifest and page of a design (one rank).
+    """Write print files, cut files, bladder, manifest and page of a whole pattern (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
     first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
     Files of an earlier call, which its manufacture.json lists, go if they are as they were
-    written; all others stay.
+    written; all others stay. Returned is the manifest.
 
     Args:
-        folder: The folder, made if missing.
-        pattern: The whole pattern.
-        regions: Its print.
         options: Settings; None takes those of `made_as`.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
         title: Name of the design on the page; by default that of the folder above.
         others: Names of files that the caller writes into the folder afterwards.
 
-    Returns:
-        The manifest, as in manufacture.json.
-
     Raises:
         ManufactureFileError: A file of somebody else, or one that was changed, has the name of one
             that would be written.
-        SheetError: A panel fits on no sheet.
-        PatternError: The skin is moulded, so that it has no flat panels.
-        MissingPackageError: A package of the extra `manufacture` is not installed.
+        SheetError, PatternError, MissingPackageError: As of `manufacture`, or a package of the
+            extra `manufacture` is not installed.
     """
     folder = Path(folder)
     options = options or made_as(summary)

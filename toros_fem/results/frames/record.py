@@ -121,16 +121,10 @@ def write_path(
     density: Floats | None = None,
     chambers: Sequence[str] = (),
 ) -> None:
-    """Write the frames of a path of equilibria into the folder of a run (one rank).
+    """Write the frames of a path, "pressure" or "gait", into a run's folder (one rank).
 
-    Args:
-        folder: Folder of the run.
-        series: What they follow: "pressure" or "gait".
-        skin: The whole skin.
-        points: The equilibria.
-        whole: The whole that the equilibria's skin is a part of; None if they are whole.
-        density: Density of all triangles, (t,), where the skin has no print.
-        chambers: Names of the chambers whose pressures are recorded.
+    The equilibria may be those of a part of the whole. Where the skin has no print, a density of
+    all triangles, (t,), is shown. Pressures of chambers are recorded by their names.
     """
     frames = []
     for number, point in enumerate(points):

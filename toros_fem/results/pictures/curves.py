@@ -176,14 +176,10 @@ def draw_tracks(
     stride: float | None = None,
     measured: tuple[str, float] | None = None,
 ) -> None:
-    """Draw the paths of feet in the x-z plane.
+    """Draw the paths of feet in the x-z plane, of positions (rows, feet, 3) in m.
 
-    Args:
-        figure: The page.
-        feet: Positions, (rows, feet, 3), in m.
-        every: Number of rows between two marks, which show the phases of the gait.
-        stride: Distance along x of a cycle in m, drawn true to scale below the paths.
-        measured: The same for a measured stride, after who measured it.
+    Marks show the phases of the gait, `every` so many rows. The stride, the distance along x of a
+    cycle in m, is drawn true to scale below, as is a measured one, after who measured it.
     """
     write_title(
         figure,

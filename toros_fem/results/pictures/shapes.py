@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -131,15 +131,9 @@ def draw_shape(
 ) -> None:
     """Draw the inflated skin with the dashed outline of its target, and its miss in words.
 
-    Args:
-        figure: The page.
-        drawn: The skin.
-        positions: Positions of all vertices, (n, 3), in m.
-        figures: The figures to tell, those with a target first.
-        title: A sentence with the result, where there is no target.
-        state: What is shown, such as "The print at 10 kPa".
-        notes: Sentences that a reader of the figures must know.
-        warning: What is not as usual, such as that the print has no equilibrium.
+    Positions of all vertices, (n, 3), are in m. Figures with a target come first; without one the
+    title tells the result. The state says what is shown, notes are what a reader of the figures
+    must know, a warning what is not as usual.
     """
     shown = scenery(drawn, positions)
     told = with_shape(figures, shown.miss) or list(figures)
@@ -302,16 +296,10 @@ def plot_states(
     view: View,
     title: str = "",
     ground: float | None = None,
-    facts: Mapping[str, str] | None = None,
 ) -> None:
     """Write a PNG of states beside and below one another, in the same scale.
 
-    Args:
-        path: The file.
-        rows: For each state its name and surfaces, in rows of equal length.
-        view: Where the viewer is.
-        title, facts: As of `page`.
-        ground: Height of the ground in m; None for none.
+    Each state has its name and surfaces, in rows of equal length; the ground has a height in m.
     """
     every = np.concatenate([s.points for row in rows for _, surfaces in row for s in surfaces])
     across, down = max(map(len, rows)), len(rows)
@@ -319,7 +307,7 @@ def plot_states(
     # As high as the states need, between a strip and a square.
     height = float(np.clip(SIZE[0] / across * extent[1] / extent[0] * down + 0.8, 2.2, 8.0))
     top = 1 - (0.45 if title else 0.08) / height
-    with page(path, title, (SIZE[0], height), facts) as figure:
+    with page(path, title, (SIZE[0], height)) as figure:
         for j, row in enumerate(rows):
             for i, (name, surfaces) in enumerate(row):
                 box = (i / across, top - (j + 1) * top / down, 1 / across, top / down)

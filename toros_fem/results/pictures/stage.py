@@ -53,7 +53,7 @@ class Stage:
         self._limit()
         return image
 
-    def outline(self, drawn: DrawnSkin, positions: Floats, width: float = 1.6) -> None:
+    def outline(self, drawn: DrawnSkin, positions: Floats) -> None:
         """Draw the dashed outline of a target, and its lines where they are seen."""
         image = render(drawn.surfaces(positions)[:1], self.view, self.window)
         # What is cut off at the border of the view has no outline there.
@@ -61,7 +61,7 @@ class Stage:
         window, pixel = image.window, 1 / image.window.scale
         (left, low), (right, high) = 1e3 * (window.low - pixel), 1e3 * (window.high + pixel)
         self.axes.contour(
-            covered, levels=[127.5], colors=[ACCENT], linewidths=width, linestyles="--",
+            covered, levels=[127.5], colors=[ACCENT], linewidths=1.6, linestyles="--",
             extent=(left, right, low, high),
         )  # fmt: skip
         self.lines(drawn, positions, image, ACCENT, ":")

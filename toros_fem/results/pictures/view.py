@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.meshes.triangles import normals
 
 # Turns about z that are tried for the side view, and for the oblique one beside it, in degrees.
 # The latter is from the same side, so that both views are seen to be of one body.
@@ -74,11 +75,10 @@ def oblique_view(triangles: Ints, points: Floats, print_share: Floats, side: Vie
     It is turned against the side view, so that both together tell the shape. That a part of the
     skin may hide another is not considered. The share is the printed part of each triangle, (t,).
     """
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    normals, weights = np.cross(b - a, c - a) / 2, BARE + print_share
+    areas, weights = normals(points, triangles) / 2, BARE + print_share
 
     def score(view: View) -> float:
-        seen = np.maximum(normals @ view.directions[2], 0) @ weights
+        seen = np.maximum(areas @ view.directions[2], 0) @ weights
         return float(seen * np.sqrt(np.prod(np.ptp(view.project(points), axis=0))))
 
     return max((View(ABOVE, side.turn + turn) for turn in OBLIQUE_TURNS), key=score)

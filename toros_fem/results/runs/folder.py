@@ -172,8 +172,6 @@ def open_run(
     come back if the new run ends by an error before it has written anything.
 
     Args:
-        comm: Communicator.
-        folder: The folder, made if missing.
         inputs: All inputs, as JSON has them; they tell this run from others.
         scene: Text of the scene that it is made from, written to scene.toml; None without.
         resume: Whether to go on with the run in the folder; its files stay.
@@ -184,7 +182,6 @@ def open_run(
         RunError: Another process uses the folder, it cannot be written to, a file in it that no
             run wrote has the name of a file of runs, or there is nothing to resume in it.
         CheckpointError: The run in it has other inputs, or is of a newer version.
-        ParameterError: `every` is not a whole number, at least 1.
     """
     require_count(1, every=every)
     folder = Path(folder)
