@@ -27,8 +27,8 @@ def sector(count: int, radius: float, parts: int) -> Floats:
 def ringed_disc(around: int, radius: float, parts: int = 1) -> tuple[Floats, Ints]:
     """Mesh a disc by rings of vertices; neighbouring rings are connected in the order of angles.
 
-    There are so many edges around the whole disc, of a radius in m. Parts are 1 for the whole, 2 or
-    4 for the part of it between the angles 0 and 2π/parts.
+    `around` is the number of edges around the whole disc, the radius is in m. `parts` is 1 for the
+    whole, 2 or 4 for the part of it between the angles 0 and 2π/parts.
     """
     rings = max(1, round(around / (2 * np.pi)))
     least = -(-3 // parts)

@@ -227,8 +227,8 @@ def moulded(
     filter, prints, lines, courses of a knit, transfer between meshes. For bending the rest shape
     is the choice of `Bending.rest`: "assembled" for a shell without moments in this shape.
 
-    Points are (n, 3) in m, triangles (t, 3) counter-clockwise seen from outside. Panels name parts
-    of the skin, by the number of each triangle's, (t,); None for one.
+    Points are (n, 3) in m, triangles (t, 3), counter-clockwise seen from outside. `panel`, (t,), is
+    the number of the panel of each triangle, by which parts of the skin are named; None for one.
     """
     places = real_numbers("points", points, "(n, 3), in m", PatternError)
     corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)

@@ -225,8 +225,8 @@ def finger(
 ) -> Pattern:
     """Make a straight finger along +x from x = 0, sewn all around, with a half circle as its tip.
 
-    The defaults are ours: the paper gives no sizes. All are in m: the root is the part that a mount
-    holds, which a line of mesh edges ends, the corner radius that of the two corners at x = 0.
+    The sizes, in m, are ours: the paper gives none. `root` is the length of the part that a mount
+    holds; a line of mesh edges ends it. The corner radius is that of the two corners at x = 0.
     Planes are () for the whole, (1,) for the half at y ≥ 0.
     """
     require_positive(length=length, width=width, root=root, corner_radius=corner_radius)

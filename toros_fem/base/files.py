@@ -240,7 +240,7 @@ def naming(
 ) -> Iterator[None]:
     """Raise errors of the system in the block as one that names a path and what to do.
 
-    It says a text with places for the path and for the reason.
+    `says` is its text, with places for the path and for the reason.
     """
     try:
         yield
@@ -261,8 +261,8 @@ def guarded(
 ) -> T:
     """Do something with a folder on the first rank, and return what it finds (collective).
 
-    The folder may be made if it is missing. Files that the action writes there are listed, and
-    others stay (`listing`).
+    With `make` the folder is made if it is missing. Files that the action writes there are listed,
+    and others stay (`listing`).
 
     Raises:
         ParameterError: The folder differs between the ranks.

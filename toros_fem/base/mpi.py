@@ -152,9 +152,9 @@ def collective(
 ) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate an entry that all ranks call: its arguments must be equal on all of them.
 
-    Its communicator is an argument with attributes, as "self.skin.comm". Where it cannot be found
-    the entry is called as it is, and refuses what it was given. Of owned arguments each rank has
-    its own part: their type is compared, of arrays also the number of axes.
+    `comm` says where its communicator is: an argument and attributes, as "self.skin.comm". Where it
+    cannot be found the entry is called as it is, and refuses what it was given. Of the arguments in
+    `owned` each rank has its own part: their type is compared, of arrays also the number of axes.
     """
     first, *path = comm.split(".")
 

@@ -31,8 +31,8 @@ EMPTY = shapely.Polygon()
 class BladderSheets:
     """Sheets of film in their own coordinates, to be welded along their seam lines.
 
-    Its tab leaves at a seam of the skin; None for a tube, whose sheets have a weld of their own,
-    and without a tab. There are no sheets where nothing is sewn.
+    `tab_seam` is the seam of the skin where the tab leaves; None without a tab, and for a tube,
+    whose sheets have a weld of their own. Where nothing is sewn there are no sheets.
     """
 
     drawings: list[PanelDrawing]

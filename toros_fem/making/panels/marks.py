@@ -102,7 +102,7 @@ def cross_shapes(centres: Floats, size: float) -> list[Floats]:
 def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
     """Return the arrow along the grain, at an angle in rad, as lines (n, 2) in m: shaft and head.
 
-    It lies in the best region that has room, the first one; without room across the last one.
+    It lies in the first region that has room; without any it lies across the last one.
     """
     sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
     centre, length = shapely.get_coordinates(places[-1].representative_point())[0], ARROWS[-1]

@@ -147,10 +147,10 @@ def drawing_of(
     names: Sequence[str],
     options: ManufactureOptions,
 ) -> PanelDrawing:
-    """Return the drawing of one panel, of its seam line, its print and the names of all panels.
+    """Return the drawing of one panel, by its seam line and its print.
 
-    Of what is written on it, its name first, come the best words and then shorter ones. The edges
-    are its seams, and which side of them it is.
+    `texts` are written on it, its name first: of each the best wording, then shorter ones. `edges`
+    are its seams, with the side of each that it is; `names` are those of all panels.
     """
     allowance = options.seam_allowance
     cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])

@@ -43,10 +43,10 @@ def rectangles(centres: Floats, size: Size, angle: float | Floats) -> np.ndarray
 def first_fit(
     region: BaseGeometry, centres: Floats, angles: float | Floats, sizes: Iterable[Size]
 ) -> tuple[int, Size] | None:
-    """Return the first place where the first rectangle lies in a region that fits anywhere.
+    """Return the first place where the first size that fits anywhere lies in a region.
 
-    Places (k, 2) and sizes are tried the best first, at an angle in rad of the length, or one for
-    each place. Returned are the number of the place, and the size; None without room.
+    Places (k, 2) and sizes are given the best first, with the angle in rad of the length, one for
+    all or one for each place. Returned are the number of the place, and the size; None without room.
     """
     shapely.prepare(region)
     for size in sizes:
@@ -129,8 +129,8 @@ def panel_label(
 ) -> Label:
     """Return a text beside an edge of a panel, or inside of it where no edge is long enough.
 
-    The words are the text, and shorter ones in its place, the best first. Nothing else is on the
-    band, the allowance, and on the bare fabric. Without any room the shortest stands on the panel.
+    `texts` are its wordings, the best first. `band`, the allowance, and `fabric`, which is not
+    printed, are where nothing else is. Without room the shortest wording stands on the panel.
     """
     inside = places_in(fabric)
     for text in texts:

@@ -64,6 +64,9 @@ def cut_dxf(sheet: Sheet) -> bytes:
     for name in LAYERS:
         document.layers.add(name, color=COLOURS[name][1])
         _draw(document.modelspace(), name, sheet)
+    # They are a set, whose order differs between processes.
+    for kind in sorted(document.entitydb.dxf_types_in_use()):
+        document.classes.add_class(kind)
     content = io.StringIO()
     # Without times and random identifiers, which would tell equal cuts apart.
     document.ezdxf_metadata()["CREATED_BY_EZDXF"] = "toros_fem"

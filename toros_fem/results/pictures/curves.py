@@ -178,8 +178,8 @@ def draw_tracks(
 ) -> None:
     """Draw the paths of feet in the x-z plane, of positions (rows, feet, 3) in m.
 
-    Marks show the phases of the gait, `every` so many rows. The stride, the distance along x of a
-    cycle in m, is drawn true to scale below, as is a measured one, after who measured it.
+    Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
+    in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
     """
     write_title(
         figure,

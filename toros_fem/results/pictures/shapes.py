@@ -131,9 +131,9 @@ def draw_shape(
 ) -> None:
     """Draw the inflated skin with the dashed outline of its target, and its miss in words.
 
-    Positions of all vertices, (n, 3), are in m. Figures with a target come first; without one the
-    title tells the result. The state says what is shown, notes are what a reader of the figures
-    must know, a warning what is not as usual.
+    Positions of all vertices, (n, 3), are in m. Figures with a target come first; where there is
+    none the title is the result. `state` says what is shown, as "The print at 10 kPa", `notes` what
+    a reader of the figures must know, and `warning` what is not as usual.
     """
     shown = scenery(drawn, positions)
     told = with_shape(figures, shown.miss) or list(figures)

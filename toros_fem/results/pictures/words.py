@@ -47,11 +47,11 @@ def write_words(
     distances: Sequence[float] = DISTANCES,
     sides: Sequence[tuple[int, int]] = SIDES,
 ) -> None:
-    """Write each of some words, the first ones foremost, where it covers least near its point.
+    """Write each of some words, the most important first, where it covers least near its point.
 
     The limits of the axes must be those of the finished picture. Lines, (n, 2) in the units of the
-    axes, should not be covered. Places are tried at distances in points on the sides of the point,
-    1 to the right or above.
+    axes, should not be covered. Each word is tried at some distances in points from its point, on
+    each of its sides, 1 to the right or above.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None

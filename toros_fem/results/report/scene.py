@@ -78,7 +78,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
 class Packed:
     """Arrays of whole numbers one after the other, with where each begins.
 
-    The box of all points that are shown, (k, 3) each, in m, has the grid on which they are rounded.
+    Positions are rounded to a grid on the box of all points that are shown, (k, 3) each, in m.
 
     Attributes:
         low: Least corner of the box in m, (3,).

@@ -67,8 +67,8 @@ class RunRecord:
 class OpenRun:
     """An open run folder, made by `open_run`; as a context manager it is closed at the end.
 
-    While it is open, what designs into this folder keeps its state there and finds it again. What
-    is told of how it ended frees the folder's lock.
+    While it is open, what designs into this folder keeps its state there and finds it again.
+    `closing` is told how the run ended, and frees the folder's lock.
     """
 
     def __init__(
