@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from helpers.scenes import ROOT
 
+from toros_fem.cli.commands.materials import material_details, table_text
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import TRUSTS
-from toros_fem.materials.library.table import material_details, table_text
 
 LIBRARY = read_library()
 SITE = runpy.run_path(str(ROOT / "docs" / "_extensions" / "table_texts.py"))

@@ -46,7 +46,7 @@ def first_fit(
     """Return the first place where the first size that fits anywhere lies in a region.
 
     Places (k, 2) and sizes are given the best first, with the angle in rad of the length, one for
-    all or one for each place. Returned are the number of the place, and the size; None without room.
+    all or one for each place. Returned are the number of the place and the size; None without room.
     """
     shapely.prepare(region)
     for size in sizes:

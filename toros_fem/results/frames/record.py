@@ -19,7 +19,7 @@ from toros_fem.measures.miss import compared_axes
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 
@@ -62,7 +62,7 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
 
 def shown_skin(
     problem: ShapeProblem,
-    regions: Sequence[BaseGeometry] | None = None,
+    regions: Regions | None = None,
     poses: Sequence[Sequence[float]] | None = None,
 ) -> ShownSkin:
     """Return the whole skin of a design problem, with its print, on every rank (collective).
@@ -152,9 +152,7 @@ def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None
         write_frame(folder, replace(frame, skin=name))
 
 
-def repeated(
-    pattern: Pattern, regions: Sequence[BaseGeometry], count: int
-) -> tuple[Pattern, list[BaseGeometry]]:
+def repeated(pattern: Pattern, regions: Regions, count: int) -> tuple[Pattern, list[BaseGeometry]]:
     """Return copies of a skin as one pattern, all at the same positions, and their print."""
     copy = np.arange(count)[:, None]
 

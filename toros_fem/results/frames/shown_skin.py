@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
@@ -17,7 +15,7 @@ from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_o
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.measures.miss import Miss, miss_of
 from toros_fem.measures.rotation import polar_rotation
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.results.frames.files import REMEDY
 
@@ -46,7 +44,7 @@ class ShownSkin:
     target: Floats | None = None
     aligned: bool = False
     passive: Floats | None = None
-    regions: Sequence[BaseGeometry] | None = None
+    regions: Regions | None = None
     body: tuple[Floats, Ints] | None = None
     grounds: Floats | None = None
     compared: tuple[bool, bool, bool] = (False, False, False)

@@ -19,7 +19,7 @@ from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import panel_places
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.pictures.style import (
     ACCENT,
     EDGE,
@@ -59,7 +59,7 @@ def draw_panels(
     figure: Figure,
     box: Box,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry] | None,
+    regions: Regions | None,
     *,
     names: bool = True,
 ) -> tuple[Axes, list[Affine]]:
@@ -103,7 +103,7 @@ def draw_panels(
 def draw_pattern(
     figure: Figure,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     printability: Printability,
     limits: PrintLimits,
 ) -> None:
@@ -269,9 +269,7 @@ def draw_density(figure: Figure, box: Box, pattern: Pattern, density: Floats) ->
     return axes
 
 
-def draw_lines(
-    figure: Figure, field: LineField, pattern: Pattern, regions: Sequence[BaseGeometry]
-) -> None:
+def draw_lines(figure: Figure, field: LineField, pattern: Pattern, regions: Regions) -> None:
     """Draw line families, laid over each other, and of the print that they became.
 
     Each mark has the direction of the lines in its triangle; its length grows with the share. The

@@ -17,7 +17,7 @@ from shapely import get_coordinates, get_parts
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import cross
 from toros_fem.meshes.triangles import normals as surface_normals
 from toros_fem.results.pictures.style import FABRIC, PRINT, SILHOUETTE
@@ -71,7 +71,7 @@ class Ink:
         return found
 
 
-def ink_of(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Ink:
+def ink_of(pattern: Pattern, regions: Regions) -> Ink:
     """Return the print of a pattern, to draw with."""
     bitmaps = []
     for number, region in enumerate(regions):
