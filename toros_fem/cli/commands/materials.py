@@ -17,6 +17,13 @@ from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, LibraryMaterial
 
+WIDTH = 96
+# Heading of each kind.
+TITLES: Mapping[str, str] = MappingProxyType(
+    {"fabric": "Fabrics", "print": "Prints", "rubber": "Rubbers, for bladders"}
+)
+HEADER = ("name", "E", "ν", "thickness", "E h", "stretches", "trust")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Materials(Command):
@@ -49,14 +56,6 @@ class Materials(Command):
             return Answer(material_details(entry), entry.as_dict())
         found = [entry for entry in library.values() if self.kind in (None, entry.kind)]
         return Answer(table_text(found), {"materials": [entry.as_dict() for entry in found]})
-
-
-WIDTH = 96
-# Heading of each kind.
-TITLES: Mapping[str, str] = MappingProxyType(
-    {"fabric": "Fabrics", "print": "Prints", "rubber": "Rubbers, for bladders"}
-)
-HEADER = ("name", "E", "ν", "thickness", "E h", "stretches", "trust")
 
 
 def table_text(entries: Iterable[LibraryMaterial]) -> str:
