@@ -19,12 +19,7 @@ EXACT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Affine:
-    """The map x → matrix · x + offset of points in the plane.
-
-    Attributes:
-        matrix: Linear part, (2, 2).
-        offset: Image of the origin, (2,), in m.
-    """
+    """The map x → matrix · x + offset of points in the plane, in m."""
 
     matrix: Floats
     offset: Floats
@@ -63,11 +58,7 @@ class Affine:
 
     @property
     def inverse(self) -> Self:
-        """The map back.
-
-        Raises:
-            LinAlgError: The map takes the plane to a line.
-        """
+        """The map back; a LinAlgError where the map takes the plane to a line."""
         back = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
         return type(self)(back, -back @ self.offset)
 

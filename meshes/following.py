@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,12 +12,13 @@ from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import PanelError, PatternError
+from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import (
     barycentric,
     between,
+    cross,
     edges_of,
     least_angles,
     lengths,
@@ -56,23 +56,16 @@ KEPT_ANGLE, HALVINGS = 0.4, 6
 
 
 @on_root
-def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -> Pattern:
-    """Return the same triangles with vertices moved onto the borders of polygons (collective).
+def snapped(comm: MPI.Comm, pattern: Pattern, regions: Regions) -> Pattern:
+    """Return the same triangles with vertices moved onto the borders of regions (collective).
 
     Of each edge that a border cuts, the nearer end is moved onto it in the flat chart, if all
     triangles around keep angles of at least 18°. Vertices on a seam or a free border slide along
     it, both sides of a seam alike, and stay where it turns: outlines and seams are kept. In the
     assembled shape a vertex moves along the curved surface that the normals of its panel suggest.
-
-    Args:
-        pattern: The pattern, with edges that are not much longer than the polygons are wide.
-        regions: Polygons on each panel, in m.
+    Edges should not be much longer than the regions are wide.
     """
-    if len(regions) != len(pattern.panel_names):
-        raise PanelError(
-            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give "
-            "one for each panel, an empty polygon where nothing is printed."
-        )
+    pattern.require_regions(regions)
     mesh = _MovingMesh(pattern, regions)
     for turn in range(ROUNDS if mesh.any_border else 0):
         if turn:
@@ -141,7 +134,7 @@ class _MovingMesh:
         held: Whether each vertex has been moved onto a border of the polygons, (n,).
     """
 
-    def __init__(self, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
+    def __init__(self, pattern: Pattern, regions: Regions) -> None:
         self.pattern, self.count = pattern, len(pattern.points)
         self.flat = pattern.flat_points.copy()
         edges = edges_of(pattern.flat_triangles)
@@ -224,8 +217,7 @@ class _MovingMesh:
         both = both[np.bincount(border.ravel(), minlength=len(self.flat))[both[:, 0]] == 2]
         point, around = both[::2, 0], both[:, 1].reshape(-1, 2)
         one, two = (self.flat[around[:, i]] - self.flat[point] for i in range(2))
-        cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-        turn = np.abs(np.arctan2(cross, -np.einsum("ij,ij->i", one, two)))
+        turn = np.abs(np.arctan2(cross(one, two), -np.einsum("ij,ij->i", one, two)))
         # All flat points of a vertex that slides have the same two neighbours.
         vertex, beside = sewn[point], sewn[around]
         low, high = np.full((self.count, 2), self.count), np.full((self.count, 2), -1)
@@ -350,9 +342,7 @@ def _pieces(region: BaseGeometry, outline: Floats, step: float, reach: float) ->
 # ------------------------------------------------------------------------------ moving borders
 
 
-def border_motion(
-    pattern: Pattern, regions: Sequence[BaseGeometry], printed: Bools, largest: float
-) -> Floats:
+def border_motion(pattern: Pattern, regions: Regions, printed: Bools, largest: float) -> Floats:
     """Return by which flat points move where a print's borders move outwards by 1, (m, 2).
 
     Vertices between printed and plain triangles move along the normal of the border. Where a line
@@ -361,8 +351,8 @@ def border_motion(
     so do vertices where two lines touch.
 
     Args:
-        pattern: The pattern, with edges that follow the polygons, by `snapped`.
-        regions: Polygons on each panel, in m; they give the normals.
+        pattern: The pattern, with edges that follow the regions, by `snapped`.
+        regions: They give the normals.
         printed: Whether each triangle is printed, (t,).
         largest: Largest way of the borders in m, to either side. Where it would flatten triangles,
             the motion is less.

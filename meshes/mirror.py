@@ -84,11 +84,9 @@ _WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDi
 def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     """Complete a part of a skin by its mirror images in coordinate planes through the origin.
 
-    The whole is made once for each pattern and kept as long as the pattern is.
-
-    Args:
-        pattern: The part. Its free edges in a plane are a cut, where it meets its image.
-        axes: Normals of the planes of reflection, in this order: 0 for x = 0, …
+    Its free edges in a plane are a cut, where it meets its image. The axes are the planes' normals
+    in the order of reflection, 0 for x = 0, … The whole is made once for each pattern and kept as
+    long as the pattern is.
 
     Raises:
         ParameterError: No free edge lies in a plane.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -11,10 +10,9 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.triangles import barycentric
 
 Polygons: TypeAlias = npt.NDArray[np.object_]
 
@@ -32,8 +30,6 @@ FITS = 1e-9
 WIDTHS = 12
 # Corners of the pieces that a region is divided into before it is cut by triangles.
 PIECE = 40
-# A part that is smaller than this fraction of its triangle comes from rounding.
-SLIVER = 1e-6
 
 # --------------------------------------------------------------------------- beside each other
 
@@ -56,13 +52,10 @@ def panel_places(
     """Return the maps of all panels into a picture, whose lower left corner is the origin.
 
     Panels that are apart in the flat plane, as those of `unwrap`, keep their places beside each
-    other. Others, as those of `cylinder`, are packed in rows.
+    other. Others, as those of `cylinder`, are packed in rows, with a gap in m.
 
-    Args:
-        gap: Gap between panels that are packed here, in m.
-        page: Width and height of a page, in any unit, on which all shall be as large as possible:
-            slim panels may be turned for this by 90° clockwise, all alike, and small ones stand
-            above each other. None: no panel is turned.
+    On a page, of a width and height in any unit, all become as large as possible: slim panels may
+    be turned by 90° clockwise, all alike, and small ones stand above each other.
     """
     corners = [
         pattern.corners[pattern.panel == panel].reshape(-1, 2)
@@ -132,75 +125,6 @@ def _upright(points: Floats) -> Floats:
 
 
 # ---------------------------------------------------------------------------- cut by triangles
-
-
-@dataclass(frozen=True, eq=False)
-class CutTriangles:
-    """Polygons, inside or outside of regions, that make up all triangles that the regions reach.
-
-    Their corners are given by the triangle, so that they can be put on any shape of the skin.
-
-    Attributes:
-        cell: Triangle of each polygon, (k,).
-        inside: Whether each polygon lies in the regions, (k,).
-        areas: Area of each polygon in its flat panel, (k,), in m².
-        weights: Barycentric coordinates of the corners of all rings, (n, 3); the first corner of a
-            ring comes again as its last. Holes run the other way around than outer rings.
-        polygon: Polygon of each ring, (r,), ascending; its outer ring comes first.
-        first: Number of the first corner of each ring, and n, (r + 1,).
-    """
-
-    cell: Ints
-    inside: Bools
-    areas: Floats
-    weights: Floats
-    polygon: Ints
-    first: Ints
-
-    def corners(self, corners: Floats) -> Floats:
-        """Return the corners of all rings, (n, d), from those of the triangles, (t, 3, d)."""
-        cells = np.repeat(self.cell[self.polygon], np.diff(self.first))
-        return np.asarray(np.einsum("nc,ncd->nd", self.weights, corners[cells]))
-
-    def repeated(self, count: int, triangles: int) -> CutTriangles:
-        """Return the polygons on several copies of a skin of t triangles, one after the other."""
-        copy = np.arange(count)[:, None]
-        size, corners = len(self.cell), len(self.weights)
-        return CutTriangles(
-            cell=(self.cell + triangles * copy).ravel(),
-            inside=np.tile(self.inside, count),
-            areas=np.tile(self.areas, count),
-            weights=np.tile(self.weights, (count, 1)),
-            polygon=(self.polygon + size * copy).ravel(),
-            first=np.append((self.first[:-1] + corners * copy).ravel(), count * corners),
-        )
-
-
-def cut_triangles(pattern: Pattern, regions: Sequence[BaseGeometry]) -> CutTriangles:
-    """Cut the triangles of all panels by a region of each panel, polygons in m."""
-    cells, flags, polygons = [], [], []
-    for panel, region in enumerate(regions):
-        here = np.flatnonzero(pattern.panel == panel)
-        corners, areas = pattern.corners[here], pattern.areas[here]
-        cell, parts = cut_by_triangles(region, corners)
-        share = np.bincount(cell, shapely.area(parts), minlength=len(here)) / areas
-        whole, cut = share >= 1 - SLIVER, (share > SLIVER) & (share < 1 - SLIVER)
-        bare, rest = cut_by_triangles(pattern.outline(panel).difference(region), corners[cut])
-        for found, inside, some in (
-            (here[whole], True, shapely.polygons(corners[whole])),
-            (here[cell[cut[cell]]], True, parts[cut[cell]]),
-            (here[cut][bare], False, rest),
-        ):
-            large = shapely.area(some) > SLIVER * pattern.areas[found]
-            cells.append(found[large])
-            flags.append(np.full(np.count_nonzero(large), inside))
-            polygons.append(shapely.normalize(some[large]))
-    cell, inside, parts = (np.concatenate(each) for each in (cells, flags, polygons))
-    rings, polygon = shapely.get_rings(parts, return_index=True)
-    first = np.concatenate([[0], np.cumsum(shapely.get_num_coordinates(rings))])
-    around = pattern.corners[np.repeat(cell[polygon], np.diff(first))]
-    weights = barycentric(around, shapely.get_coordinates(rings)[:, None])[:, 0]
-    return CutTriangles(cell, inside, shapely.area(parts), weights, polygon, first)
 
 
 def cut_by_triangles(region: BaseGeometry, corners: Floats) -> tuple[Ints, Polygons]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import shapely
@@ -49,6 +49,9 @@ MIN_HEIGHT_RATIO = 1e-6
 MOST_NAMES = 8
 # Damping over the Laplacian's diagonal: without any fixed vertex a harmonic extension is zero.
 DAMPING = 1e-9
+
+Regions: TypeAlias = Sequence[BaseGeometry]
+"""A region of each panel of a pattern, polygons in m; an empty one where there is nothing."""
 
 
 class Panel(NamedTuple):
@@ -151,7 +154,7 @@ class Pattern:
 
     def outline(self, panel: int) -> BaseGeometry:
         """Return the outline of a panel, by its number, a polygon in m."""
-        return self._outlines[panel]
+        return self.outlines[panel]
 
     def mean_over_flat_points(self, values: Floats) -> Floats:
         """Return values at assembled vertices, (n, …): means over those of their flat points."""
@@ -274,11 +277,20 @@ class Pattern:
         return chart_turns(self.corners, self.edges)[self.edges.inner]
 
     @cached_property
-    def _outlines(self) -> list[BaseGeometry]:
+    def outlines(self) -> list[BaseGeometry]:
+        """Outline of each panel, polygons in m."""
         return [
             shapely.coverage_union_all(shapely.polygons(self.corners[self.panel == panel]))
             for panel in range(len(self.panel_names))
         ]
+
+    def require_regions(self, regions: Regions) -> None:
+        """Check that there is a region for each panel."""
+        if len(regions) != len(self.panel_names):
+            raise PanelError(
+                f"there are {len(regions)} regions for {len(self.panel_names)} panels; give one "
+                "for each panel, an empty polygon where nothing is printed."
+            )
 
     def _check_sizes(self) -> None:
         m, t, n = len(self.flat_points), len(self.flat_triangles), len(self.points)
@@ -361,10 +373,7 @@ class Pattern:
 def keep_arrays(owner: Any, failure: type[TorosError], **kinds: tuple[type, int]) -> None:
     """Check the arrays of a frozen dataclass, and keep copies that cannot be written.
 
-    Args:
-        owner: The dataclass.
-        failure: Type of the error.
-        **kinds: Of each array float or int, and the length of its second axis, 0 if it has none.
+    Of each it is told whether it is float or int, and the length of its second axis, 0 without.
     """
     for name, (kind, width) in kinds.items():
         required = f"(…, {width})" if width else "(…,)"

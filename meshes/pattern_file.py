@@ -23,14 +23,10 @@ PRINTED = "printed"
 
 
 def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = None) -> None:
-    """Write a pattern as an archive (one rank).
+    """Write a pattern as an archive, a file ending in .npz (one rank).
 
-    Its entries are the fields of `Pattern` by name, lengths in m, and "printed" where it is given.
-
-    Args:
-        path: File ending in .npz.
-        pattern: The pattern.
-        printed: Whether each triangle is printed, (t,); None leaves it out.
+    Its entries are the fields of `Pattern` by name, lengths in m, and "printed" where it is given:
+    whether each triangle is printed, (t,).
 
     Raises:
         PatternFileError: The path does not end in .npz.
@@ -46,10 +42,6 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
 def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
     """Read the pattern that `write_pattern` wrote, the same on all ranks (collective).
 
-    Args:
-        comm: Communicator; the first rank reads.
-        path: The file.
-
     Raises:
         PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
             no valid pattern.
@@ -61,11 +53,7 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
 
 @on_root
 def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
-    """Read a pattern and which of its triangles are printed, (t,) (collective).
-
-    Args:
-        comm: Communicator; the first rank reads.
-        path: A file that a design wrote.
+    """Read a pattern of a design and which of its triangles are printed, (t,) (collective).
 
     Raises:
         PatternFileError: As for `read_pattern`, or the file does not say what is printed.

@@ -63,8 +63,7 @@ def curl(
             other way.
         length: Length in m over which the curvature is spread.
         origin: Point in m on the neutral line where the bend begins, (3,).
-        along: Direction of the body, (3,), of any length.
-        toward: Direction of the bend, (3,), perpendicular to `along`, of any length.
+        along, toward: Directions of the body and of the bend, (3,), of any length, perpendicular.
     """
     require_positive(length=length)
     _require_angle(angle, BEND_TURNS)
@@ -102,16 +101,15 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
     """Return a deformer that bends all arms of a flat star down (paper Figs. 9, 10).
 
     The body stays. Beyond the distance `root` from the centre, each arm bends towards −z about the
-    horizontal axis across it, to constant curvature over `length`; the rest of it continues
-    straight. The plane z = 0 keeps its lengths.
+    horizontal axis across it, by an angle in rad, to constant curvature over `length`; the rest of
+    it continues straight. The plane z = 0 keeps its lengths.
 
     Args:
-        angle: Angle in rad by which each arm bends down; negative bends it up.
-        length: Length in m over which the curvature is spread.
+        angle: Negative bends up.
+        length: In m.
         directions: Directions of the arms, (k, 2), of any length, as in `Star.directions`.
-        root: Distance along each arm from the z axis, in m, at which the bend begins. The arms
-            must be apart there, as they are at `Star.root`: a point belongs to the arm with the
-            nearest direction.
+        root: In m. The arms must be apart there, as they are at `Star.root`: a point belongs to the
+            arm with the nearest direction.
     """
     require_positive(root=root)
     arms = checked_floats(
@@ -147,9 +145,7 @@ def twist(angle: float, length: float) -> Deformer:
 def contract(axial: float, radial: float = 1.0) -> Deformer:
     """Return a deformer that scales lengths along z and across it, about the origin.
 
-    Args:
-        axial: Ratio of new to old length along z: 0.92 shortens by 8 %.
-        radial: Ratio of new to old radius.
+    Ratios are new over old: an axial one of 0.92 shortens by 8 %.
     """
     require_positive(axial=axial, radial=radial)
     return lambda points: _points(points) * [radial, radial, axial]

@@ -199,6 +199,11 @@ def lengths(points: Floats, ends: Ints) -> Floats:
     return np.asarray(np.linalg.norm(points[ends[..., 1]] - points[ends[..., 0]], axis=-1))
 
 
+def cross(u: Floats, v: Floats) -> Floats:
+    """Return the cross product of vectors (…, 2) in the plane, (…,)."""
+    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
+
+
 def normals(points: Floats, triangles: Ints) -> Floats:
     """Return the normal of each triangle, as long as twice its area, (t, 3)."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
@@ -213,8 +218,7 @@ def surface_areas(points: Floats, triangles: Ints) -> Floats:
 def flat_areas(corners: Floats) -> Floats:
     """Return the areas (t,) of triangles (t, 3, 2) in the plane, negative where clockwise."""
     a, b, c = np.moveaxis(corners, 1, 0)
-    u, v = b - a, c - a
-    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    return 0.5 * cross(b - a, c - a)
 
 
 def shapes(points: Floats, triangles: Ints) -> Floats:
@@ -229,18 +233,15 @@ def corner_angles(points: Floats, triangles: Ints) -> Floats:
     """Return the angle at each corner in rad, (t, 3), in space or in the plane."""
     corners = points[triangles]
     u, v = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-    if points.shape[1] == 2:
-        sine = np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-    else:
-        sine = np.linalg.norm(np.cross(u, v), axis=2)
+    flat = points.shape[1] == 2
+    sine = np.abs(cross(u, v)) if flat else np.linalg.norm(np.cross(u, v), axis=2)
     return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)), dtype=np.float64)
 
 
 def least_angles(corners: Floats) -> Floats:
     """Return the smallest angle of flat triangles (t, 3, 2) in rad, (t,); negative if clockwise."""
     u, v = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
-    sine = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)).min(axis=1))
+    return np.asarray(np.arctan2(cross(u, v), np.einsum("tij,tij->ti", u, v)).min(axis=1))
 
 
 def angle_defects(triangles: Ints, edges: Edges, angles: Floats) -> Floats:
@@ -270,7 +271,7 @@ def chart_turns(corners: Floats, edges: Edges) -> Floats:
     angle: Floats = np.zeros(len(edges.ends))
     one, two = edges.twins[edges.inner].T
     a, b = along[one], -along[two]
-    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
+    turn = np.arctan2(cross(a, b), np.einsum("ij,ij->i", a, b))
     # Edges inside a panel and seams without a turn shall not add rounding.
     angle[edges.inner] = np.where(np.abs(turn) < 1e-12, 0.0, turn)
     return angle
@@ -283,16 +284,15 @@ def barycentric(corners: Floats, points: Floats) -> Floats:
     """Return barycentric coordinates (…, k, 3) of points (…, k, 2) in triangles (…, 3, 2)."""
     a, b, c = np.moveaxis(corners, -2, 0)
     u, v, w = b - a, c - a, points - a[..., None, :]
-    area = (u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])[..., None]
-    second = (w[..., 0] * v[..., None, 1] - w[..., 1] * v[..., None, 0]) / area
-    third = (u[..., None, 0] * w[..., 1] - u[..., None, 1] * w[..., 0]) / area
+    area = cross(u, v)[..., None]
+    second, third = cross(w, v[..., None, :]) / area, cross(u[..., None, :], w) / area
     return np.stack([1 - second - third, second, third], axis=-1)
 
 
 def gradients(corners: Floats) -> Floats:
     """Return the gradients of the three shape functions in 1/m, (…, 3, 2), of (…, 3, 2) corners."""
     along = np.roll(corners, -2, axis=-2) - np.roll(corners, -1, axis=-2)
-    double = along[..., 0, 0] * along[..., 1, 1] - along[..., 0, 1] * along[..., 1, 0]
+    double = cross(along[..., 0, :], along[..., 1, :])
     return np.stack([-along[..., 1], along[..., 0]], axis=-1) / double[..., None, None]
 
 
@@ -369,11 +369,7 @@ def require_fewer(count: int, area: float) -> None:
 
 @contextmanager
 def triangle_limit(most: int | None) -> Iterator[None]:
-    """Make meshes inside a `with` block with another largest number of triangles.
-
-    Args:
-        most: The largest number; None for no limit.
-    """
+    """Make meshes inside a `with` block with another largest number of triangles; None for none."""
     if most is not None:
         require_count(1, most=most)
     token = _most.set(most)

@@ -6,10 +6,10 @@ import textwrap
 from collections.abc import Iterable
 
 from toros_fem.base.scene import Scene
+from toros_fem.cli.commands.materials import HEADER, TITLES, row, sentence
 from toros_fem.cli.scene_files.layout import keys_of
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import MATERIAL_KINDS, TRUSTS, LibraryMaterial
-from toros_fem.materials.library.table import HEADER, TITLES, row, sentence
 from toros_fem.products.kinds import ABOUT, KINDS
 from toros_fem.products.plausibility import RANGES
 

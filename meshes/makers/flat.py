@@ -27,10 +27,8 @@ def sector(count: int, radius: float, parts: int) -> Floats:
 def ringed_disc(around: int, radius: float, parts: int = 1) -> tuple[Floats, Ints]:
     """Mesh a disc by rings of vertices; neighbouring rings are connected in the order of angles.
 
-    Args:
-        around: Number of edges around the whole disc.
-        radius: Radius in m.
-        parts: 1 for the whole; 2 or 4 for the part of it between the angles 0 and 2π/parts.
+    `around` is the number of edges around the whole disc, the radius is in m. `parts` is 1 for the
+    whole, 2 or 4 for the part of it between the angles 0 and 2π/parts.
     """
     rings = max(1, round(around / (2 * np.pi)))
     least = -(-3 // parts)
@@ -103,16 +101,13 @@ def polygon_mesh(
     """Mesh a flat polygon, or several ones that share corners and sides (one rank: gmsh is serial).
 
     The sides are divided evenly, so that two sides of equal length and number of edges can be sewn
-    together.
+    together. Returned are flat points (m, 2) in m and counter-clockwise triangles (t, 3).
 
     Args:
         corners: Corners (k, 2) in m.
         edge_length: Target edge length inside, in m.
         counts: Number of edges on the side that starts at each corner; None: one.
         faces: Corners of each polygon, counter-clockwise; None: one polygon, of all of them.
-
-    Returns:
-        Flat points (m, 2) in m and counter-clockwise triangles (t, 3).
     """
     import gmsh  # here, because it is slow, and structured meshes do not need it
 

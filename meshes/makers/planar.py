@@ -16,7 +16,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import OutlineError
 from toros_fem.base.validation import is_number, real_numbers, require_between, shown
 from toros_fem.meshes.makers.flat import polygon_mesh
-from toros_fem.meshes.triangles import coincident, edges_of, require_affordable
+from toros_fem.meshes.triangles import coincident, cross, edges_of, require_affordable
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 
@@ -36,14 +36,10 @@ def arc(centre: npt.ArrayLike, radius: float, begin: float, end: float) -> Float
 
 
 def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
-    """Round the corners of a polygon by arcs that are tangent to both sides.
+    """Round the corners of a polygon, (k, 2) in m, by arcs that are tangent to both sides.
 
-    Args:
-        corners: Corners (k, 2) in m, clockwise or not, convex or not.
-        radius: One radius in m for all arcs, or one for each corner; 0 leaves a corner sharp.
-
-    Returns:
-        Points (m, 2) in m, on arcs at most 5° apart.
+    There is one radius in m for all arcs, or one for each corner; 0 leaves a corner sharp. Returned
+    are points (m, 2) in m, on arcs at most 5° apart.
 
     Raises:
         OutlineError: A radius is too large for the sides at its corner.
@@ -84,11 +80,9 @@ def region_mesh(
     """Mesh the inside of an outline, or the part of it at positive coordinates (one rank).
 
     Between corners, ends of lines and cuts the border is divided evenly; a curve becomes the
-    polygon through its divisions. Arguments are those of `two_panels`.
-
-    Returns:
-        Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point is on the
-        outline, (m,). Other points of the border are on a cut, where a coordinate is exactly 0.
+    polygon through its divisions. Arguments are those of `two_panels`. Returned are points (m, 2)
+    in m, counter-clockwise triangles (t, 3), and whether each point is on the outline, (m,). Other
+    points of the border are on a cut, where a coordinate is exactly 0.
     """
     whole = Polygon(_checked(outline))
     if not whole.is_valid:
@@ -147,8 +141,7 @@ def _checked(points: npt.ArrayLike) -> Floats:
 def _turns(points: Floats) -> Floats:
     """Return the angle in rad by which a closed line (k, 2) turns at each point, (k,)."""
     into, out = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
-    cross = into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0]
-    return np.arctan2(cross, (into * out).sum(axis=1))
+    return np.arctan2(cross(into, out), (into * out).sum(axis=1))
 
 
 def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:

@@ -63,16 +63,13 @@ def rectangle(
     mesh: str = "right",
     place: Place | None = None,
 ) -> Pattern:
-    """Make a rectangle [0, length] × [0, width] (collective).
+    """Make a rectangle [0, length] × [0, width] in m (collective).
 
-    Args:
-        length, width: Size in m.
-        edge_length: Target edge length in m; the sides are divided evenly.
-        mesh: "right" triangles with diagonals that fall along the length, "left" with diagonals
-            that rise, "equilateral" ones (halved at two borders), "crossed" (four around each
-            square's centre), "union-jack" (diagonals that alternate), or "unstructured" (gmsh).
-        place: Maps flat positions (m, 2) to assembled ones, (m, 3), in m. None: the sheet is in
-            the plane z = 0.
+    The sides are divided evenly, in edges of about the edge length in m. The mesh has "right"
+    triangles with diagonals that fall along the length, "left" with diagonals that rise,
+    "equilateral" ones (halved at two borders), "crossed" (four around each square's centre),
+    "union-jack" (diagonals that alternate), or is "unstructured" (gmsh). `place` maps flat
+    positions (m, 2) to assembled ones, (m, 3), in m; by default the sheet is at z = 0.
     """
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
@@ -100,10 +97,8 @@ def disc(
 ) -> Pattern:
     """Make a disc around the origin, with a regular polygon as its border (collective).
 
-    Args:
-        radius: Radius in m of the circle through the corners.
-        mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
-        place: As in `rectangle`.
+    Its corners are on a circle of the radius in m. The mesh is "structured" (rings around the
+    centre) or "unstructured" (gmsh).
     """
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
@@ -232,11 +227,8 @@ def moulded(
     filter, prints, lines, courses of a knit, transfer between meshes. For bending the rest shape
     is the choice of `Bending.rest`: "assembled" for a shell without moments in this shape.
 
-    Args:
-        points: Positions (n, 3) in m.
-        triangles: Corners (t, 3), counter-clockwise seen from outside.
-        panel: Number of the panel of each triangle, (t,), to name parts of the skin; None for one.
-        panel_names: A name for each panel.
+    Points are (n, 3) in m, triangles (t, 3), counter-clockwise seen from outside. `panel`, (t,), is
+    the number of the panel of each triangle, by which parts of the skin are named; None for one.
     """
     places = real_numbers("points", points, "(n, 3), in m", PatternError)
     corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)

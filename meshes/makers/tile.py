@@ -127,12 +127,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False)
 class Repeated:
-    """A tile made of copies of another.
-
-    Attributes:
-        tile: The larger tile.
-        cell: Triangle of the original tile that each triangle copies, shape (t,).
-    """
+    """A tile made of copies of another, and the triangle that each of its own copies, (t,)."""
 
     tile: Tile
     cell: Ints

@@ -105,8 +105,7 @@ class Star:
     Attributes:
         arms: Number of arms, at least 2.
         arm_length: Length of an arm from the body's circle to the tip, in m.
-        arm_width: Width of an arm in m.
-        body_radius: Radius of the body in m.
+        arm_width, body_radius: Width of an arm and radius of the body in m.
         corner_radius: Radius of the fillets between arm and body, or between two arms, in m.
         angle: Angle from the x axis to the first arm, in rad.
     """
@@ -197,11 +196,8 @@ def walker(
     """Make a body with legs, by default four along the diagonals (paper Figs. 9, 10).
 
     Mesh edges separate body and legs: a triangle with the `plane_centroids` c belongs to leg k
-    where c · star.directions[k] > star.root.
-
-    Args:
-        star: The sizes.
-        planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
+    where c · star.directions[k] > star.root. Planes are () for the whole, (0,) or (1,) for half of
+    it, (0, 1) for a quarter with one leg.
     """
     require_kind("star", star, Star, "a Star")
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
@@ -229,13 +225,9 @@ def finger(
 ) -> Pattern:
     """Make a straight finger along +x from x = 0, sewn all around, with a half circle as its tip.
 
-    The defaults are ours: the paper gives no sizes.
-
-    Args:
-        length, width: Size in m.
-        root: Length in m of the part that a mount holds; a line of mesh edges ends it.
-        corner_radius: Radius of the two corners at x = 0, in m.
-        planes: () for the whole, (1,) for the half at y ≥ 0.
+    The sizes, in m, are ours: the paper gives none. `root` is the length of the part that a mount
+    holds; a line of mesh edges ends it. The corner radius is that of the two corners at x = 0.
+    Planes are () for the whole, (1,) for the half at y ≥ 0.
     """
     require_positive(length=length, width=width, root=root, corner_radius=corner_radius)
     half = width / 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import (
     breadth_first_order,
@@ -163,20 +164,9 @@ def _loops(points: Floats, edges: Edges, seams: Bools) -> Ints:
     crossed[_ways_back(edges, before, np.arange(len(points)))] = False
     free = np.flatnonzero(crossed & ~seams)
     # The dual tree crosses the edges with the longest loops, so that short loops remain.
-    leader = np.arange(len(edges.of_triangle))
-
-    def find(t: int) -> int:
-        while leader[t] != t:
-            leader[t] = leader[leader[t]]
-            t = int(leader[t])
-        return t
-
-    remain = []
-    for edge in free[np.argsort(-way[free], kind="stable")]:
-        one, two = (find(int(t)) for t in edges.sides[edge])
-        if one == two:
-            remain.append(edge)
-        leader[one] = two
+    free = free[np.argsort(-way[free], kind="stable")]
+    joined = DisjointSet(range(len(edges.of_triangle)))
+    remain = [edge for edge in free if not joined.merge(*edges.sides[edge].tolist())]
     rest = np.array(remain, dtype=np.int64)
     return np.concatenate([rest, _ways_back(edges, before, edges.ends[rest].ravel())])
 

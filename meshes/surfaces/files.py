@@ -346,19 +346,11 @@ def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, I
 
 @on_root
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
-    """Read target positions from a deformed copy of the assembled skin (collective).
+    """Read target positions from a deformed copy of the assembled skin, (n, 3) in m (collective).
 
     `meshio.write_points_cells(path, pattern.points, [("triangle", pattern.triangles)])` writes the
-    skin to be deformed. Vertices are matched by their order, which the program must keep. OBJ, PLY
-    and VTU files keep it; STL files do not.
-
-    Args:
-        path: A file that meshio reads, in m.
-        pattern: The pattern. The mesh must have its vertices, in their order, and its triangles,
-            in any order.
-
-    Returns:
-        Position of each assembled vertex, (n, 3), in m.
+    skin to be deformed. Vertices are matched by their order, which the program must keep; triangles
+    may be in any order. OBJ, PLY and VTU files keep it; STL files do not.
 
     Raises:
         TargetError: The file cannot be read, has a position that is not finite, or its mesh is
@@ -418,13 +410,9 @@ def from_copy(
 ) -> Floats:
     """Read target positions from a deformed copy of the mesh file that a pattern comes from.
 
-    Triangles are matched by their order, which a program that deforms keeps in all formats. It is
-    collective.
-
-    Args:
-        original, deformed: The file that `read_surface` read, and the same mesh, deformed.
-        pattern: The pattern, or the surface that it is made of.
-        scale: Length of the unit of both files in m.
+    Triangles are matched by their order, which a program that deforms keeps in all formats. The
+    pattern may be the surface that `read_surface` read; the scale is the length of the unit of both
+    files in m. It is collective.
 
     Raises:
         TargetError: A file cannot be read, they have other triangles, corners that meet in one

@@ -40,9 +40,9 @@ class Surface:
 
     Raises:
         SurfaceError: The arrays do not fit together, hold NaN, or the surface is not connected.
-        DegenerateTriangleError: Triangles are thinner than `MIN_SHAPE`.
-        ManifoldError: An edge has more than two triangles, or a vertex has several fans of them.
-        OrientationError: Neighbours are oriented differently, or a closed surface faces inwards.
+        DegenerateTriangleError, ManifoldError, OrientationError: It has triangles thinner than
+            `MIN_SHAPE`, an edge of more than two or a vertex of several fans of them, neighbours
+            that are oriented differently, or is closed and faces inwards.
     """
 
     points: Floats

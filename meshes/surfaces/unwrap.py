@@ -72,13 +72,9 @@ class ChartError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A region laid flat.
+    """A region laid flat by a method: flat corners of each triangle, (t, 3, 2), in m.
 
-    Attributes:
-        corners: Flat corners of each triangle, shape (t, 3, 2), in m.
-        slits: Whether the region was cut from corner i to i + 1 of each triangle to become a
-            disc, shape (t, 3).
-        method: "exact", "abf" or "lscm".
+    Slits are where it was cut from corner i to i + 1 of each triangle to become a disc, (t, 3).
     """
 
     corners: Floats
@@ -327,13 +323,8 @@ def lay_flat(
 ) -> Chart:
     """Open a connected region to a disc and lay it flat, with the area that it has in space.
 
-    Args:
-        points: Vertices of the whole surface (n, 3) in m.
-        triangles: Triangles of the region (t, 3).
-        cuts: Whether it is already cut from corner i to i + 1 of each triangle, (t, 3).
-        method: One of `METHODS`.
-        max_stretch: Bound on stretch and compression.
-        tips: Whether cuts may go through tips of high curvature.
+    Points (n, 3) in m are those of the whole surface. Cuts say whether it is already cut from
+    corner i to i + 1 of each triangle, (t, 3); more may go through tips of high curvature.
 
     Raises:
         ChartError: Flat triangles are turned over or slivers, or the flat region overlaps itself

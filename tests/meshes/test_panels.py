@@ -7,13 +7,7 @@ from helpers import surfaces
 from mpi4py import MPI
 
 from toros_fem.meshes import Pattern, cylinder, rectangle, two_panels, unwrap
-from toros_fem.meshes.panels import (
-    CutTriangles,
-    arranged,
-    cut_by_triangles,
-    cut_triangles,
-    panel_places,
-)
+from toros_fem.meshes.panels import arranged, cut_by_triangles, panel_places
 
 SQUARE = 0.02 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
@@ -127,50 +121,17 @@ def regions(pattern: Pattern) -> list[shapely.Geometry]:
     return [o & shapes[name] for o, name in zip(outlines, names, strict=True)]
 
 
-@pytest.fixture(scope="module")
-def cut(pattern: Pattern, regions: list[shapely.Geometry]) -> CutTriangles:
-    return cut_triangles(pattern, regions)
-
-
-def test_print_keeps_its_area(
-    pattern: Pattern, regions: list[shapely.Geometry], cut: CutTriangles
+def test_parts_keep_the_area_and_lie_in_their_triangles(
+    pattern: Pattern, regions: list[shapely.Geometry]
 ) -> None:
-    area = sum(region.area for region in regions)
-    assert cut.areas[cut.inside].sum() == pytest.approx(area, rel=1e-6)
-    reached = np.unique(cut.cell)
-    by_triangle = np.bincount(cut.cell, cut.areas, minlength=len(pattern.panel))
-    assert by_triangle[reached] == pytest.approx(pattern.areas[reached], rel=1e-5)
-    base = pattern.panel[cut.cell] == pattern.panel_index("base")
-    assert np.array_equal(cut.cell[base & ~cut.inside], pattern.cells_of("base")[:1])
-    assert not np.any(pattern.panel[cut.cell] == pattern.panel_index("tip"))
-
-
-def test_corners_are_where_the_rings_are(pattern: Pattern, cut: CutTriangles) -> None:
-    """Areas by the corners of all rings, holes counted negative, are those of the polygons."""
-    points = cut.corners(pattern.corners)
-    found = np.zeros(len(cut.cell))
-    for ring, polygon in enumerate(cut.polygon):
-        x, y = points[cut.first[ring] : cut.first[ring + 1]].T
-        assert (x[0], y[0]) == pytest.approx((x[-1], y[-1]), abs=1e-15)
-        found[polygon] += (x[:-1] * y[1:] - x[1:] * y[:-1]).sum() / 2
-    assert np.abs(found) == pytest.approx(cut.areas, rel=1e-6, abs=1e-15)
-    assert len(cut.polygon) > len(cut.cell), "one has a hole"
-    assert cut.weights.min() > -1e-9
-
-
-def test_copies_are_on_their_own_triangles(pattern: Pattern, cut: CutTriangles) -> None:
-    count = len(pattern.panel)
-    twice = cut.repeated(2, count)
-    corners = np.concatenate([pattern.corners, pattern.corners + 1.0])
-    one, two = np.split(twice.corners(corners), 2)
-    assert two == pytest.approx(one + 1.0, abs=1e-12)
-    assert np.array_equal(twice.cell, np.append(cut.cell, cut.cell + count))
-    assert twice.first[-1] == len(twice.weights) == 2 * len(cut.weights)
+    for panel, region in enumerate(regions):
+        corners = pattern.corners[pattern.panel == panel]
+        cell, parts = cut_by_triangles(region, corners)
+        assert shapely.area(parts).sum() == pytest.approx(region.area, rel=1e-6)
+        beyond = shapely.difference(parts, shapely.polygons(corners[cell]))
+        assert shapely.area(beyond).sum() < 1e-9 * pattern.areas.sum()
 
 
 def test_nothing_to_cut(pattern: Pattern) -> None:
     cell, parts = cut_by_triangles(shapely.Polygon(), pattern.corners)
     assert len(cell) == len(parts) == 0
-    empty = cut_triangles(pattern, [shapely.Polygon()] * 3)
-    assert len(empty.cell) == len(empty.weights) == 0
-    assert empty.corners(pattern.corners).shape == (0, 2)

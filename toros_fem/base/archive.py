@@ -44,11 +44,7 @@ class Archive:
 
     @cached_property
     def header(self) -> bytes:
-        """All but the arrays, and their types and shapes, as JSON.
-
-        Raises:
-            TypeError, ValueError: A value is none that JSON has.
-        """
+        """All but the arrays, and their types and shapes, as JSON, or a TypeError."""
         content = {
             "is": f"toros_fem {self.kind}",
             "format": FORMAT,
@@ -87,18 +83,11 @@ def write_archive(path: Path, archive: Archive, *, compress: bool = True) -> Non
 def read_archive(
     path: Path, kind: str, make: Callable[[Archive], T], failure: type[TorosError], remedy: str
 ) -> T:
-    """Read an archive and make something of it (one rank).
-
-    Args:
-        path: The file.
-        kind: What it must hold.
-        make: Makes the result of the content; raises where that is wrong.
-        failure: Error that is raised.
-        remedy: What the error advises, as a sentence.
+    """Read an archive of a kind and make something of it (one rank).
 
     Raises:
-        TorosError: `failure`: there is no such file, it is damaged, of another kind or format, or
-            `make` raises.
+        TorosError: `failure`, with the remedy as its last sentence: there is no such file, it is
+            damaged, of another kind or format, or `make` raises.
     """
     with reading(path, failure, remedy):
         require_unpackable(path)

@@ -35,17 +35,11 @@ UNMADE = (
 
 
 def compiled(form: ufl.Form) -> Any:
-    """Compile a form, or read it from the cache (collective).
+    """Compile a form on one mesh to a `dolfinx.fem.Form`, or read it from the cache (collective).
 
     FFCx makes the C file of a form first and marks it when all is done. A compilation that was
     killed leaves the file without its mark, and FFCx would wait for this mark in vain. So such
     files are removed before, unless another process is compiling.
-
-    Args:
-        form: A form on one mesh.
-
-    Returns:
-        The `dolfinx.fem.Form`.
 
     Raises:
         OutputError: The cache cannot be made; on all ranks.

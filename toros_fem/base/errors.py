@@ -8,12 +8,7 @@ class TorosError(Exception):
 
 
 class ParameterError(TorosError, ValueError):
-    """A parameter is outside its admissible range.
-
-    Args:
-        message: The message.
-        key: Name of the parameter, for files and command lines that know where it stands.
-    """
+    """A parameter, for files and command lines the key, is outside its admissible range."""
 
     def __init__(self, message: str, key: str | None = None) -> None:
         super().__init__(message)
@@ -21,11 +16,9 @@ class ParameterError(TorosError, ValueError):
 
 
 class MeshSizeError(ParameterError):
-    """A mesh would have more triangles than the limit; the message names an edge length.
+    """A mesh, of an area in m², would have more triangles than the limit.
 
-    Args:
-        message: The message.
-        area: Area of the mesh in m².
+    The message names an edge length.
     """
 
     # Between ranks an error is made from its message alone, and then gets its attributes.
@@ -103,13 +96,9 @@ class RunError(TorosError, OSError):
 
 
 class RunStoppedError(BaseException):
-    """A run was stopped by a signal and can go on; its state is on disk.
+    """A run was stopped by a signal, a number, and can go on; its state is on disk.
 
     Like `KeyboardInterrupt` it is no `Exception`: what mends or skips errors does not swallow it.
-
-    Args:
-        message: How to go on, as a sentence.
-        signal: Number of the signal.
     """
 
     def __init__(self, message: str, signal: int = 15) -> None:

@@ -45,11 +45,7 @@ _listing: ContextVar[Path | None] = ContextVar("listing", default=None)
 
 
 def listed(folder: Path) -> dict[str, None]:
-    """Return the files that this package wrote into a folder, relative to it (one rank).
-
-    Raises:
-        OSError: The list cannot be read.
-    """
+    """Return the files that this package wrote into a folder, relative to it (one rank)."""
     try:
         lines = (folder / LISTED).read_text(encoding="utf-8", errors="replace").splitlines()
     except FileNotFoundError:
@@ -62,10 +58,7 @@ def listing(folder: Path) -> Iterator[None]:
     """List each file that the block writes below a folder; a file of somebody else stays.
 
     All that is in a folder which the list names belongs to it. A folder inside one that has a list
-    shares it.
-
-    Raises:
-        OutputError: A file that is there, and in no list, has the name of one that is written.
+    shares it. A file that is there, and in no list, bars its name by an OutputError.
     """
     folder = Path(os.path.abspath(folder))
     with_list = (one for one in (folder, *folder.parents) if (one / LISTED).is_file())
@@ -181,11 +174,7 @@ def reading(path: Path, failure: type[TorosError], remedy: str) -> Iterator[None
 
 
 def read_bytes(path: Path, what: str) -> bytes:
-    """Return the content of a file (one rank).
-
-    Args:
-        path: The file.
-        what: What it is, a key of `MOST_BYTES`.
+    """Return the content of a file, `what` of `MOST_BYTES` (one rank).
 
     Raises:
         OSError: It cannot be read.
@@ -219,11 +208,7 @@ def require_unpackable(path: Path) -> None:
 def read_json(
     path: Path, failure: type[TorosError] = OutputError, remedy: str = "Delete it, or mend it."
 ) -> dict[str, Any]:
-    """Return what a JSON file of a run holds, empty if there is none (one rank).
-
-    Raises:
-        TorosError: `failure`: it cannot be read, or holds something else.
-    """
+    """Return what a JSON file of a run holds, empty without one, or raise `failure` (one rank)."""
     with reading(path, failure, remedy):
         try:
             content = json.loads(read_bytes(path, "JSON"))
@@ -255,10 +240,7 @@ def naming(
 ) -> Iterator[None]:
     """Raise errors of the system in the block as one that names a path and what to do.
 
-    Args:
-        path: The path.
-        error: Type of the error.
-        says: What it says, with places for the path and for the reason.
+    `says` is its text, with places for the path and for the reason.
     """
     try:
         yield
@@ -279,18 +261,12 @@ def guarded(
 ) -> T:
     """Do something with a folder on the first rank, and return what it finds (collective).
 
-    Files that it writes there are listed, and others stay (`listing`).
-
-    Args:
-        comm: Communicator.
-        folder: The folder.
-        action: Reads or writes its files.
-        error, says: As of `naming`.
-        make: Whether the folder is made if it is missing.
+    With `make` the folder is made if it is missing. Files that the action writes there are listed,
+    and others stay (`listing`).
 
     Raises:
         ParameterError: The folder differs between the ranks.
-        Exception: `error`, or what the action raises; on all ranks.
+        Exception: `error`, as of `naming`, or what the action raises; on all ranks.
     """
     require_alike(comm, folder=folder)
     folder = Path(folder)

@@ -166,11 +166,7 @@ class Key:
         return f"{text}{',' if bounds else ';'} or {NONE}"
 
     def checked(self, value: Any) -> Any:
-        """Return a value in its type: numpy's numbers become plain ones, which JSON can hold.
-
-        Raises:
-            ParameterError: It has another type or is outside its bounds.
-        """
+        """Return a value in its type, or refuse it: numpy's numbers become plain, as for JSON."""
         if value is None and self.optional:
             return None
         if self.several:
@@ -214,11 +210,7 @@ class Key:
         return number
 
     def refuse(self, value: Any, why: str = "") -> NoReturn:
-        """Raise the error of a value; without a reason it tells what the key takes.
-
-        Raises:
-            ParameterError: Always.
-        """
+        """Raise the ParameterError of a value; without a reason it tells what the key takes."""
         unit, number = self.within.unit, is_number(value)
         what = WORDS.get(self.kind, f"a {self.kind.__name__}")
         if self.words:
@@ -234,11 +226,7 @@ class Key:
         raise ParameterError(f"{self.name} = {given} {why}{end}", self.name)
 
     def read(self, value: Any) -> Any:
-        """Return a value from what a file or a command line holds: 0.3, "5 kPa", "none".
-
-        Raises:
-            ParameterError: It has another type or unit, or is outside its bounds.
-        """
+        """Return a value, checked, from what a file or command line holds: 0.3, "5 kPa", "none"."""
         if self.optional and isinstance(value, str) and value.lower() == NONE:
             return None
         if self.several and isinstance(value, list | tuple):
@@ -317,11 +305,7 @@ class Table:
         return (cls.__doc__ or cls.__name__).partition("\n")[0].rstrip(".")
 
     def updated(self, **changes: Any) -> Self:
-        """Return a copy with other values.
-
-        Raises:
-            ParameterError: A name is unknown; the nearest known one is suggested.
-        """
+        """Return a copy with other values; a ParameterError suggests the nearest known name."""
         self._require_known(changes)
         return replace(self, **changes)
 
@@ -335,11 +319,7 @@ class Table:
 
     @classmethod
     def of_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Return the settings that `as_dict` described.
-
-        Raises:
-            ParameterError: A name is unknown, or a value is out of its bounds.
-        """
+        """Return the settings that `as_dict` described."""
         cls._require_known(values)
         described = cls.described()
 
@@ -374,11 +354,7 @@ def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
 
 @functools.cache
 def _keys(table: type[Table]) -> Mapping[str, Key]:
-    """Return the keys of a table.
-
-    Raises:
-        TypeError: The table itself is wrong: a field has another type, or was not made by `key`.
-    """
+    """Return the keys of a table; a TypeError where the table itself is wrong."""
     hints = typing.get_type_hints(table, include_extras=True)
     return types.MappingProxyType(
         {one.name: _key(table.__name__, one, hints[one.name]) for one in fields(table)}

@@ -131,10 +131,7 @@ def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
     """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
 
     Of functions and other objects only the type is compared. It comes before any other check: what
-    one rank alone refuses would leave the others waiting.
-
-    Raises:
-        ParameterError: They are not; on all ranks.
+    one rank alone refuses would leave the others waiting. A ParameterError is raised on all ranks.
     """
     require_comm(comm)
     if comm.size == 1:
@@ -155,13 +152,9 @@ def collective(
 ) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorate an entry that all ranks call: its arguments must be equal on all of them.
 
-    Where the communicator cannot be found the entry is called as it is, and refuses what it was
-    given.
-
-    Args:
-        comm: Where its communicator is: an argument and attributes, as "self.skin.comm".
-        owned: Arguments of which each rank has its own part: their type is compared, of arrays
-            also the number of axes.
+    `comm` says where its communicator is: an argument and attributes, as "self.skin.comm". Where it
+    cannot be found the entry is called as it is, and refuses what it was given. Of the arguments in
+    `owned` each rank has its own part: their type is compared, of arrays also the number of axes.
     """
     first, *path = comm.split(".")
 
@@ -251,8 +244,7 @@ def _digest(value: Any) -> bytes:
 def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
     """Warn on the first rank, at the line of the user's code (collective).
 
-    Raises:
-        Warning: Python's filters make errors of such warnings; on all ranks.
+    Where Python's filters make errors of such warnings, all ranks raise it.
     """
 
     def warn() -> None:

@@ -31,15 +31,11 @@ class Scene:
     A key stands in one table only, so that its name is enough where values are given.
 
     Attributes:
-        KIND: Name of its kind in scene files.
         FEW: Keys that a new user changes.
         COARSE: Factors of the quick variant, by key.
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
             name, with their help.
         EXAMPLE_FILES: Files that a new scene file names.
-
-    Raises:
-        ParameterError: A field is no table of its type.
     """
 
     KIND: ClassVar[str] = ""
@@ -70,14 +66,9 @@ class Scene:
         return {**cls.DESIGN_FILES, **cls.SIMULATION_FILES}
 
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
-        """Return the scene with what its files hold (collective).
+        """Return the scene with what its files hold, by the names in `DESIGN_FILES` (collective).
 
-        Args:
-            comm: Communicator.
-            files: Paths, by the names in `DESIGN_FILES`; most scenes need none.
-
-        Raises:
-            TorosError: A file cannot be read, or does not fit.
+        Most scenes need none. A TorosError says that one cannot be read, or does not fit.
         """
         del comm, files
         return self
@@ -131,10 +122,7 @@ class Scene:
         return cls._layout().homes[key]
 
     def updated(self, **changes: Any) -> Self:
-        """Return a copy with other values.
-
-        Args:
-            changes: Values by the names of their keys, or whole tables by theirs.
+        """Return a copy with other values, by the names of their keys, or whole tables by theirs.
 
         Raises:
             ParameterError: A name is unknown, or a value is out of its bounds.
@@ -174,11 +162,7 @@ class _Layout:
 
 @functools.cache
 def _layout_of(scene: type[Scene]) -> _Layout:
-    """Return the layout of a type of scenes.
-
-    Raises:
-        TypeError: The type itself is wrong: a key stands in two tables.
-    """
+    """Return the layout of a type of scenes; a TypeError where a key stands in two tables."""
     hints = typing.get_type_hints(scene)
     tables = [one.name for one in fields(scene) if not one.metadata.get("outside")]
     parts = {name: typing.get_args(hints[name]) for name in sorted(tables, key=ORDER.index)}

@@ -53,11 +53,9 @@ def words_of(unit: str | None) -> Sequence[str]:
 
 
 def read_quantity(text: str, unit: str | None) -> float:
-    """Return a number with its unit, in the unit of a field.
+    """Return a number with its unit, "0.6 mm" for instance, in the unit of a field.
 
-    Args:
-        text: A number and a unit, "0.6 mm" for instance.
-        unit: Unit of the field, one of `DIMENSIONS`; None for a pure number, which may come in %.
+    The field's is one of `DIMENSIONS`; None for a pure number, which may come in %.
 
     Raises:
         ParameterError: There is no number, no unit, an unknown unit, or one of something else.

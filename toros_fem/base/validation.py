@@ -92,24 +92,13 @@ def require_flag(**values: Any) -> None:
             raise ParameterError(f"{name} = {shown(value)} must be True or False.")
 
 
-def require_kind(
-    name: str,
-    value: Any,
-    kind: type | tuple[type, ...],
-    what: str,
-    failure: type[TorosError] = ParameterError,
-) -> None:
-    """Check that a value is of a type.
+def require_kind(name: str, value: Any, kind: type | tuple[type, ...], what: str) -> None:
+    """Check that a value is of a type, or one of several.
 
-    Args:
-        name: Name of the value.
-        value: The value.
-        kind: The type, or several.
-        what: What it must be, with the remedy: "a Composite, by Composite(…)".
-        failure: Type of the error.
+    `what` it must be comes with the remedy: "a Composite, by Composite(…)".
     """
     if not isinstance(value, kind):
-        raise failure(f"{name} = {shown(value)} must be {what}.")
+        raise ParameterError(f"{name} = {shown(value)} must be {what}.")
 
 
 def require_callable(name: str, value: Any, what: str) -> None:
@@ -162,13 +151,8 @@ def checked_floats(
 ) -> Floats:
     """Return values as an array, checked to be real numbers of a shape, and finite.
 
-    Args:
-        name: Name of the values.
-        values: Array, list or number.
-        what: The shape and the unit, for messages: "(n, 3), in m".
-        fits: The shape, or a function that says whether a shape is allowed.
-        finite: Whether NaN and infinite values are refused.
-        failure: Type of the error.
+    `what` tells shape and unit in messages: "(n, 3), in m". What fits is the shape, or a function
+    that says whether a shape is allowed.
     """
     array = real_numbers(name, values, what, failure)
     allowed = fits(array.shape) if callable(fits) else array.shape == fits

@@ -66,15 +66,7 @@ def lacking_to_compile() -> list[str]:
 
 
 def tell_missing(words: Sequence[str], error: Exception) -> int:
-    """Print what is missing where the command line itself cannot be loaded.
-
-    Args:
-        words: The words after `toros`.
-        error: Why it cannot.
-
-    Returns:
-        The exit code.
-    """
+    """Print what is missing where the command line cannot be loaded; return the exit code."""
     if "doctor" not in words:
         print(f"{error}. `toros doctor` says what to do.", file=sys.stderr)
         return MISSING

@@ -8,7 +8,6 @@ from typing import Annotated
 import numpy as np
 
 from toros_fem.base.keys import Angle, Distance, In, Length, OneOf, Table, key
-from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import PRINT_SIDES
 
 SEAMS, ALL = "seams", "all"
@@ -17,11 +16,7 @@ OUTSIDE, INSIDE = "outside", "inside"
 
 @dataclass(frozen=True)
 class ManufactureOptions(Table):
-    """Settings of the machine files.
-
-    Raises:
-        ParameterError: A value is out of its bounds.
-    """
+    """Settings of the machine files."""
 
     layer_height: Length = key(0.4e-3, "height of the print above the fabric")
     print_density: Annotated[float, In("kg/m³", above=0)] = key(1.22e3, "density of the print")
@@ -69,13 +64,4 @@ class ManufactureOptions(Table):
         return float(np.radians(180.0 - self.grain if self.print_side == INSIDE else self.grain))
 
 
-def options_or_default(options: ManufactureOptions | None) -> ManufactureOptions:
-    """Return settings, or the defaults for None.
-
-    Raises:
-        ParameterError: They are something else.
-    """
-    if options is None:
-        return ManufactureOptions()
-    require_kind("options", options, ManufactureOptions, "ManufactureOptions(…), or None")
-    return options
+DEFAULT = ManufactureOptions()

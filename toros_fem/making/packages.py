@@ -9,11 +9,7 @@ from toros_fem.base.errors import MissingPackageError
 
 
 def required(name: str) -> Any:
-    """Return a package of the extra `manufacture`.
-
-    Raises:
-        MissingPackageError: It is not installed.
-    """
+    """Return a package of the extra `manufacture`, or raise a MissingPackageError."""
     try:
         return import_module(name)
     except ImportError as missing:

@@ -1,4 +1,4 @@
-"""Materials as tables that check themselves. SI units."""
+"""Materials as tables that check themselves, and sheets with a printed layer. SI units."""
 
 from __future__ import annotations
 
@@ -43,15 +43,10 @@ class Material(Table):
 
     @classmethod
     def from_lame(cls, mu: float, lam: float, thickness: float) -> Material:
-        """Return the sheet of given Lamé parameters of plane stress, those of eq. (1).
+        """Return the sheet of given Lamé parameters of plane stress, in Pa, and h in m, eq. (1).
 
         ν = λ/(λ + 2μ) and E = 2μ(1 + ν). λ is not that of the solid material: from λ₃ in three
-        dimensions follows λ = 2μλ₃/(λ₃ + 2μ); μ is the same.
-
-        Args:
-            mu: μ in Pa.
-            lam: λ in Pa, 0 to 2μ, which is Poisson's ratio 0 to 0.5.
-            thickness: h in m.
+        dimensions follows λ = 2μλ₃/(λ₃ + 2μ); μ is the same. λ from 0 to 2μ is ν from 0 to 0.5.
         """
         require_positive(mu=mu)
         require_between(0.0, 2 * mu, lam=lam)
@@ -78,9 +73,6 @@ class Material(Table):
 
         A sheet of modulus E, Poisson's ratio ν and thickness h with fibres m E h has the moduli
         (1 + m) E along them and E / (1 − ν² m/(1 + m)) across; their ratio is 1 + m (1 − ν²).
-
-        Args:
-            ratio: Modulus along the courses over that along the wales, as of `Knit`.
         """
         return (ratio - 1) / (1 - self.poisson**2) * self.membrane_stiffness
 
@@ -310,11 +302,7 @@ class Composite(Table):
         return offset if self.print_side == "outside" else -offset
 
     def require_refinable(self) -> None:
-        """Check that the rest shape is known between the vertices of a mesh.
-
-        Raises:
-            ParameterError: The sheet is moulded in its assembled shape.
-        """
+        """Check that the sheet is not moulded, so that its rest shape is known between vertices."""
         if self.bending is not None and self.bending.rest == "assembled":
             raise ParameterError(
                 "rest = 'assembled': between its vertices the moulded shape is not known. Make the "
@@ -337,3 +325,48 @@ class Composite(Table):
         """E h in N/m of the plain fabric, with the bladder if there is one."""
         bladder = 0.0 if self.bladder is None else self.bladder.membrane_stiffness
         return self.fabric.membrane_stiffness + bladder
+
+
+def reinforced(fabric: Material, layer: Material) -> Material:
+    """Return one sheet that stretches and bends as a fabric with a layer bonded to it.
+
+    Lamé parameters times thickness add, those of plane stress. The thickness is the one with
+    which the sheet is as stiff in bending as the laminate about its neutral plane: h = √(12 D/A)
+    with A = Σ Aᵢ, Aᵢ = Eᵢ hᵢ/(1−νᵢ²) and D = Σ Aᵢ hᵢ²/12 + A₁A₂/A · (h₁ + h₂)²/4, the layers
+    lying on each other. With equal Poisson's ratios this is classical laminate theory, exactly;
+    otherwise Poisson's ratio in bending is that in stretching. Each bound on the stretches is the
+    tighter one of both. `layer` is the printed layer alone.
+    """
+    first, second = _stiffnesses(fabric, layer)
+    both = first + second
+    bending = (
+        first * fabric.thickness**2 / 12
+        + second * layer.thickness**2 / 12
+        + first * second / both * (fabric.thickness + layer.thickness) ** 2 / 4
+    )
+    thickness = math.sqrt(12 * bending / both)
+    mu, lam = (
+        sum(getattr(m, name) * m.thickness for m in (fabric, layer)) / thickness
+        for name in ("mu", "lam")
+    )
+    sheet = Material.from_lame(mu, min(lam, 2 * mu), thickness)
+    return replace(sheet, c1=_tighter(fabric.c1, layer.c1), c2=_tighter(fabric.c2, layer.c2))
+
+
+def print_offset(fabric: Material, layer: Material) -> float:
+    """Return the distance in m from the fabric's middle to the neutral plane of `reinforced`.
+
+    It is A₂/(A₁ + A₂) · (h₁ + h₂)/2, the `print_offset` of a `Composite` whose print has a side.
+    """
+    first, second = _stiffnesses(fabric, layer)
+    return second / (first + second) * (fabric.thickness + layer.thickness) / 2
+
+
+def _stiffnesses(*layers: Material) -> tuple[float, ...]:
+    """Return A = E h/(1−ν²) in N/m of each layer."""
+    return tuple(m.young * m.thickness / (1 - m.poisson**2) for m in layers)
+
+
+def _tighter(*bounds: float | None) -> float | None:
+    """Return the smallest of the bounds that there are."""
+    return min((bound for bound in bounds if bound is not None), default=None)

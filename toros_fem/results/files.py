@@ -21,12 +21,8 @@ def write_fields(
     """Write the deformed skin as a VTU file (one rank).
 
     The displacement from the assembled shape is written too, so that a viewer can show either.
-
-    Args:
-        path: File ending in .vtu.
-        pattern: The pattern.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        cell_fields: Values of all triangles by name, (t,) each, or (t, 3) for vectors.
+    Positions, (n, 3), in m, are those of all assembled vertices, fields of all triangles, (t,) or
+    (t, 3) for vectors.
 
     Raises:
         OutputError: The file cannot be written.

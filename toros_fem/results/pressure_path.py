@@ -30,15 +30,12 @@ class PathResult(RunResult):
     """A skin followed over the pressure: what `write_pressure_path` writes.
 
     Attributes:
-        pattern: The pattern.
-        points: The equilibria.
         density: Density of all triangles, (t,), to colour by.
         metrics: Numbers that were measured.
-        whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
-            and pictures are its own. None: the pattern is whole.
+        whole: The whole skin that the pattern is a part of: volumes, fields and pictures are its
+            own. None: the pattern is whole.
         composite: Materials; those of a tension field add the wrinkles of the last state to the
-            fields and pictures. None adds nothing.
-        config: Configuration of the run; None if it has none.
+            fields and pictures.
         seconds: Wall times in s.
         tolerance: Part of its target that a metric may be off by and count as reached.
     """
@@ -64,11 +61,7 @@ class PathResult(RunResult):
         return self.figures_within({})
 
     def figures_within(self, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
-        """Return the figures at the last point.
-
-        Args:
-            intervals: Half-width of the interval of each metric, by key, as far as they are known.
-        """
+        """Return the figures at the last point, with the known intervals of metrics, by key."""
         last = self.points[-1]
         return (
             *(
@@ -100,12 +93,7 @@ class PathResult(RunResult):
 
 
 def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -> None:
-    """Write table, frames and fields of a pressure path (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        found: The path.
+    """Write table, frames and fields of a pressure path into a folder (collective).
 
     Raises:
         OutputError: A file cannot be written; on all ranks.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from mpi4py import MPI
 
@@ -19,15 +19,11 @@ from toros_fem.results.frames.record import gathered_frame, write_step
 from toros_fem.results.runs.folder import require_open
 
 
-class DesignReporter:
+class DesignReporter(AbstractContextManager["DesignReporter"]):
     """Reporter of a design: console lines, progress bar, and history.csv while it runs.
 
     It is the `callback` of `optimize`. Its construction starts the clock of the run. As a context
-    manager it removes the progress bar at the end.
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
+    manager it removes the progress bar at the end. The folder is made if missing.
 
     Raises:
         OutputError: The folder cannot be made or written to; here and in each call.
@@ -95,13 +91,5 @@ class DesignReporter:
         """Remove the progress bar."""
         self._bar.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -54,11 +54,7 @@ class RunResult(ABC):
         return ". ".join(filter(None, said))
 
     def value(self, key: str) -> float | None:
-        """Return the value of a figure by its key, such as "angle_deg".
-
-        Raises:
-            KeyError: There is no such figure.
-        """
+        """Return the value of a figure by its key, such as "angle_deg"; KeyError without it."""
         return {figure.key: figure for figure in self.figures}[key].value
 
     def summary(self) -> dict[str, Any]:
@@ -72,15 +68,7 @@ class RunResult(ABC):
         return {"figures": [one.as_dict() for one in figures], "verdict": verdict, **self.entries()}
 
     def show(self, height: int = 640) -> EmbeddedPage:
-        """Return the skin in space, which a notebook shows and a mouse turns (one rank).
-
-        Args:
-            height: Height in pixels.
-
-        Raises:
-            OutputError: Nothing of it is written yet, or a file cannot be read.
-            MissingPackageError: A package of the extra `plot` is not installed.
-        """
+        """Return the skin in space, as of `StoredRun.show`; its files must be written."""
         if self.folder is None:
             raise OutputError("this result has no files yet: write them by write_summary.")
         return view_of(self.folder, height)
@@ -90,12 +78,9 @@ class RunResult(ABC):
 
 
 def state_figures(pressure: float, state: Equilibrium | None, parts: int) -> tuple[Figure, ...]:
-    """Return the figures of an equilibrium that every skin has.
+    """Return the figures of an equilibrium that every skin has, of one of its equal parts.
 
-    Args:
-        pressure: In Pa.
-        state: The equilibrium; None where there is none.
-        parts: Number of equal parts of the skin, of which this is one.
+    The pressure is in Pa. Others are unknown where there is no equilibrium.
     """
     return (
         Figure("pressure", "pa", pressure),

@@ -72,12 +72,7 @@ def shape_of(made: Evaluation[Equilibrium] | None) -> dict[str, float]:
 
 
 def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction]:
-    """Return the values of a miss as functions of their own, for error estimates.
-
-    Args:
-        problem: The design problem.
-        keys: Keys of the values.
-    """
+    """Return the values of a miss, by keys, as functions of their own, for error estimates."""
     measure, last = shape_measure(problem), dict[str, object]()
 
     def value(key: str, pattern: Pattern, positions: Floats) -> float:

@@ -22,11 +22,7 @@ from toros_fem.results.result import RunResult, state_figures
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:
-    """Return the problem of a result, which must be the design of a shape.
-
-    Raises:
-        ParameterError: It is the design of something else.
-    """
+    """Return the problem of a result, which must be the design of a shape, or a ParameterError."""
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     if not isinstance(result.problem, ShapeProblem):
         raise ParameterError(
@@ -46,13 +42,16 @@ def level_figures(history: Sequence[Iteration]) -> list[dict[str, float]]:
                 "iterations": rows[-1].iteration - rows[0].iteration,
                 "objective_first": rows[0].objective,
                 "objective_last": rows[-1].objective,
-                "rejected": sum(row.rejected for row in rows),
-                "newton_steps": sum(row.newton_steps for row in rows),
-                "factorisations": sum(row.factorisations for row in rows),
+                **_cost_of(rows),
                 "seconds": sum(row.seconds for row in rows),
             }
         )
     return figures
+
+
+def _cost_of(rows: Sequence[Iteration]) -> dict[str, int]:
+    names = ("rejected", "newton_steps", "factorisations")
+    return {name: sum(getattr(row, name) for row in rows) for name in names}
 
 
 # A pressure this near to its bound, over it, is at it; so much of the stretch bounds is nearly all.
@@ -64,11 +63,8 @@ class PrintedResult(RunResult):
     """The design of a shape and its print: what `write_results` writes.
 
     Attributes:
-        design: Result of the design loop.
-        printed: The printed pattern, simulated again.
         metrics: Metrics of the print, by key; empty without an equilibrium.
         intervals: Half-width of the interval of each metric, by key, as far as they are known.
-        config: Configuration of the run; None if it has none.
         seconds: Wall times in s.
         shape: How far its shape is from the target, as of `Miss.values`; empty if the design
             compares no positions, and without an equilibrium.
@@ -239,9 +235,7 @@ class PrintedResult(RunResult):
         return {
             "iterations": history[-1].iteration,
             "levels": level_figures(history),
-            "rejected": sum(row.rejected for row in history),
-            "newton_steps": sum(row.newton_steps for row in history),
-            "factorisations": sum(row.factorisations for row in history),
+            **_cost_of(history),
             "triangles": len(skin.pattern.panel),
             "vertices": len(skin.pattern.points),
             "parts_by_symmetry": self.problem.parts,
@@ -251,10 +245,6 @@ class PrintedResult(RunResult):
 
 
 def printed_metrics(result: DesignResult, printed: PrintedDesign) -> dict[str, float]:
-    """Return the metrics of a print, by key; none without an equilibrium (collective).
-
-    Raises:
-        ParameterError: The result is not the design of a shape.
-    """
+    """Return the metrics of the print of a shape, by key, as of `PrintedDesign` (collective)."""
     shape_problem(result)
     return printed.metrics

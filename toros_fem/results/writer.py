@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
-from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import require_open
 from toros_fem.results.shape_miss import shape_of
@@ -49,9 +47,6 @@ def write_results(
     fields show the design's own shape.
 
     Args:
-        folder: Output folder, made if missing.
-        result: Result of the design loop.
-        printed: The printed pattern, by `as_printed`.
         config: Configuration of the run, for "inputs" in the summary.
         seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
 
@@ -82,39 +77,53 @@ def write_results(
 def write_design(folder: str | Path, found: PrintedResult) -> None:
     """Write the files of `write_results` without summary.json and its pictures (collective).
 
-    Args:
-        folder: Output folder, made if missing.
-        found: The design and its print.
-
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
-    folder, comm, shown = Path(folder), found.problem.comm, _shown(found)
+    folder, printed, final = Path(folder), found.printed, found.design.final
+    shown, on = printed.evaluation or final, OnWhole(found.problem)
+    problem = shown.problem
+    assert isinstance(problem, ShapeProblem)
+    there, part = OnWhole(problem), problem.skin.pattern
+    # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
+    positions = there.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
+    composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
+    folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
+    fields = {
+        "rho": on.cells(found.design.density),
+        "rho_filtered": on.cells(final.filtered),
+        "rho_projected": on.cells(final.projected),
+        **wrinkle_fields(folds),
+        "printed": printed.cells.astype(np.float64),
+    }
+    told = there.vertices(problem.physics.shape_of(shown.equilibrium))
+    values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
+    note = shown.equilibrium.condition.sentences
+    if folds is not None:
+        slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
+        note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
+    density = fields["rho_projected"] if printed.evaluation is None else None
+    frame = Frame("print", 0, "", told, density, values, note)
+    seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
 
     def write() -> None:
         require_open(folder)
-        printed = found.printed
         write_table(folder / "history.csv", [row.columns() for row in found.design.history])
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
-        write_pattern(folder / NAME, shown.part, printed.cells[: len(shown.part.panel)])
-        write_series(folder, shown.skin, [shown.frame])
-        write_fields(folder / "skin.vtu", printed.pattern, shown.positions, shown.fields)
-        draw_wrinkles(folder, printed.pattern, shown.folds)
+        write_pattern(folder / NAME, part, printed.cells[: len(part.panel)])
+        write_series(folder, seen, [frame])
+        write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
+        draw_wrinkles(folder, printed.pattern, folds)
 
-    guarded(comm, folder, write)
+    guarded(found.problem.comm, folder, write)
 
 
 def draw_pictures(
     comm: MPI.Comm, folder: str | Path, more: Callable[[], None] = lambda: None
 ) -> None:
-    """Draw the pictures of a run's folder, and further ones (collective).
-
-    Args:
-        comm: Communicator.
-        folder: Folder of a run with its summary.
-        more: Draws further pictures, on the first rank.
+    """Draw the pictures of a folder with its summary, and further ones on one rank (collective).
 
     Raises:
         OutputError: A picture cannot be written; on all ranks.
@@ -127,57 +136,6 @@ def draw_pictures(
         more()
 
     guarded(comm, folder, lambda: if_plotting(draw))
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """The shape of the print, of the design where it has no equilibrium, on the whole skin.
-
-    Attributes:
-        skin: What is shown of it.
-        fields: Fields of skin.vtu.
-        folds: Wrinkles of a tension field.
-        frame: What is recorded of it.
-        part: The pattern that was simulated.
-        positions: Positions of all vertices of skin.vtu, (n, 3), in m.
-    """
-
-    skin: ShownSkin
-    fields: dict[str, Floats]
-    folds: WrinkleField | None
-    frame: Frame
-    part: Pattern
-    positions: Floats
-
-
-def _shown(found: PrintedResult) -> Shown:
-    """Return what is shown of a design (collective)."""
-    printed, final, on = found.printed, found.design.final, OnWhole(found.problem)
-    shown = printed.evaluation or final
-    problem = shown.problem
-    assert isinstance(problem, ShapeProblem)
-    there = OnWhole(problem)
-    # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
-    positions = there.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
-    told = there.vertices(problem.physics.shape_of(shown.equilibrium))
-    composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
-    fields = {
-        "rho": on.cells(found.design.density),
-        "rho_filtered": on.cells(final.filtered),
-        "rho_projected": on.cells(final.projected),
-    }
-    folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
-    fields |= wrinkle_fields(folds)
-    fields["printed"] = printed.cells.astype(np.float64)
-    values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
-    note = shown.equilibrium.condition.sentences
-    if folds is not None:
-        slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
-        note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
-    density = fields["rho_projected"] if printed.evaluation is None else None
-    frame = Frame("print", 0, "", told, density, values, note)
-    seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
-    return Shown(seen, fields, folds, frame, problem.skin.pattern, positions)
 
 
 def wrinkles_of(

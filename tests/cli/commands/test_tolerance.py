@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.scene_of_run import scene_of_run
+from toros_fem.cli.commands.tolerance import scene_of_run
 
 Designed = tuple[Path, Path]
 FEW = ["--modulus", "none", "--thickness", "none"]

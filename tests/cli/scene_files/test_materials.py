@@ -11,8 +11,7 @@ from toros_fem.base.errors import LibraryError, SceneError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library.files import read_library, write_material
-from toros_fem.materials.library.reinforced import print_offset, reinforced
-from toros_fem.materials.sheet import Bladder, Material
+from toros_fem.materials.sheet import Bladder, Material, print_offset, reinforced
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes.bend import BendScene
 

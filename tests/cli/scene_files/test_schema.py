@@ -11,7 +11,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.cli.scene_files.schema import scene_schema
+from toros_fem.cli.scene_files.layout import scene_schema
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
 

@@ -10,8 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError, ParameterError, SceneError
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.layout import keys_of
-from toros_fem.cli.studies.study import Study, Trial, run_study
-from toros_fem.cli.studies.values import combinations, values_of
+from toros_fem.cli.studies.study import Study, Trial, combinations, run_study, values_of
 from toros_fem.measures.figures import Figure
 from toros_fem.products.kinds import KINDS
 from toros_fem.results.runs.summary_file import Summary

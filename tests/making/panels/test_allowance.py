@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from toros_fem.making.panels.allowance import cut_outline
+from toros_fem.making.panels.panel_drawing import cut_outline
 
 MM = 1e-3
 CORNERS = np.array([[0, 0], [100, 0], [100, 50], [0, 50], [0, 0]]) * MM

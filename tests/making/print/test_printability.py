@@ -8,7 +8,12 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.making.print.contours import printed_regions
-from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
+from toros_fem.making.print.printability import (
+    PrintLimits,
+    printability,
+    printed_cells,
+    printed_fractions,
+)
 from toros_fem.meshes import cylinder
 
 
@@ -18,6 +23,17 @@ def test_border_without_the_cut() -> None:
     half = shapely.box(0, 0, 0.012, 0.02)
     assert printability(pattern, [half]).summary()["border_mm"] == pytest.approx(20)
     assert printability(pattern, [shapely.box(0, 0, 0.02, 0.02)]).border_length == 0
+
+
+def test_printed_fractions_keep_the_area() -> None:
+    """A disc over some triangles, with a hole inside one of them."""
+    pattern = square(size=0.02)
+    hole = shapely.Point(pattern.centroids[0]).buffer(1e-4)
+    region = shapely.Point(pattern.centroids[0]).buffer(7.3e-3) & pattern.outline(0)
+    found = printed_fractions(pattern, [region - hole])
+    assert found @ pattern.areas == pytest.approx(region.area - hole.area, rel=1e-9)
+    assert found[0] == pytest.approx(1 - hole.area / pattern.areas[0], rel=1e-9)
+    assert set(found.round(12)) > {0.0, 1.0}
 
 
 def test_nothing_printed() -> None:

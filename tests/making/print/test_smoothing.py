@@ -6,7 +6,7 @@ import shapely
 from helpers.prints import metres
 from shapely.geometry import Point, Polygon, box
 
-from toros_fem.making.print.smoothing import smoothed
+from toros_fem.making.print.contours import smoothed
 
 PANEL = metres(box(-20, -20, 20, 20))
 LENGTH = 0.7e-3

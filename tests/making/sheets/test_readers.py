@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.files import write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.print.polygons import even_odd
+from toros_fem.making.sheets.layout import Manufacture, manufacture
 from toros_fem.making.sheets.manifest import NAME, manifest
-from toros_fem.making.sheets.manufacture import Manufacture, manufacture
 from toros_fem.making.sheets.write import machine_files
 from toros_fem.meshes import Pattern, two_panels, unwrap
 from toros_fem.meshes.surfaces.surface import Surface

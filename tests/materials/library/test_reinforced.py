@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from toros_fem.materials.library.files import read_library
-from toros_fem.materials.library.reinforced import print_offset, reinforced
-from toros_fem.materials.sheet import Material
+from toros_fem.materials.sheet import Material, print_offset, reinforced
 
 
 def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,8 +8,9 @@ from matplotlib.figure import Figure as Page
 from matplotlib.text import Annotation
 
 from toros_fem.measures.figures import Figure
-from toros_fem.results.pictures.curves import Measured, draw_curve, draw_history, draw_tracks
+from toros_fem.results.pictures.curves import draw_curve, draw_history, draw_tracks
 from toros_fem.results.pictures.style import bar_length, page
+from toros_fem.results.runs.run_folder import Curve, Measured
 
 ROWS = [
     {"pressure_pa": 1e3 * k, "angle_deg": 20.0 * k, "twist_deg": 5.0 * k, "length_ratio": 1 + k / 9}
@@ -27,7 +28,7 @@ def words(figure: Page) -> list[str]:
 def test_figures_of_one_unit_share_axes() -> None:
     """Each line has its name, the target and the value at the design's pressure their words."""
     figure = Page(figsize=(8, 4.5))
-    draw_curve(figure, ROWS, [ANGLE, TWIST, LENGTH], 4e3)
+    draw_curve(figure, Curve(ROWS, 4e3), [ANGLE, TWIST, LENGTH])
     assert len(figure.axes) == 2
     assert [axes.get_ylabel() for axes in figure.axes] == [
         "angle and twist (°)",
@@ -45,7 +46,7 @@ def test_measured_values_stand_beside_ours() -> None:
     measured = [Measured("angle_deg", 3e3, 50.0, 60.0, "paper"),
                 Measured("angle_deg", 5e3, 70.0, None, "a bench"),
                 Measured("twist_deg", 5e3, 7.0, None, "another")]  # fmt: skip
-    draw_curve(figure, ROWS, [ANGLE], 4e3, measured)
+    draw_curve(figure, Curve(ROWS, 4e3, measured), [ANGLE])
     told = words(figure)
     assert "50° (paper),\n60° ours" in told
     assert "70° (a bench)" in told
@@ -56,7 +57,7 @@ def test_measured_values_stand_beside_ours() -> None:
 def test_ends_without_equilibrium(broken: tuple[bool, bool]) -> None:
     """A curve that begins late has none at lower pressures, one that ends early at higher ones."""
     figure = Page(figsize=(8, 4.5))
-    draw_curve(figure, ROWS, [ANGLE], None, (), broken)
+    draw_curve(figure, Curve(ROWS, broken=broken), [ANGLE])
     told = words(figure)
     assert ("no equilibrium below" in told, "no equilibrium beyond" in told) == broken
 
@@ -65,7 +66,7 @@ def test_units_are_those_of_readers() -> None:
     """A held mass of 0.05 kg is drawn as 50 g."""
     figure = Page(figsize=(8, 4.5))
     rows = [{"pressure_pa": 1e3, "mass_kg": 0.01}, {"pressure_pa": 2e3, "mass_kg": 0.05}]
-    draw_curve(figure, rows, [Figure("mass", "kg", 0.05)], 2e3)
+    draw_curve(figure, Curve(rows, 2e3), [Figure("mass", "kg", 0.05)])
     assert np.asarray(figure.axes[0].lines[0].get_ydata())[-1] == pytest.approx(50.0)
 
 

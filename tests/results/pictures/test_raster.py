@@ -5,6 +5,7 @@ import pytest
 import shapely
 from helpers.runs import bent, regions_of
 
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.raster import (
@@ -69,10 +70,7 @@ def test_the_printed_area_is_that_of_the_print(pattern: Pattern, angle: float) -
     surface = Surface(pattern.triangles, x, FABRIC, ink_of(pattern, regions), closed=True)
     colours = render([surface], view, window).colours
     dark = (colours[..., 3] > 127) & (colours[..., 2].astype(int) > colours[..., 0] * 1.3)
-    from toros_fem.meshes.panels import cut_triangles
-
-    cut = cut_triangles(pattern, regions)
-    share = np.bincount(cut.cell, cut.inside * cut.areas, len(pattern.triangles)) / pattern.areas
+    share = printed_fractions(pattern, regions)
     a, b, c = np.moveaxis(x[pattern.triangles], 1, 0)
     facing = np.maximum(np.cross(b - a, c - a) @ view.directions[2] / 2, 0)
     if angle == 0:

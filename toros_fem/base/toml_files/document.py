@@ -20,16 +20,9 @@ LONGEST = 100
 
 
 class Document:
-    """A TOML file that was parsed.
+    """A TOML file that was parsed, with the line of each place, from 1.
 
-    Attributes:
-        path: The file.
-        content: Its tables and keys.
-        lines: Line of each place, from 1.
-        failure: Type of the errors.
-
-    Raises:
-        FileKeyError: Of the type `failure`: the text is no TOML, or a key has too many parts.
+    An error of the type `failure` says that the text is no TOML, or a key has too many parts.
     """
 
     def __init__(self, path: Path, text: str, failure: type[FileKeyError]) -> None:
@@ -98,13 +91,7 @@ def at(path: Path, line: int | None) -> str:
 
 
 def read_text(path: Path, what: str, failure: type[FileKeyError], size: str = "keys") -> str:
-    """Return the text of a file.
-
-    Args:
-        path: The file.
-        what: What it is, "a scene file" for instance.
-        failure: Type of the errors.
-        size: Which of `MOST_BYTES` it may have.
+    """Return the text of a file: `what`, "a scene file" for instance, of a size in `MOST_BYTES`.
 
     Raises:
         FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.

@@ -21,13 +21,7 @@ METAVARS, QUOTE = {float: "X", int: "N", str: "NAME", Path: "PATH"}, '"'
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command found.
-
-    Attributes:
-        text: Lines for a reader.
-        figures: The same for a program, as `--json` prints it.
-        code: Exit code.
-    """
+    """What a command found: lines for a reader, figures for a program, and an exit code."""
 
     text: str
     figures: Mapping[str, Any] = field(default_factory=dict)

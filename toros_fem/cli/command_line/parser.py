@@ -14,12 +14,9 @@ class UsageError(TorosError, ValueError):
 
 
 class SuggestingParser(argparse.ArgumentParser):
-    """A parser that suggests the nearest option or command for an unknown one.
+    """A parser that suggests the nearest option or command for an unknown one, by a UsageError.
 
     Only the first rank prints.
-
-    Raises:
-        UsageError: The command line is not understood.
     """
 
     def __init__(self, *, first_rank: bool, **rest: Any) -> None:

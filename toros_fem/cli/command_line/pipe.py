@@ -11,14 +11,9 @@ from typing import Any, TextIO
 class OpenPipe:
     """A stream that goes on into nothing once it cannot be written: a run does not end for that.
 
-    Its reader may go, as `head` does, or its disk be full. Letters that its encoding lacks are
-    written as their numbers.
-
-    Args:
-        stream: The stream; None where it is closed.
-
-    Attributes:
-        fault: Why it could not be written; None where it could, and where its reader went.
+    Its reader may go, as `head` does, its disk be full, or it be closed, None. Letters that its
+    encoding lacks are written as their numbers. The fault is why it could not be written; None
+    where it could, and where its reader went.
     """
 
     def __init__(self, stream: TextIO | None) -> None:

@@ -38,8 +38,7 @@ _ACTIONS = {
 def files_of(scene: SceneFile, name: str) -> tuple[str, ...]:
     """Return the names of the files that a "design" or "simulate" of a scene can take.
 
-    Raises:
-        UsageError: Its kind has no such action.
+    A UsageError says that its kind has no such action.
     """
     run, files = _ACTIONS[name]
     if not hasattr(scene.kind, run):
@@ -61,16 +60,7 @@ def run_scene(
     verbose: bool,
     resume: bool = False,
 ) -> Answer:
-    """Design or simulate a scene in a run folder (collective).
-
-    Args:
-        comm: Communicator.
-        scene: The scene.
-        name: "design" or "simulate".
-        folder: Folder of the run, made if missing.
-        every: Number of iterations between two writes of the state.
-        verbose: Whether to print every Newton step.
-        resume: Whether to go on with the run in the folder.
+    """Design or simulate a scene in a run folder, by the name of the action (collective).
 
     Raises:
         UsageError: The kind of the scene has no such action, or its run would move a file aside
@@ -99,9 +89,7 @@ def run_scene(
 def beyond_tests(scene: SceneFile, used: float | None) -> str:
     """Return that a fabric stretches further than its values are known for; empty if not.
 
-    Args:
-        scene: The scene.
-        used: Part of the stretch bounds that the skin uses; None if it is not told.
+    It is told which part of the stretch bounds the skin uses, if that is known.
     """
     fabric = scene.materials.get("fabric")
     if fabric is None or used is None:

@@ -87,11 +87,7 @@ class RunCommand(SceneCommand, Progress):
     TAKES: ClassVar = {**SceneCommand.TAKES, **Progress.TAKES, "output": "RUN", "metric": "WORDS"}
 
     def scene(self, comm: MPI.Comm) -> SceneFile:
-        """Read the scene that the options name, with the metrics that they add (collective).
-
-        Raises:
-            UsageError: There are such metrics, and the scene is of no own mesh.
-        """
+        """Read the scene that the options name, with the metrics that they add (collective)."""
         scene = super().scene(comm)
         if not self.metric:
             return scene

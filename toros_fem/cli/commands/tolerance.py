@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.products.options import ToleranceConfig
+
+if TYPE_CHECKING:
+    from toros_fem.products.actuators.scene import ActuatorScene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +41,6 @@ class Tolerance(Command, ToleranceConfig):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate the variants, and write them (collective)."""
-        from toros_fem.cli.scene_files.scene_of_run import scene_of_run
         from toros_fem.meshes.triangles import triangle_limit
         from toros_fem.products.tolerance.of_run import tolerances_of_run
         from toros_fem.products.tolerance.writing import FILES, write_tolerances
@@ -52,3 +54,30 @@ class Tolerance(Command, ToleranceConfig):
         write_tolerances(comm, output, found)
         text = f"{found.report()}; see {output}/{FILES[2]}"
         return Answer(text, {"folder": output, "files": FILES, **found.summary()})
+
+
+def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[ActuatorScene, dict[str, Path]]:
+    """Return scene and files of a finished design of an actuator (collective)."""
+    from toros_fem.base.errors import OutputError
+    from toros_fem.base.mpi import on_first_rank
+    from toros_fem.cli.scene_files.reading import read_scene
+    from toros_fem.products.actuators.scene import ActuatorScene
+    from toros_fem.products.kinds import KINDS
+    from toros_fem.products.tolerance.of_run import finished_summary
+    from toros_fem.results.runs.files import SCENE
+
+    folder = Path(run)
+    on_first_rank(comm, lambda: finished_summary(folder))
+    if not on_first_rank(comm, lambda: (folder / SCENE).exists()):
+        raise OutputError(
+            f"{folder} does not say which scene it is of: {SCENE} is missing. Design it by "
+            "`toros design`, or call toros_fem.tolerances from your own script."
+        )
+    read = read_scene(folder / SCENE, comm=comm)
+    read.require_files(comm)
+    if not isinstance(read.config, ActuatorScene):
+        raise OutputError(
+            f"{folder} is a run of the kind {read.kind.KIND!r}; tolerances are those of designs of "
+            f"{', '.join(name for name, of in KINDS.items() if issubclass(of, ActuatorScene))}."
+        )
+    return read.config, dict(read.files)

@@ -10,8 +10,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key
 from toros_fem.base.scene import Scene
 from toros_fem.materials.library.material import LibraryMaterial
-from toros_fem.materials.library.reinforced import print_offset, reinforced
-from toros_fem.materials.sheet import Material
+from toros_fem.materials.sheet import Material, print_offset, reinforced
 
 # The role of each name: the kind of material, and the fields that it stands for.
 KIND_OF: Mapping[str, str] = MappingProxyType(
@@ -49,11 +48,8 @@ def numbers_of(
     """Return the values of a scene, and the material of each role that is named.
 
     A number beats a name beside it or before it, a name the numbers before it. A print that is the
-    printed layer alone goes onto the fabric that names, numbers or defaults give.
-
-    Args:
-        default: Scene with the defaults.
-        layers: Values by key, each over those before; materials by their roles.
+    printed layer alone goes onto the fabric that names, numbers or defaults give. Layers have
+    values by key, each over those before; materials by their roles.
 
     Raises:
         ParameterError: A material has a value for which the scene has no field.

@@ -30,9 +30,6 @@ class SceneFile:
     """A scene that was read.
 
     Attributes:
-        path: The file.
-        kind: Its kind.
-        config: Its numbers.
         files: Files and folders that it names, by name, absolute or relative to the current folder.
         lines: Line of each key and of each of these, "files.mesh", in the file; none where the
             command line gives it.
@@ -69,11 +66,7 @@ class SceneFile:
 
     @contextlib.contextmanager
     def located(self) -> Iterator[None]:
-        """Tell file and line of the key that an error names, inside a `with` block.
-
-        Raises:
-            SceneError: A value is wrong, as is found only now; with file, line and key.
-        """
+        """Tell file and line of the key that an error in the block names, by a SceneError."""
         try:
             yield
         except ParameterError as caught:
@@ -99,8 +92,7 @@ def read_scene(
         path: The file, in TOML.
         comm: Communicator whose first rank reads, for all of them (collective); None: each rank
             reads, or the only one.
-        coarse: Whether to take the quick variant, with the values in the table `coarse` of the
-            file.
+        coarse: Whether to take the quick variant, with the table `coarse` of the file.
         changes: Texts "KEY=VALUE" that override the file and the quick variant. The key may come
             with its table: "design.seed=3". Paths are relative to the current folder.
 
@@ -128,7 +120,6 @@ class _Reader(Document):
     """One scene file, while it is read.
 
     Attributes:
-        kind: Its kind.
         keys: Keys of each table that stands once.
         homes: The table of each key of the scene.
         apart: Tables that hold no keys of the scene.
@@ -267,8 +258,7 @@ class _Reader(Document):
     ) -> tuple[Scene, dict[str, LibraryMaterial]]:
         """Return a scene of values that may not fit each other, and its named materials.
 
-        Args:
-            layers: Values, each over those before, and their table; "" for those of the scene.
+        Layers have values, each over those before, and their table; "" for those of the scene.
         """
         default = self.kind()
         try:

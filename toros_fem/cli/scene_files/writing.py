@@ -38,13 +38,7 @@ def scene_text(
     """Return a scene file with every key, which `read_scene` turns into the same numbers.
 
     Keys of some tables stand with their values, the others as comments as long as they have their
-    defaults.
-
-    Args:
-        scene: The scene.
-        files: Files and folders by name; by default None.
-        materials: Materials of the library that the numbers come from, as of `SceneFile`; a comment
-            names them. By default none.
+    defaults. A comment names the materials that the numbers come from, as of `SceneFile`.
 
     Raises:
         ParameterError: A file is unknown.
@@ -69,9 +63,7 @@ def scene_text(
 def short_scene_text(kind: type[Scene], names: Mapping[str, str] | None = None) -> str:
     """Return a scene file with the few keys that a new user changes.
 
-    Args:
-        kind: The kind.
-        names: Names of materials by their roles; without, those of the default numbers.
+    Materials are named by their roles; without, they are those of the default numbers.
     """
     scene = kind.example()
     # The default print is one sheet with the default fabric; on another one it is a layer.
@@ -94,11 +86,7 @@ def _text(
     files: Mapping[str, str | Path],
     lines_of: Callable[[str, Sequence[Key]], list[str]],
 ) -> list[str]:
-    """Return the lines of a file: kind, files, and the tables that have lines.
-
-    Raises:
-        ParameterError: A file is unknown.
-    """
+    """Return the lines of a file: kind, files, and the tables that have lines."""
     about, known = ABOUT[scene.KIND], scene.files()
     if unknown := sorted(files.keys() - known):
         raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(known)}.")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -14,15 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.files import guarded, naming, write_table
-from toros_fem.base.keys import Key, nearest
+from toros_fem.base.keys import Key, nearest, plain_value
 from toros_fem.cli.command_line.running import inputs_of
 from toros_fem.cli.scene_files.layout import FILES, QUICK, keys_of
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
-from toros_fem.cli.studies.values import combinations, values_of
 from toros_fem.results.runs.folder import read_record
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
@@ -32,16 +34,17 @@ TABLE, PICTURE, LOGS = "study.csv", "study.png", "logs"
 PLAIN = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.,=_+-")
 # Environment of a run beside others: each has one core.
 ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+# Most runs of a study.
+MOST = 10_000
+_RANGE = re.compile(r"(?P<low>.+?)\.\.(?P<high>.+?)(?::(?P<count>\d+))?")
+_NUMBER = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*(?P<unit>.*?)\s*")
 
 
 @dataclass
 class Trial:
-    """One run of a study.
+    """One run of a study: its values by key, and what it found.
 
     Attributes:
-        values: Its values by key.
-        folder: Folder of the run.
-        summary: What it found; None before.
         failure: Why there is no result; empty if there is one.
         seconds: Wall time in this study; None for a run that was finished before.
     """
@@ -67,13 +70,7 @@ class Trial:
 
 @dataclass
 class Study:
-    """A study, and what it found.
-
-    Attributes:
-        keys: What is known of each key that varies.
-        trials: The runs, in the order of the table.
-        folder: Its folder.
-    """
+    """A study, and what it found: its keys, and its runs in the order of the table."""
 
     keys: Mapping[str, Key]
     trials: Sequence[Trial]
@@ -141,9 +138,7 @@ def run_study(
         over: Values by key, or words KEY=VALUES as of `values_of`.
         output: Folder of the study, made if missing: study.csv, study.png, a folder for each run.
         command: "design" or "simulate".
-        coarse: Whether to take the scene's quick variant.
         changes: Texts "KEY=VALUE" that hold for all runs.
-        allow_large: Whether to allow meshes of any size.
         jobs: Runs at a time; None takes one for each core.
 
     Raises:
@@ -270,3 +265,58 @@ def _name(values: Mapping[str, Any]) -> str:
 
     text = ",".join(f"{name}={shown(value)}" for name, value in values.items())
     return "".join(letter if letter in PLAIN else "_" for letter in text)
+
+
+def values_of(words: str, keys: Mapping[str, Key]) -> tuple[str, list[object]]:
+    """Return a key and its values from KEY=VALUES.
+
+    VALUES is a list with commas, as in "1,2,5"; LOW..HIGH:COUNT for so many even steps, or
+    LOW..HIGH for all whole numbers between. The unit of the last number is that of both.
+
+    Raises:
+        ParameterError: The key is unknown, or a value is wrong.
+    """
+    name, equals, text = (part.strip() for part in words.partition("="))
+    name = name.rpartition(".")[2]
+    if not equals or not text:
+        raise ParameterError(f"{words!r}: write KEY=VALUES, pressure=2..10kPa:5 for instance.")
+    if name not in keys:
+        raise ParameterError(f"{words!r}: unknown key {name!r}; {nearest(name, keys)}", name)
+    one, found = keys[name], _RANGE.fullmatch(text)
+    if found is None:
+        return name, [one.read(plain_value(part)) for part in text.split(",")]
+    low, high, count = found["low"], found["high"], found["count"]
+    unit, own = (_NUMBER.fullmatch(end) for end in (high, low))
+    if unit is not None and own is not None and not own["unit"]:
+        low += unit["unit"]
+    ends = [one.read(plain_value(end)) for end in (low, high)]
+    if not all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends):
+        raise ParameterError(f"{words!r}: a range needs numbers. Give a list with commas.", name)
+    if one.kind is int and count is None:
+        return name, _distinct(words, name, list(range(ends[0], ends[1] + 1)))
+    if count is None or int(count) < 2:
+        raise ParameterError(
+            f"{words!r}: say how many values, at least 2, as in {name}={low}..{high}:5.", name
+        )
+    if int(count) > MOST:
+        raise ParameterError(f"{words!r}: {count} values are more than {MOST}.", name)
+    steps = [one.kind(step) for step in np.linspace(float(ends[0]), float(ends[1]), int(count))]
+    return name, _distinct(words, name, steps)
+
+
+def combinations(over: Mapping[str, Sequence[object]]) -> list[dict[str, object]]:
+    """Return all combinations of the values of keys, the last key first to change.
+
+    Raises:
+        ParameterError: There are too many.
+    """
+    count = int(np.prod([len(values) for values in over.values()], dtype=float))
+    if count > MOST:
+        raise ParameterError(f"{count} combinations are more than {MOST}. Give fewer values.")
+    return [dict(zip(over, values, strict=True)) for values in itertools.product(*over.values())]
+
+
+def _distinct(words: str, name: str, values: list[object]) -> list[object]:
+    if len(set(values)) != len(values) or not values:
+        raise ParameterError(f"{words!r}: its values are not different, or there is none.", name)
+    return values

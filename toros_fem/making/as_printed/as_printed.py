@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,7 +36,7 @@ from toros_fem.making.print.printability import (
     printed_fractions,
 )
 from toros_fem.making.print.regions import part_regions
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 
 # Smoothing length of contours, over the edge length of the mesh.
@@ -51,8 +51,7 @@ class PrintedDesign:
         pattern: The pattern that is printed on; that of a design of densities follows the print.
         cleaned: Print on each panel, and what it was made of.
         limits: Limits of the printer.
-        before: Printability of the contours.
-        after: Printability of the print.
+        before, after: Printability of the contours, and of the print.
         cells: Whether each triangle of the pattern is printed, (t,): whether its centroid is.
         evaluation: The print, simulated, by its own problem; None without an equilibrium.
         failure: Reason for the missing equilibrium; empty if there is one.
@@ -75,20 +74,19 @@ class PrintedDesign:
 
     @property
     def contours(self) -> list[BaseGeometry]:
-        """Regions on each panel before any cleaning: where ρ̃ exceeds η, or lines as laid, in m."""
+        """Print before any cleaning: where ρ̃ exceeds η, or lines as laid."""
         return self.cleaned.contours
 
     @property
     def regions(self) -> list[BaseGeometry]:
-        """Print on each panel, polygons in m."""
+        """The print on each panel."""
         return self.cleaned.regions
 
 
 def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
-    """Return ρ̃ at all flat points and at all centroids, with prescribed values kept (collective).
+    """Return ρ̃ at all flat points and centroids, by ρ at owned triangles (collective).
 
-    Args:
-        density: ρ at owned triangles.
+    Prescribed values are kept.
     """
     skin, fields = problem.skin, densities_of(problem.fields)
     pattern = skin.pattern
@@ -117,12 +115,9 @@ def as_printed(
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it (collective).
 
-    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains.
-
-    Args:
-        island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
-        domain: What is cleaned, for a pattern that goes on beyond its border; None: its panels.
-        journal: Keeps the simulation; None keeps nothing.
+    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains. What
+    is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels. Free
+    islands smaller than the area, in m², are removed; larger ones are bridged.
 
     Raises:
         ParameterError: The area is negative, or not below the pattern's; or an argument has
@@ -146,16 +141,11 @@ def as_printed(
 
 
 def followed(
-    problem: DesignProblem, like: Evaluation, regions: Sequence[BaseGeometry]
+    problem: DesignProblem, like: Evaluation, regions: Regions
 ) -> tuple[DesignProblem, Evaluation, Any]:
-    """Return a problem on a mesh that follows a print, a design there, and its state (collective).
+    """Return problem, design and its state on a mesh that follows a print (collective).
 
     Where that shape leaves the stretch bounds of the other mesh, the state is the assembled one.
-
-    Args:
-        problem: The design problem.
-        like: The design.
-        regions: Its print on each panel of the problem's own pattern, polygons in m.
     """
     assert isinstance(problem, ShapeDesign)
     there = problem.for_print(regions)
@@ -171,12 +161,7 @@ def followed(
 
 
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
-    """Check what a print is made of (collective).
-
-    Raises:
-        ParameterError: An argument has another type or differs between ranks, or the area below
-            which islands are removed is not below the pattern's.
-    """
+    """Check types and values of what a print is made of, alike on all ranks (collective)."""
     require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
     require_kind("limits", limits, PrintLimits, "PrintLimits")
     require_alike(problem.skin.comm, limits=limits, island_area=island_area)
@@ -193,14 +178,10 @@ def printed(
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Measure a print, and simulate it (collective).
+    """Measure a print, and simulate it as `simulate_binary` does (collective).
 
-    Args:
-        problem: The design problem. A `ShapeDesign` with `like` is simulated on a mesh that follows
-            the print, every other problem on its own mesh.
-        cleaning: Returns the print on each panel of the whole pattern; called on the first rank.
-        like, start, pressure: As of `simulate_binary`.
-        journal: Keeps the simulation; None keeps nothing.
+    A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
+    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank.
 
     Raises:
         PatternError: The skin is moulded.

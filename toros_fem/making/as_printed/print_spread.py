@@ -32,25 +32,16 @@ class PrintSpread:
     metrics: tuple[Mapping[str, float], Mapping[str, float]]
 
     def error(self, scales: Mapping[str, float]) -> float:
-        """Return the largest half difference of a metric over its scale.
-
-        Args:
-            scales: Scale of each metric that counts, by key.
-        """
+        """Return the largest half difference of a metric that counts over its scale, by key."""
         low, high = self.metrics
         return max((abs(low[k] - high[k]) / (2 * s) for k, s in scales.items()), default=0.0)
 
 
 def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
-    """Simulate a print with its borders moved (collective).
+    """Simulate a print with its borders moved in and out by an offset in m (collective).
 
     The print is simulated on a mesh that follows its borders, whose vertices then move with them.
-
-    Args:
-        offset: Way of the borders in m, to either side.
-
-    Returns:
-        None where a print has no equilibrium.
+    None where one of these prints has no equilibrium.
     """
     made = printed.evaluation
     if made is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -20,14 +19,14 @@ from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import mirrored_regions, part_regions, regions_on
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 
 
 def printed_lines(
     problem: DesignProblem,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
@@ -43,13 +42,11 @@ def printed_lines(
     Args:
         problem: The design problem, on the mesh that the print is simulated on.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
-        regions: Polygons on each of its panels, in m.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
         pressure: In Pa, of all chambers or of each; None takes the problem's own.
-        journal: Keeps the simulation; None keeps nothing.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -68,15 +65,11 @@ def printed_lines(
 
 
 def case_of_print(
-    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Sequence[BaseGeometry]
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
 ) -> tuple[Case, list[BaseGeometry]]:
     """Return a case that follows a print, with smoothed strains, and the print there (collective).
 
-    Args:
-        comm: Communicator.
-        case: The case.
-        pattern: Another mesh of the whole skin.
-        regions: The print on each of its panels, polygons in m.
+    The print's pattern is another mesh of the whole skin.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -90,12 +83,9 @@ def case_of_print(
 
 
 def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
-    """Return the state of a problem whose shape is that of another mesh of its panels (collective).
+    """Return the state of a problem with the shape of another mesh of its panels (collective).
 
-    Args:
-        problem: The design problem.
-        pattern: The other mesh.
-        positions: Positions of all its vertices, (n, 3), in m.
+    Positions, (n, 3), in m, are those of all of its vertices.
     """
     there = make_transfer(pattern, problem.skin.pattern).positions(positions)
     return problem.physics.state_at(there)
@@ -104,20 +94,13 @@ def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> A
 def clean_print(
     part: Pattern,
     whole: Mirrored | None,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     limits: PrintLimits = DEFAULT_LIMITS,
     island_area: float = 0.0,
 ) -> CleanedRegions:
     """Clean lines on a part of a skin, and return those on the whole, which stay symmetric.
 
-    Args:
-        part: The pattern that the polygons belong to.
-        whole: The whole that it is a part of, by `meshes.mirrored`; None: it is whole.
-        regions: Polygons on each of its panels, in m.
-        island_area: As of `clean`.
-
-    Raises:
-        ParameterError: The area is negative.
+    Without a whole, by `meshes.mirrored`, the part is whole itself. Errors are those of `clean`.
     """
     onto = regions if whole is None else mirrored_regions(part, whole, regions)
     return clean(panels_of(part, whole), onto, limits, island_area)

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError
 from toros_fem.base.validation import checked_floats
-from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
+from toros_fem.making.options import ALL, DEFAULT, ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, drawing_of
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.affine import Affine
@@ -29,12 +29,10 @@ EMPTY = shapely.Polygon()
 
 @dataclass(frozen=True, eq=False)
 class BladderSheets:
-    """A bladder: sheets of film, to be welded along their seam lines.
+    """Sheets of film in their own coordinates, to be welded along their seam lines.
 
-    Attributes:
-        drawings: The sheets, each in its own coordinates; none where nothing is sewn.
-        tab_seam: Number of the seam of the skin where its tab leaves; None for a tube, whose
-            sheets have a weld of their own, and without a tab.
+    `tab_seam` is the seam of the skin where the tab leaves; None without a tab, and for a tube,
+    whose sheets have a weld of their own. Where nothing is sewn there are no sheets.
     """
 
     drawings: list[PanelDrawing]
@@ -46,7 +44,6 @@ class _Sheets:
     """Sheets of film before they have a tab.
 
     Attributes:
-        names: Their names.
         outlines: Their weld lines.
         welds: Which edges are welded to which.
         tab: The weld with the tab, and the arc length in m of its middle.
@@ -62,10 +59,10 @@ class _Sheets:
 
 def bladder_sheets(
     pattern: Pattern,
-    options: ManufactureOptions | None = None,
+    options: ManufactureOptions = DEFAULT,
     connector: tuple[str, Floats] | None = None,
 ) -> BladderSheets:
-    """Return the bladder of a skin.
+    """Return the bladder of a whole skin.
 
     A tube, one panel sewn to itself with caps or without, gets two flat sheets. They are half its
     perimeter wide, and longer than the wall by the radius of each cap, over which they fold. Other
@@ -75,8 +72,6 @@ def bladder_sheets(
     its end.
 
     Args:
-        pattern: The whole pattern.
-        options: Allowance of the weld, width and length of the tab; None takes the defaults.
         connector: Name of a panel and a point (2,) in m on it: the tab is at the weld nearest to
             it where both edges have the same curve. None takes the middle of the largest panel. The
             two sheets of a tube have theirs in the middle of an end, the clamped one.
@@ -85,7 +80,6 @@ def bladder_sheets(
         PanelError: There is no such panel, or nothing is sewn to it.
         PatternError: The skin is moulded.
     """
-    options = options_or_default(options)
     seams = sewn_seams(pattern)
     if not seams:
         return BladderSheets([], None)
@@ -135,7 +129,7 @@ def _panels(
     options: ManufactureOptions,
 ) -> _Sheets:
     """Return a sheet for each panel."""
-    outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
+    outlines = pattern.outlines
     if connector is None:
         panel = int(np.argmax(shapely.area(outlines)))
         point = shapely.get_coordinates(outlines[panel].centroid)[0]

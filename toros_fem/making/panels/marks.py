@@ -10,8 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.free_place import first_fit, places_in
-from toros_fem.making.panels.panel_labels import Label
+from toros_fem.making.panels.panel_labels import Label, first_fit, places_in
 from toros_fem.making.panels.seam_lines import SewnSeam
 from toros_fem.meshes.affine import Affine
 
@@ -36,12 +35,8 @@ TRIED = 4e-3
 def notch_arcs(length: float, distance: float) -> Floats:
     """Return the places of notches along a seam as arc lengths in m, (k,).
 
-    Single ones divide the seam evenly. A double one stands near its start only, so that neither the
-    direction of an edge nor its partner can be mistaken.
-
-    Args:
-        length: Length of the seam in m.
-        distance: Largest distance of the single notches in m.
+    Single ones divide the seam evenly, at the distance in m at most. A double one stands near its
+    start only, so that neither the direction of an edge nor its partner can be mistaken.
     """
     count = max(1, int(np.ceil(length / distance - 1e-9)))
     step = length / count
@@ -55,12 +50,6 @@ def notches(
     """Return the notches at one side of a seam, segments (k, 2, 2) in m, from the cut inwards.
 
     They end half an allowance before the seam line. Both sides have theirs at the same arc lengths.
-
-    Args:
-        side: 0 or 1.
-        cut: The cut outline of the panel.
-        allowance: Width of the allowance in m.
-        distance: Largest distance of notches in m.
     """
     arc = notch_arcs(seam.length, distance)
     normal = seam.outward(side, arc, min(allowance, 0.2 * seam.length))
@@ -78,17 +67,13 @@ def notches(
 
 
 def crosses(outline: BaseGeometry, cut: BaseGeometry, size: float) -> Floats:
-    """Return the centres of three registration crosses, (3, 2), in m.
+    """Return the centres of three registration crosses, (3, 2), of a size in m.
 
     They stand in corners of the cut outline's bounding box: far apart, so that they measure angles
     well, and off the skin. In a rectangle with an allowance they lie in the corners of the
-    allowance, hidden by the sewing; beside a round panel on waste. Where the skin itself fills a
-    corner they move outwards. The fourth corner has none, so that no half turn fits.
-
-    Args:
-        outline: The seam line.
-        cut: The cut outline.
-        size: Size of a cross in m.
+    allowance, hidden by the sewing; beside a round panel on waste. Where the skin itself, inside
+    its seam line, fills a corner they move outwards. The fourth corner has none, so that no half
+    turn fits.
     """
     left, low, right, high = cut.bounds
     half = size / 2
@@ -115,11 +100,9 @@ def cross_shapes(centres: Floats, size: float) -> list[Floats]:
 
 
 def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
-    """Return the arrow along the grain as lines, (n, 2) in m each: its shaft, and its head.
+    """Return the arrow along the grain, at an angle in rad, as lines (n, 2) in m: shaft and head.
 
-    Args:
-        places: Regions it may lie in, the best first; without room it lies across the last one.
-        angle: Direction in rad.
+    It lies in the first region that has room; without any it lies across the last one.
     """
     sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
     centre, length = shapely.get_coordinates(places[-1].representative_point())[0], ARROWS[-1]
@@ -152,13 +135,9 @@ class Ruler:
 
 
 def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> Ruler:
-    """Return the ruler of a sheet at the lowest free place, upright where no level one is free.
+    """Return the ruler of a sheet at the lowest place that is not taken, in m.
 
-    Without any it lies below the sheet.
-
-    Args:
-        taken: Room that panels need on the sheet, in m.
-        sheet: Width and height of the sheet in m.
+    It is upright where no level one is free, and lies below the sheet without any place.
     """
     free = shapely.box(2 * CLEAR, 2 * CLEAR, sheet[0] - 2 * CLEAR, sheet[1] - 2 * CLEAR)
     free = free.difference(taken.buffer(2 * CLEAR)).buffer(1e-6)

@@ -11,24 +11,25 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import PanelError
-from toros_fem.making.options import ALL, ManufactureOptions, options_or_default
-from toros_fem.making.panels.allowance import cut_outline
+from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
 from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.affine import Affine
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
+
+# A corner sharper than this many allowances is cut off.
+MITRE = 2.0
+# Gaps and spikes below this fraction of the allowance are rounding.
+TINY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """One edge of a panel that is sewn to an edge of the same or of another panel.
+    """One edge of a panel that is sewn to an edge of the same or of another panel, the partner.
 
-    Attributes:
-        number: Number of the seam, the same on both edges, from 1.
-        line: The seam line, (n, 2), in m. Both edges begin at the same end of the seam.
-        partner: Name of the panel it is sewn to.
+    Its number, from 1, is the same on both edges. Its line, (n, 2), in m, begins on both at the
+    same end of the seam.
     """
 
     number: int
@@ -92,29 +93,19 @@ class PanelDrawing:
 
 
 def panel_drawings(
-    pattern: Pattern,
-    regions: Sequence[BaseGeometry],
-    options: ManufactureOptions | None = None,
+    pattern: Pattern, regions: Regions, options: ManufactureOptions = DEFAULT
 ) -> list[PanelDrawing]:
-    """Return the drawing of each panel in its own flat coordinates.
+    """Return the drawing of each panel of a whole pattern in its own flat coordinates.
 
-    Args:
-        pattern: The whole pattern, by `printed_face` for a print on the inside.
-        regions: Print on each panel, polygons in m.
-        options: Allowance and marks; None takes the defaults.
+    For a print on the inside the pattern is that of `printed_face`.
 
     Raises:
-        ParameterError: Pattern or options are something else.
+        ParameterError: The pattern is something else.
         PanelError: The number of regions is not that of the panels.
         PatternError: The skin is moulded.
     """
-    options = options_or_default(options)
     seams = sewn_seams(pattern)
-    if len(regions) != len(pattern.panel_names):
-        raise PanelError(
-            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give one for "
-            "each panel, an empty polygon where nothing is printed."
-        )
+    pattern.require_regions(regions)
     return [
         drawing_of(
             [(name,), (f"{options.print_side} up", "up")],
@@ -128,6 +119,26 @@ def panel_drawings(
     ]
 
 
+def printed_face(
+    pattern: Pattern, regions: Regions, options: ManufactureOptions
+) -> tuple[Pattern, Regions]:
+    """Return a pattern, and polygons on its panels, as seen with the printed face up.
+
+    The panels of a pattern are seen from outside. For a print on the inside they are mirrored,
+    (−x, y), and so is the assembled skin, which keeps it a valid pattern.
+    """
+    if options.print_side != INSIDE:
+        return pattern, regions
+    mirror = Affine.mirror()
+    seen = replace(
+        pattern,
+        flat_points=mirror.points(pattern.flat_points),
+        flat_triangles=pattern.flat_triangles[:, ::-1],
+        points=pattern.points * [-1, 1, 1],
+    )
+    return seen, [mirror.region(region) for region in regions]
+
+
 def drawing_of(
     texts: Sequence[Sequence[str]],
     outline: BaseGeometry,
@@ -136,14 +147,10 @@ def drawing_of(
     names: Sequence[str],
     options: ManufactureOptions,
 ) -> PanelDrawing:
-    """Return the drawing of one panel.
+    """Return the drawing of one panel, by its seam line and its print.
 
-    Args:
-        texts: What is written on it, its name first; of each the best, then shorter ones.
-        outline: Its seam line.
-        edges: Its seams, and which side of them it is.
-        names: Names of all panels.
-        options: Allowance and marks.
+    `texts` are written on it, its name first: of each the best wording, then shorter ones. `edges`
+    are its seams, with the side of each that it is; `names` are those of all panels.
     """
     allowance = options.seam_allowance
     cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])
@@ -203,3 +210,34 @@ class _Room(NamedTuple):
         """Return what is left beside some texts."""
         taken = shapely.union_all([label.frame for label in labels])
         return _Room(*(region.difference(taken) for region in self))
+
+
+def cut_outline(outline: BaseGeometry, lines: Sequence[Floats], allowance: float) -> BaseGeometry:
+    """Return a panel's outline with its allowance, a width in m, along some lines of its border.
+
+    Corners are mitred, sharp ones cut off at twice the allowance. At the end of a line, points
+    (n, 2) in m, the allowance ends at a right angle to it. Where the allowances of both sides of a
+    dart or slit meet, the fabric between them stays.
+    """
+    if not len(lines):
+        return outline
+    around = outline.buffer(allowance, join_style="mitre", mitre_limit=MITRE)
+    sewn = shapely.line_merge(shapely.multilinestrings([shapely.linestrings(k) for k in lines]))
+    tiny = TINY * allowance
+    free = outline.boundary.difference(sewn.buffer(tiny))
+    if free.length <= tiny:
+        return _solid(around, outline, tiny)
+    bands = sewn.buffer(allowance, cap_style="flat", join_style="mitre", mitre_limit=MITRE)
+    parts = shapely.get_parts(bands.intersection(around).difference(outline))
+    # At a sharp corner the inner half of a band comes out of the panel: it only touches the line.
+    beside = shapely.length(shapely.intersection(parts, sewn.buffer(tiny))) > 8 * tiny
+    return _solid(shapely.union_all([outline, *parts[beside]]), outline, tiny)
+
+
+def _solid(cut: BaseGeometry, outline: BaseGeometry, tiny: float) -> BaseGeometry:
+    """Return the one polygon around a panel, without spikes and slits of rounding."""
+    smooth = cut.buffer(tiny, join_style="mitre").buffer(-2 * tiny, join_style="mitre")
+    smooth = smooth.buffer(tiny, join_style="mitre").union(outline)
+    parts = shapely.get_parts(smooth)
+    largest = max(parts, key=lambda part: part.intersection(outline).area)
+    return shapely.remove_repeated_points(largest, tiny)

@@ -1,8 +1,8 @@
-"""Texts on a panel: its name, which side is up, and the number of each seam beside its edge."""
+"""Texts on a panel, and free places for them: name, upper side, the number of each seam."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +10,14 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.making.panels.free_place import Size, first_fit, places_in, rectangles
 from toros_fem.making.panels.seam_lines import SewnSeam
 from toros_fem.meshes.affine import Affine
 
+# Number of places that are tried along the longer side of a region.
+INSIDE = 48
+
+# Length and width in m.
+Size = tuple[float, float]
 # Width of a letter, and of the rectangle that stays free above and below, over its height.
 LETTER, LINE = 0.85, 1.3
 # Heights of texts in the allowance, over its width, and in m elsewhere.
@@ -27,16 +31,50 @@ TILT = np.radians(89.0)
 TRIED = 200
 
 
+def rectangles(centres: Floats, size: Size, angle: float | Floats) -> np.ndarray:
+    """Return rectangles around points (k, 2), turned by an angle in rad, as polygons."""
+    angle = np.broadcast_to(angle, len(centres))
+    along = np.column_stack([np.cos(angle), np.sin(angle)]) * size[0] / 2
+    aside = np.column_stack([-np.sin(angle), np.cos(angle)]) * size[1] / 2
+    corners = [centres + s * along + t * aside for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return np.asarray(shapely.polygons(np.stack(corners, axis=1)))
+
+
+def first_fit(
+    region: BaseGeometry, centres: Floats, angles: float | Floats, sizes: Iterable[Size]
+) -> tuple[int, Size] | None:
+    """Return the first place where the first size that fits anywhere lies in a region.
+
+    Places (k, 2) and sizes are given the best first, with the angle in rad of the length, one for
+    all or one for each place. Returned are the number of the place and the size; None without room.
+    """
+    shapely.prepare(region)
+    for size in sizes:
+        fits = shapely.contains(region, rectangles(centres, size, angles))
+        if fits.any():
+            return int(np.argmax(fits)), size
+    return None
+
+
+def places_in(region: BaseGeometry) -> Floats:
+    """Return places in a region, (k, 2), the nearest to its middle first."""
+    if region.is_empty:
+        return np.empty((0, 2))
+    left, low, right, high = region.bounds
+    step = max(right - left, high - low) / INSIDE
+    x, y = np.meshgrid(
+        np.arange(left + step / 2, right, step), np.arange(low + step / 2, high, step)
+    )
+    places = np.column_stack([x.ravel(), y.ravel()])
+    shapely.prepare(region)
+    places = places[shapely.contains_xy(region, places)]
+    far = np.linalg.norm(places - np.array([left + right, low + high]) / 2, axis=1)
+    return places[np.argsort(far, kind="stable")]
+
+
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A text on a panel.
-
-    Attributes:
-        text: The text.
-        place: Its centre, (2,), in m.
-        angle: Direction of writing in rad.
-        height: Height of capitals in m.
-    """
+    """A text on a panel: its centre, (2,), in m, direction in rad, and height of capitals in m."""
 
     text: str
     place: Floats
@@ -60,14 +98,9 @@ def text_size(text: str, height: float) -> Size:
 
 
 def edge_labels(seam: SewnSeam, side: int, free: BaseGeometry, allowance: float) -> list[Label]:
-    """Return the number of a seam once for every 80 mm beside its edge, within its allowance.
+    """Return the number of a seam once for every 80 mm beside its edge, where there is room.
 
     It stands at least once, at the middle of a short seam even where that is not free.
-
-    Args:
-        side: Which of its edges, 0 or 1.
-        free: Where nothing else is.
-        allowance: Width of the allowance in m.
     """
     text, length = str(seam.number), seam.length
     places, angles, arc = _beside(seam, side, allowance)
@@ -96,13 +129,8 @@ def panel_label(
 ) -> Label:
     """Return a text beside an edge of a panel, or inside of it where no edge is long enough.
 
-    Args:
-        texts: The text, and shorter ones in its place, the best first.
-        edges: Its seams, and which side of them it is.
-        band: The allowance, where nothing else is.
-        fabric: The fabric that is not printed, where nothing else is.
-        panel: The whole panel, where the shortest text stands if there is no other room.
-        allowance: Width of the allowance in m; None without one.
+    `texts` are its wordings, the best first. `band`, the allowance, and `fabric`, which is not
+    printed, are where nothing else is. Without room the shortest wording stands on the panel.
     """
     inside = places_in(fabric)
     for text in texts:

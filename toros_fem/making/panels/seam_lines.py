@@ -58,13 +58,9 @@ class SewnSeam:
         return np.column_stack([x, y])
 
     def outward(self, side: int, arc: Floats, reach: float) -> Floats:
-        """Return unit vectors across one side, out of its panel, at arc lengths (k,), (k, 2).
+        """Return unit vectors across one side, out of its panel, at arc lengths (k,) in m, (k, 2).
 
-        Args:
-            side: 0 or 1.
-            arc: Arc lengths in m.
-            reach: Length in m over which the direction of the line is taken, so that steps of the
-                mesh do not turn it.
+        The direction of the line is taken over a reach in m: steps of the mesh do not turn it.
         """
         begin, end = np.maximum(arc - reach / 2, 0), np.minimum(arc + reach / 2, self.length)
         along = self.at(side, end) - self.at(side, begin)
@@ -74,13 +70,10 @@ class SewnSeam:
 
 
 def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
-    """Return the seams of a pattern, numbered from 1 by their panels.
+    """Return the seams of a pattern of flat panels, numbered from 1 by their panels.
 
     A seam ends where other seams or a free border meet it, or at the tip of a dart. One that closes
     on itself starts at its lowest point on the first panel.
-
-    Args:
-        pattern: A pattern of flat panels.
 
     Raises:
         ParameterError: The pattern is something else.
@@ -88,9 +81,7 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
     """
     require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
     pattern.require_flat_panels("a seam line")
-    point_panel = np.zeros(len(pattern.flat_points), dtype=np.int64)
-    point_panel[pattern.flat_triangles] = pattern.panel[:, None]
-    found = []
+    point_panel, found = pattern.panel_of_point, []
     for chain in _chains(pattern):
         one, two = chain.T
         panels = int(point_panel[one[0]]), int(point_panel[two[0]])
@@ -112,10 +103,7 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
 
 
 def _chains(pattern: Pattern) -> list[Ints]:
-    """Return runs of seam edges as pairs of flat points, (n, 2) each.
-
-    The first point of each pair runs counter-clockwise along its panel.
-    """
+    """Return runs of seam edges as pairs of flat points, (n, 2), the first counter-clockwise."""
     edges = np.swapaxes(pattern.seams, 1, 2)  # by edge, end and side
     vertex = pattern.sewn[edges[..., 0]]
     passed = np.bincount(vertex.ravel(), minlength=len(pattern.points)) == 2

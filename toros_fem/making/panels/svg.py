@@ -16,7 +16,7 @@ from toros_fem.base.files import replace_file
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import panel_places
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Left, lower, right and upper end in m.
 Box = tuple[float, float, float, float]
@@ -32,14 +32,7 @@ NOTHING = shapely.Polygon()
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What a layer of a drawing shows of one panel, or of the sheet itself.
-
-    Attributes:
-        of: Name of the panel; "sheet" for the ruler.
-        region: Polygons in m.
-        lines: Lines, (n, 2) in m each.
-        labels: Texts.
-    """
+    """What a layer of a drawing shows, in m, of one panel or, "sheet", of the sheet itself."""
 
     of: str
     region: BaseGeometry = NOTHING
@@ -144,20 +137,16 @@ def open_line(line: Floats, near: float = CLOSED) -> tuple[Floats, bool]:
     return (line[:-1] if closed else line), closed
 
 
-def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
+def write_svg(path: Path, pattern: Pattern, regions: Regions) -> None:
     """Write the panels and their print as an SVG drawing in true scale (one rank).
 
     One user unit is 1 mm. Each panel is a group with the path "cut" (its border, red, unfilled)
     and the path "print" (the print, black, filled by the even-odd rule). Panels keep the places of
     the flat pattern where they do not overlap there.
-
-    Args:
-        path: File to write.
-        regions: Print on each panel, polygons in m.
     """
     inward = Affine.shift([MARGIN, MARGIN])
     places = [inward @ place for place in panel_places(pattern, GAP)]
-    outlines = [place.region(pattern.outline(panel)) for panel, place in enumerate(places)]
+    outlines = [place.region(one) for place, one in zip(places, pattern.outlines, strict=True)]
     width, height = shapely.total_bounds(outlines)[2:] + MARGIN
     svg = Svg((0.0, 0.0, width, height), height)
     filled = {"class": "print", "fill": "black", "fill-rule": "evenodd", "stroke": "none"}

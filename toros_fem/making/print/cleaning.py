@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import override
 
@@ -13,14 +12,14 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
+from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import mirrored_regions, symmetric_part
-from toros_fem.making.print.smoothing import smoothed
 from toros_fem.making.print.thickness import thickened
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Width of a bridge to an island, over the least width, and over the smoothing length: so wide that
 # the mesh of the density sees it too.
@@ -33,8 +32,8 @@ class CleanedRegions:
     """A print that can be made, and what it was made of.
 
     Attributes:
-        contours: Regions on each panel before any cleaning, polygons in m.
-        regions: Print on each panel, polygons in m.
+        contours: Print before any cleaning.
+        regions: The print.
         dropped: Free islands that were removed.
         bridged: Free islands that were joined to the rest by a line.
         filled: Holes that were filled.
@@ -48,11 +47,7 @@ class CleanedRegions:
 
 
 def require_island_area(pattern: Pattern, island_area: float) -> None:
-    """Check that the area below which islands are removed is smaller than the pattern.
-
-    Raises:
-        ParameterError: Naming the area in m², and that of the pattern.
-    """
+    """Check that the area in m² below which islands are removed is smaller than the pattern."""
     whole = float(pattern.areas.sum())
     if not (is_number(island_area) and (0 <= island_area < whole or math.isinf(island_area))):
         raise ParameterError(
@@ -65,7 +60,6 @@ class Panels:
     """What a print is cleaned on: all panels of a pattern, whose print ends at their outlines.
 
     Attributes:
-        pattern: The pattern.
         outlines: What is cleaned together: the outline of each panel, polygons in m.
         parts: What is kept of each, and has images that make up the whole, polygons in m.
         repeats: Whether a piece has images, so that what joins it gets them too.
@@ -78,11 +72,11 @@ class Panels:
         self.outlines = [pattern.outline(k) for k in range(len(pattern.panel_names))]
         self.parts = self.outlines
 
-    def laid(self, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+    def laid(self, regions: Regions) -> list[BaseGeometry]:
         """Return the print inside each outline, of the print on each panel."""
         return list(regions)
 
-    def islands(self, laid: Sequence[BaseGeometry], limits: PrintLimits) -> list[PrintedPiece]:
+    def islands(self, laid: Regions, limits: PrintLimits) -> list[PrintedPiece]:
         """Return the free islands, the largest first; of those that repeat one."""
         return [p for p in find_pieces(self.pattern, laid, limits.contact) if not p.attached]
 
@@ -90,22 +84,17 @@ class Panels:
         """Return a piece of print with all its copies."""
         return shape
 
-    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+    def part(self, laid: Regions, detail: float) -> list[BaseGeometry]:
         """Return the print on each part; narrower differences of images are rounding, in m."""
         return list(laid)
 
-    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+    def whole(self, own: Regions) -> list[BaseGeometry]:
         """Return the print on each panel, of the print on each part."""
         return list(own)
 
 
 class MirroredPanels(Panels):
-    """All panels of a whole skin, whose print is exactly symmetric.
-
-    Args:
-        part: The part that is designed.
-        whole: The whole, by `meshes.mirrored`.
-    """
+    """All panels of a whole skin, whose print is exactly symmetric; a part of it is designed."""
 
     repeats = True
 
@@ -115,11 +104,11 @@ class MirroredPanels(Panels):
         self.parts = Panels(part).outlines
 
     @override
-    def part(self, laid: Sequence[BaseGeometry], detail: float) -> list[BaseGeometry]:
+    def part(self, laid: Regions, detail: float) -> list[BaseGeometry]:
         return symmetric_part(self._part, self._whole, laid, detail)
 
     @override
-    def whole(self, own: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+    def whole(self, own: Regions) -> list[BaseGeometry]:
         return mirrored_regions(self._part, self._whole, own)
 
 
@@ -130,7 +119,7 @@ def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
 
 def clean(
     domain: Panels,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     limits: PrintLimits = DEFAULT_LIMITS,
     island_area: float = 0.0,
     smoothing: float | None = None,
@@ -138,8 +127,6 @@ def clean(
     """Return regions that can be printed: no thin line or gap, no small hole, no free island.
 
     Args:
-        domain: What is printed on.
-        regions: Print on each panel, polygons in m.
         island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
             the rest of their panel by a line, where one fits.
         smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are
@@ -167,7 +154,7 @@ def clean(
 
 def _clean(
     domain: Panels,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     limits: PrintLimits,
     island_area: float,
     smoothing: float | None,

@@ -1,24 +1,32 @@
-"""Outlines of panels and contours of the density, as polygons on the flat panels."""
+"""Contours of the density as polygons on the flat panels, and smooth curves along them."""
 
 from __future__ import annotations
 
 import numpy as np
 import shapely
+from scipy.ndimage import gaussian_filter1d
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import DensityError
+from toros_fem.making.print.polygons import changed_border, polygons_of
 from toros_fem.meshes.pattern import Pattern
 
 # Values this close to the threshold count as equal to it, so that the contour passes through the
 # vertex. Otherwise rounding would merge corners of very thin polygons.
 SNAP = 1e-9
+# Distance of points on a smooth curve, over the smoothing length.
+STEP = 1 / 6
+# A ring shorter than this many smoothing lengths stays as it is: it would shrink.
+SHORTEST = 6.0
+# Borders closer than this fraction of the smoothing length are the same.
+TOUCHING = 1e-6
 
 
 def printed_regions(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
 ) -> list[BaseGeometry]:
-    """Return the printed region of each panel, polygons in m; arguments as of `printed_region`."""
+    """Return the printed region of each panel, as of `printed_region`."""
     return [
         printed_region(pattern, at_points, at_centroids, panel, threshold)
         for panel in range(len(pattern.panel_names))
@@ -28,15 +36,10 @@ def printed_regions(
 def printed_region(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, panel: int, threshold: float
 ) -> BaseGeometry:
-    """Return the printed region of one panel, where the density exceeds the threshold, in m.
+    """Return the printed region of one panel, where the density exceeds the threshold η.
 
     Each triangle is split into three at its centroid. The density is linear on each third, so that
-    the values at vertices and at centroids are met exactly.
-
-    Args:
-        at_points: Filtered density ρ̃ at the pattern's flat points, (m,).
-        at_centroids: ρ̃ at the triangles' centroids, (t,).
-        threshold: η of the projection.
+    the values ρ̃ at flat points, (m,), and at centroids, (t,), are met exactly.
 
     Raises:
         DensityError: The values do not fit the pattern, or are not finite.
@@ -73,11 +76,7 @@ def printed_region(
 
 
 def _cut(points: Floats, value: Floats, triangles: Ints) -> tuple[Floats, Floats]:
-    """Return the positive parts of triangles with values of both signs.
-
-    Returns:
-        Triangles, (k, 3, 2), and quadrilaterals, (l, 4, 2).
-    """
+    """Return the positive parts of triangles with values of both signs, (k, 3, 2) and (l, 4, 2)."""
     inside = value[triangles] > 0
     lone = inside.sum(axis=1) == 1
     apart = np.argmax(inside == lone[:, None], axis=1)  # the corner alone on its side
@@ -93,3 +92,50 @@ def _crossing(points: Floats, value: Floats, a: Ints, b: Ints) -> Floats:
     outer, inner = np.where(value[a] > 0, [b, a], [a, b])
     fraction = value[outer] / (value[outer] - value[inner])
     return points[outer] + fraction[:, None] * (points[inner] - points[outer])
+
+
+def smoothed(region: BaseGeometry, outline: BaseGeometry, length: float) -> BaseGeometry:
+    """Return a region whose border, where it is not that of its panel, is a smooth curve.
+
+    Points along the border are averaged with a Gaussian weight, whose standard deviation is the
+    length in m, twice as 2 G − G²: waves shorter than about twice the length vanish, those longer
+    than eight times it keep 99 % of their height, so that lines neither shrink nor part. Ends on
+    the border of the panel stay.
+    """
+
+    def smooth(points: Floats, closed: bool) -> Floats:
+        if not closed:
+            return _averaged(_even(points, length), closed=False)
+        ring = np.concatenate([points, points[:1]])
+        if shapely.length(shapely.linestrings(ring)) < SHORTEST * length:
+            return points
+        return _averaged(_even(ring, length)[:-1], closed=True)
+
+    found = changed_border(region, outline, TOUCHING * length, smooth)
+    parts = polygons_of(found.intersection(outline))
+    return parts[0] if len(parts) == 1 else shapely.MultiPolygon(list(parts))
+
+
+def _even(line: Floats, length: float) -> Floats:
+    """Return points at equal distances along a line, both ends included."""
+    curve = shapely.linestrings(line)
+    count = max(2, int(np.ceil(curve.length / (STEP * length))))
+    return shapely.get_coordinates(
+        shapely.line_interpolate_point(curve, np.linspace(0, 1, count + 1), normalized=True)
+    )
+
+
+def _averaged(points: Floats, *, closed: bool) -> Floats:
+    """Return evenly spaced points (n, 2), averaged along a ring or between fixed ends."""
+    sigma, mode, n = 1 / STEP, "wrap", len(points)
+    if not closed:
+        # An odd continuation at both ends keeps them.
+        back, on = 2 * points[0] - points[:0:-1], 2 * points[-1] - points[-2::-1]
+        points, mode = np.concatenate([back, points, on]), "nearest"
+    once = gaussian_filter1d(points, sigma, axis=0, mode=mode)
+    twice = np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode=mode))
+    if closed:
+        return twice
+    inner = twice[n - 1 : 2 * n - 1]
+    inner[0], inner[-1] = points[n - 1], points[2 * n - 2]
+    return inner

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Ints
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.triangles import linked
 
 # Number of points on each pair of sewn edges where the print on both sides is looked up.
@@ -21,21 +20,11 @@ TOUCHING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class PrintedPiece:
-    """A connected printed region of one panel.
-
-    Attributes:
-        panel: Number of the panel.
-        polygon: Its polygon, in m.
-        main: Whether it is the main body, the largest piece of its panel. The others are islands.
-        attached: Whether it is a main body, or is connected to one across seams. An island that is
-            not attached is free.
-    """
+class PanelRegion:
+    """A polygon in m on a panel, given by its number."""
 
     panel: int
     polygon: BaseGeometry
-    main: bool
-    attached: bool
 
     @property
     def area(self) -> float:
@@ -44,31 +33,28 @@ class PrintedPiece:
 
 
 @dataclass(frozen=True, eq=False)
-class Hole:
-    """Fabric that print encloses.
+class Hole(PanelRegion):
+    """Fabric that print encloses: the region inside its border, islands in it included."""
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedPiece(PanelRegion):
+    """A connected printed region of one panel.
 
     Attributes:
-        panel: Number of the panel.
-        polygon: The region inside its border, islands in it included, in m.
+        main: Whether it is the main body, the largest piece of its panel. The others are islands.
+        attached: Whether it is a main body, or is connected to one across seams. An island that is
+            not attached is free.
     """
 
-    panel: int
-    polygon: BaseGeometry
-
-    @property
-    def area(self) -> float:
-        """Area in m²."""
-        return float(self.polygon.area)
+    main: bool
+    attached: bool
 
 
-def find_pieces(
-    pattern: Pattern, regions: Sequence[BaseGeometry], contact: float = 0.0
-) -> list[PrintedPiece]:
+def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> list[PrintedPiece]:
     """Return the printed pieces of all panels, the largest first.
 
-    Args:
-        regions: Print on each panel, polygons in m.
-        contact: Length in m along which two pieces must meet at seams to be connected.
+    They are connected where they meet at seams along a length in m, the contact.
     """
     parts, panel = shapely.get_parts(list(regions), return_index=True)
     order = np.argsort(-shapely.area(parts), kind="stable")
@@ -85,7 +71,7 @@ def find_pieces(
     ]
 
 
-def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole, ...]:
+def find_holes(pattern: Pattern, regions: Regions) -> tuple[Hole, ...]:
     """Return the holes of the print, the smallest first; cut-outs of the panel are no holes."""
     holes = []
     for panel, region in enumerate(regions):
@@ -106,8 +92,6 @@ def _across_seams(
 ) -> Ints:
     """Return pairs of parts, (k, 2), that meet over a length where edges are sewn together."""
     fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
-    of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
-    of_point[pattern.flat_triangles] = pattern.panel[:, None]
     reach = TOUCHING * pattern.size
     shapely.prepare(parts)
     boxes = shapely.box(*(shapely.bounds(parts) + [-reach, -reach, reach, reach]).T)
@@ -115,7 +99,7 @@ def _across_seams(
     for edge in np.moveaxis(pattern.seams, 1, 0):
         start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
         points = shapely.points((1 - fraction) * start + fraction * end).ravel()
-        of_edge = np.repeat(of_point[edge[:, 0]], SEAM_POINTS)
+        of_edge = np.repeat(pattern.panel_of_point[edge[:, 0]], SEAM_POINTS)
         found = np.full(len(points), -1)
         for number in np.unique(panel):
             here, mine = np.flatnonzero(of_edge == number), np.flatnonzero(panel == number)

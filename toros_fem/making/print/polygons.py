@@ -29,11 +29,9 @@ def polygons_of(shape: BaseGeometry) -> npt.NDArray[np.object_]:
 
 
 def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the polygons of a shape without slivers of rounding.
+    """Return the polygons of a shape without slivers of rounding, lines and points.
 
-    Args:
-        shape: A region, in m, and lines and points that are left out.
-        resolution: Distance in m of the samples that widths are measured by.
+    The resolution is the distance in m of the samples that widths are measured by.
     """
     apart = TOUCHING * resolution
     thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
@@ -41,13 +39,7 @@ def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
 
 
 def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
-    """Return the part of a panel that is not printed, without slivers of rounding.
-
-    Args:
-        region: Printed region, polygons in m.
-        outline: Outline of the panel.
-        resolution: Distance in m of the samples that widths are measured by.
-    """
+    """Return the part of a panel that is not printed, as `solid` does."""
     return solid(outline.difference(region), resolution)
 
 
@@ -71,13 +63,9 @@ def even_odd(rings: Iterable[Floats]) -> BaseGeometry:
 def changed_border(
     region: BaseGeometry, outline: BaseGeometry, near: float, change: Change
 ) -> BaseGeometry:
-    """Return a region with another border, but where that is the border of its panel.
+    """Return a region in a panel with another border, but where that is the panel's own.
 
-    Args:
-        region: Polygons in m, inside the panel.
-        outline: Outline of the panel.
-        near: Points closer than this to the outline lie on it, in m.
-        change: Returns the new points of a ring, or of a run whose ends it must keep.
+    Points closer than `near`, in m, to the outline lie on it.
     """
     cut = outline.boundary
     shapely.prepare(cut)
@@ -90,14 +78,7 @@ def changed_border(
 def simplified(
     region: BaseGeometry, outline: BaseGeometry, near: float, distance: float
 ) -> BaseGeometry:
-    """Return a region with fewer corners; those on the border of its panel stay.
-
-    Args:
-        region: Polygons in m, inside the panel.
-        outline: Outline of the panel.
-        near: As of `changed_border`.
-        distance: Farthest that the border may move, in m.
-    """
+    """Return a region with fewer corners, as of `changed_border`; it moves by a distance in m."""
 
     def change(points: Floats, closed: bool) -> Floats:
         line = shapely.LinearRing(points) if closed else shapely.LineString(points)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import PatternFileError
 from toros_fem.base.mpi import on_root
 from toros_fem.making.print.printability import PrintLimits
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
 
 NAME, KIND = "print.npz", "print"
@@ -25,13 +24,7 @@ REGIONS = ("region_bytes", "region_sizes")
 
 @dataclass(frozen=True, eq=False)
 class StoredPrint:
-    """A print as it was written.
-
-    Attributes:
-        pattern: The whole pattern that is printed on.
-        regions: Print on each panel, polygons in m.
-        limits: Limits of the printer.
-    """
+    """A print as it was written: the whole pattern, the print on it, and the printer's limits."""
 
     pattern: Pattern
     regions: list[BaseGeometry]
@@ -39,18 +32,12 @@ class StoredPrint:
 
 
 def write_print_polygons(
-    path: Path | str, pattern: Pattern, regions: Sequence[BaseGeometry], limits: PrintLimits
+    path: Path | str, pattern: Pattern, regions: Regions, limits: PrintLimits
 ) -> None:
-    """Write a print as an archive (one rank).
+    """Write a print on a whole pattern as an archive, a file ending in .npz (one rank).
 
     Its entries are those of `write_pattern`, the arrays of `packed_regions`, and "limits", those of
     the printer.
-
-    Args:
-        path: File ending in .npz.
-        pattern: The whole pattern that is printed on.
-        regions: Print on each panel, polygons in m.
-        limits: Limits of the printer.
     """
     numbers = {"limits": asdict(limits)}
     write_archive(Path(path), archive_of(KIND, pattern, packed_regions(regions), numbers))
@@ -58,11 +45,7 @@ def write_print_polygons(
 
 @on_root
 def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
-    """Read the print of a finished run, the same on all ranks (collective).
-
-    Args:
-        comm: Communicator; the first rank reads.
-        run: Folder of the run, or a file by `write_print_polygons`.
+    """Read the print of a finished run, by its folder or file, the same on all ranks (collective).
 
     Raises:
         PatternFileError: There is no such file, it is damaged, of another kind or format, or holds
@@ -79,7 +62,7 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
     return read_archive(path, KIND, make, PatternFileError, remedy)
 
 
-def packed_regions(regions: Sequence[BaseGeometry]) -> dict[str, npt.NDArray]:
+def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:
     """Return polygons of panels as arrays: well-known binary of all, in m, and sizes in bytes."""
     texts = [shapely.to_wkb(region) for region in regions]
     sizes = np.array([len(text) for text in texts])
@@ -87,11 +70,7 @@ def packed_regions(regions: Sequence[BaseGeometry]) -> dict[str, npt.NDArray]:
 
 
 def regions_of(archive: Archive) -> list[BaseGeometry]:
-    """Return the polygons of each panel of a pattern's archive.
-
-    Raises:
-        PatternFileError: They do not fit the panels, or are no polygons.
-    """
+    """Return the regions in a pattern's archive."""
     data, sizes = (archive.arrays[name] for name in REGIONS)
     if len(sizes) != len(archive.numbers["panel_names"]) or sizes.min() < 0:
         raise PatternFileError("the polygons do not fit the panels")

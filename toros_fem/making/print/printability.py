@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,7 @@ from toros_fem.base.validation import require_positive
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.widths import LocalWidth, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Number of samples in the smaller limit.
 SAMPLES_PER_LIMIT = 20
@@ -26,15 +25,12 @@ SIMPLIFIED, SPARE = 2e-6, 0.005
 
 @dataclass(frozen=True)
 class PrintLimits:
-    """Limits of the printer and the fabric.
+    """Limits of the printer and the fabric, all of them positive.
 
     Attributes:
         width: Width of the thinnest printable line, in m.
         gap: Width of the thinnest gap that stays open, in m.
         hole_area: Area of the smallest hole that stays open, in m².
-
-    Raises:
-        ParameterError: A limit is not positive.
     """
 
     width: float = 0.6e-3
@@ -97,10 +93,15 @@ class Printability:
 
     def summary(self) -> dict[str, Any]:
         """Return all results as plain numbers; each key ends in its unit."""
-
-        def ends(place: LocalWidth | None) -> list[list[float]] | None:
-            return [[1e3 * x, 1e3 * y] for x, y in place.ends] if place else None
-
+        thinnest = {
+            f"smallest_{name}_{what}": found
+            for name, place in (("width", self.smallest_width), ("gap", self.smallest_gap))
+            for what, found in (
+                ("mm", place and 1e3 * place.width),
+                ("panel", place and place.panel),
+                ("ends_mm", place and [[1e3 * x, 1e3 * y] for x, y in place.ends]),
+            )
+        }
         return {
             "pieces": self.number_of_pieces,
             "islands": len(self.free_islands),
@@ -109,26 +110,16 @@ class Printability:
             "holes": len(self.holes),
             "smallest_hole_mm2": 1e6 * self.holes[0].area if self.holes else None,
             "border_mm": 1e3 * self.border_length,
-            "smallest_width_mm": self.smallest_width and 1e3 * self.smallest_width.width,
-            "smallest_width_panel": self.smallest_width and self.smallest_width.panel,
-            "smallest_width_ends_mm": ends(self.smallest_width),
-            "smallest_gap_mm": self.smallest_gap and 1e3 * self.smallest_gap.width,
-            "smallest_gap_panel": self.smallest_gap and self.smallest_gap.panel,
-            "smallest_gap_ends_mm": ends(self.smallest_gap),
+            **thinnest,
             "narrow_places": len(self.narrow_lines),
             "tight_places": len(self.narrow_gaps),
         }
 
 
 def printability(
-    pattern: Pattern, regions: Sequence[BaseGeometry], limits: PrintLimits = DEFAULT_LIMITS
+    pattern: Pattern, regions: Regions, limits: PrintLimits = DEFAULT_LIMITS
 ) -> Printability:
-    """Measure the printability of a pattern.
-
-    Args:
-        regions: Print on each panel, polygons in m.
-        limits: Narrower lines and gaps are listed.
-    """
+    """Measure the printability of a pattern; lines and gaps narrower than the limits are listed."""
     outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
     pieces = find_pieces(pattern, regions, limits.contact)
     widths = [
@@ -164,7 +155,7 @@ def _inner_border(region: BaseGeometry, outline: BaseGeometry) -> float:
     return float(region.boundary.difference(outline.boundary.buffer(1e-7 * size)).length)
 
 
-def printed_cells(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Bools:
+def printed_cells(pattern: Pattern, regions: Regions) -> Bools:
     """Return whether each triangle is printed, (t,): whether its centroid is."""
     printed = np.zeros(len(pattern.panel), dtype=bool)
     for panel, region in enumerate(regions):
@@ -174,7 +165,7 @@ def printed_cells(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Bools:
     return printed
 
 
-def printed_fractions(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Floats:
+def printed_fractions(pattern: Pattern, regions: Regions) -> Floats:
     """Return the part of the area of each triangle that is printed, (t,)."""
     found = np.zeros(len(pattern.panel))
     for panel, region in enumerate(regions):

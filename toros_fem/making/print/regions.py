@@ -2,47 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import PanelError
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import scaled_points
 
 # Corners of regions that are joined across a cut lie on a grid of this fraction of the skin's size.
 GRID = 1e-9
 
 
-def regions_on(
-    source: Pattern, regions: Sequence[BaseGeometry], target: Pattern
-) -> list[BaseGeometry]:
-    """Return polygons on the panels of another mesh of the same pattern.
-
-    Where a panel has a slightly different size on it, the polygons are scaled.
-
-    Args:
-        source: The pattern that the polygons belong to.
-        regions: Polygons on each of its panels, in m.
-        target: The other mesh.
+def regions_on(source: Pattern, regions: Regions, target: Pattern) -> list[BaseGeometry]:
+    """Return regions on another mesh of the same pattern, scaled where it has another size.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
     """
-    if len(regions) != len(source.panel_names):
-        raise PanelError(
-            f"there are {len(regions)} regions for {len(source.panel_names)} panels; give one for "
-            "each panel, an empty polygon where nothing is printed."
-        )
-    if sorted(source.panel_names) != sorted(target.panel_names):
-        raise PanelError(
-            f"the panels are named {list(source.panel_names)} and {list(target.panel_names)}; "
-            "polygons can only be put on the same panels."
-        )
+    source.require_regions(regions)
     if source is target:
         return list(regions)
     there = scaled_points(source, target)
@@ -54,16 +35,8 @@ def regions_on(
     return found
 
 
-def mirrored_regions(
-    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry]
-) -> list[BaseGeometry]:
-    """Return polygons on each panel of a whole skin from those on its part.
-
-    Args:
-        part: The part.
-        whole: The whole, by `meshes.mirrored`.
-        regions: Polygons on each panel of the part, in m.
-    """
+def mirrored_regions(part: Pattern, whole: Mirrored, regions: Regions) -> list[BaseGeometry]:
+    """Return the regions of a whole skin, by `meshes.mirrored`, from those of its part."""
     pieces: list[list[BaseGeometry]] = [[] for _ in whole.pattern.panel_names]
     for own, panel, place in _images(part, whole):
         pieces[panel].append(place.region(regions[own]))
@@ -84,28 +57,18 @@ def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, Affine]]
             yield own, int(panels[here[0]]), Affine.fit(source, target)
 
 
-def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
-    """Return polygons on the panels of a part from those on the whole skin.
-
-    Args:
-        part: The part, whose panels are the first of the whole, at the same places.
-        regions: Polygons on each panel of the whole, in m.
-    """
+def part_regions(part: Pattern, regions: Regions) -> list[BaseGeometry]:
+    """Return the regions of a part, whose panels are the first of the whole, at the same places."""
     return [regions[k] & part.outline(k) for k in range(len(part.panel_names))]
 
 
 def symmetric_part(
-    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry], detail: float
+    part: Pattern, whole: Mirrored, regions: Regions, detail: float
 ) -> list[BaseGeometry]:
-    """Return polygons on the panels of a part such that the whole becomes exactly symmetric.
+    """Return regions of a part such that the whole becomes exactly symmetric.
 
-    They are those of the part, with what only one of its images has.
-
-    Args:
-        part: The part, whose panels are the first of the whole, at the same places.
-        whole: The whole, by `meshes.mirrored`.
-        regions: Polygons on each panel of the whole, in m, symmetric but for some pieces.
-        detail: Narrower differences in m count as rounding.
+    They are those of the part, with what only one of its images has; the whole's are symmetric but
+    for some pieces. Differences narrower than the detail, in m, count as rounding.
     """
     own = part_regions(part, regions)
     for panel, image, place in _images(part, whole):

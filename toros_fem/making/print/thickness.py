@@ -47,14 +47,8 @@ def thickened(
     wider gets the limit: along its middle, discs are added to a line, or cut out of the sides of a
     gap. So the border moves by a quarter of the limit at most; only where lines and gaps that are
     both too narrow lie side by side, gaps are filled. Corners get a radius of nearly half the
-    limit. At the border of the panel lines run out as they come.
-
-    Args:
-        region: Printed region, polygons in m, inside the panel.
-        outline: Outline of the panel.
-        width: Least width of a line in m.
-        gap: Least width of a gap in m.
-        area: Least area of a hole, or of fabric between print and border, in m².
+    limit. At the border of the panel lines run out as they come. The limits are least widths in m;
+    holes, and fabric between print and border, have a least area in m².
     """
     lines, gaps = _Discs(outline, width), _Discs(outline, gap)
 
@@ -104,11 +98,7 @@ class _Discs:
         self._core = outline.buffer(-self.radius)
 
     def narrow(self, region: BaseGeometry) -> tuple[Floats, Bools]:
-        """Return where a region is narrower than the limit, and whether the cut is a side there.
-
-        Returns:
-            Centres, (n, 2), in m, and for each whether the cut is a side.
-        """
+        """Return where a region is too narrow, (n, 2), and whether the cut is a side there."""
         # A line that is cut ends beyond the cut, where its width does not count; but slivers along
         # the cut are seen without that.
         longer = _beyond(region, self._outline, self.limit, CROSSING * self.limit)

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.polygons import TOUCHING, fabric_of
-from toros_fem.meshes.triangles import linked
+from toros_fem.meshes.triangles import cross, linked
 
 # Most samples of a border: some minutes, and some hundred megabytes.
 MOST_SAMPLES = 5e6
@@ -80,7 +80,7 @@ def measure_widths(
     resolution: float,
     within: BaseGeometry | None = None,
 ) -> tuple[Widths, Widths]:
-    """Measure the widths of lines, and of the gaps between them, on one panel.
+    """Measure the widths of lines, and of the gaps between them, on one panel; return both.
 
     Print and bare fabric are measured alike, as two regions that share out the panel. The border
     of a region is sampled densely. A disc through two samples that contains no other is inscribed,
@@ -90,16 +90,11 @@ def measure_widths(
     wide as the largest disc in it; one that meets the cut counts below the limit only.
 
     Args:
-        region: Printed region, polygons in m.
-        outline: Outline of the panel.
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.
         within: Only discs with their centres in it count, of one tile in a sheet for instance; None
             takes the outline.
-
-    Returns:
-        Widths of lines, and of gaps.
     """
     found = []
     for polygons, limit in (
@@ -135,15 +130,8 @@ def narrow_discs(
 ) -> tuple[Floats, Bools]:
     """Return where inscribed discs are smaller than a limit, close to some places.
 
-    Args:
-        polygons: A region, polygons in m.
-        cut: Border of the panel.
-        limit: Least width in m.
-        resolution: Distance in m of the samples on its border.
-        near: These places; sides further away are left out, which saves most of the time.
-
-    Returns:
-        Centres, (n, 2), in m, and for each whether the cut is one of the two sides.
+    Sides further away from these places are left out, which saves most of the time. Returned are
+    centres, (n, 2), in m, and for each whether the cut, the panel's border, is one of the sides.
     """
     border = _Border(polygons, cut, limit, resolution, near)
     pairs = border.facing()
@@ -164,17 +152,11 @@ def narrow_discs(
 class _Border:
     """Samples on the border of a region, and which of them face each other.
 
-    Args:
-        polygons: The region, in m.
-        cut: Border of the panel.
-        limit: Least width in m.
-        resolution: Distance of the samples in m.
-        near: Places; what is far from them, and sides further apart than the limit, are left out.
-            None takes all.
+    What is far from places that are given, and sides further apart than the limit, are left out.
 
     Attributes:
         points: The samples, (n, 2), in m.
-        free: Which of them are not on the cut, (n,).
+        free: Which of them are not on the cut, the border of the panel, (n,).
     """
 
     def __init__(
@@ -323,7 +305,7 @@ def _circumcentres(corners: Floats) -> Floats:
     u, v = corners[:, 1] - a, corners[:, 2] - a
     uu, vv = np.sum(u * u, axis=1), np.sum(v * v, axis=1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        scale = 0.5 / (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        scale = 0.5 / cross(u, v)
         x, y = v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu
         return a + np.stack([x * scale, y * scale], axis=1)
 

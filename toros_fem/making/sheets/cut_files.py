@@ -11,7 +11,7 @@ import shapely
 
 from toros_fem.making.packages import required
 from toros_fem.making.panels.svg import Svg, open_line
-from toros_fem.making.sheets.sheet import LAYERS, Sheet
+from toros_fem.making.sheets.layout import LAYERS, Sheet
 
 # Colours of the layers as cutters tell them apart: in SVG, and by number in DXF.
 COLOURS = {
@@ -64,6 +64,9 @@ def cut_dxf(sheet: Sheet) -> bytes:
     for name in LAYERS:
         document.layers.add(name, color=COLOURS[name][1])
         _draw(document.modelspace(), name, sheet)
+    # They are a set, whose order differs between processes.
+    for kind in sorted(document.entitydb.dxf_types_in_use()):
+        document.classes.add_class(kind)
     content = io.StringIO()
     # Without times and random identifiers, which would tell equal cuts apart.
     document.ezdxf_metadata()["CREATED_BY_EZDXF"] = "toros_fem"

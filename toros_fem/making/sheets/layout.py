@@ -1,4 +1,4 @@
-"""Beds and sheets of a design: panels nested once, at the same places for printer and cutter."""
+"""What is made of a design: panels nested on beds and sheets, bladder, order of sewing."""
 
 from __future__ import annotations
 
@@ -10,11 +10,52 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.making.options import ManufactureOptions
-from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.options import DEFAULT, ManufactureOptions
+from toros_fem.making.panels.bladder import bladder_sheets
+from toros_fem.making.panels.marks import CLEAR, HEIGHT, Ruler, ruler
+from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
+from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.making.panels.svg import Box, Layer
 from toros_fem.making.sheets.placement import Placement, nest
-from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.pattern import Pattern, Regions
+
+# Layers from the lowest to the highest: the order in which most machines work, the cut at last.
+LAYERS = ("print", "seam", "marks", "labels", "cut")
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """Panels at their places on a sheet, of a width and depth in m."""
+
+    size: tuple[float, float]
+    drawings: Sequence[PanelDrawing]
+
+    @cached_property
+    def ruler(self) -> Ruler:
+        """The ruler that shows the scale."""
+        return ruler(shapely.union_all([one.footprint for one in self.drawings]), self.size)
+
+    @property
+    def box(self) -> Box:
+        """What a drawing shows: the sheet, and below it the ruler if that has no room on it."""
+        below = 0.0 if self.ruler.inside else HEIGHT + 4 * CLEAR
+        return 0.0, -below, *self.size
+
+    @cached_property
+    def layers(self) -> dict[str, list[Layer]]:
+        """What each layer shows, by its name; notches are cut, and belong to the cut."""
+        layers: dict[str, list[Layer]] = {name: [] for name in LAYERS}
+        for one in self.drawings:
+            layers["print"].append(Layer(one.name, one.printed))
+            layers["seam"].append(Layer(one.name, lines=[seam.line for seam in one.seams]))
+            layers["marks"].append(Layer(one.name, lines=one.marks))
+            layers["labels"].append(Layer(one.name, labels=one.labels))
+            layers["cut"].append(Layer(one.name, one.cut, lines=list(one.notches)))
+        layers["marks"].append(Layer("sheet", lines=self.ruler.lines))
+        layers["labels"].append(Layer("sheet", labels=[self.ruler.label]))
+        return layers
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +68,7 @@ class Layout:
     Attributes:
         drawings: The panels in their own coordinates.
         placements: Their places on the beds; `Placement.sheet` is the number of the bed.
-        bed: Width and depth in m of the part of the bed that is used.
-        sheet: Width and depth of a sheet in m.
+        bed, sheet: Width and depth in m of the part of the bed that is used, and of a sheet.
         grid: Numbers of beds on a sheet, along its width and its depth.
     """
 
@@ -71,16 +111,11 @@ class Layout:
         return sheet, (column * self.bed[0], row * self.bed[1])
 
 
-def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None) -> Layout:
-    """Return the places of panels on beds and sheets; errors as of `nest`.
+def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAULT) -> Layout:
+    """Return the places of panels, in own coordinates, on beds and sheets; errors as of `nest`.
 
     Copies of a panel follow after all panels, with a number after their name.
-
-    Args:
-        drawings: The panels in their own coordinates.
-        options: Sizes of bed and sheet, gap, margin, grain and copies; None takes the defaults.
     """
-    options = options or ManufactureOptions()
     drawings = [
         one if copy == 1 else replace(one, name=f"{one.name} ({copy})")
         for copy in range(1, options.copies + 1)
@@ -102,12 +137,7 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None 
 
 
 def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) -> Sheet:
-    """Return one piece of film that holds the sheets of a bladder side by side.
-
-    Args:
-        drawings: The sheets in their own coordinates.
-        options: Gap and margin.
-    """
+    """Return one piece of film that holds the sheets of a bladder side by side."""
     left, placed = options.sheet_margin, []
     for one in drawings:
         corner = np.array(one.footprint.bounds[:2])
@@ -115,3 +145,41 @@ def film_sheet(drawings: Sequence[PanelDrawing], options: ManufactureOptions) ->
         left = placed[-1].footprint.bounds[2] + options.panel_gap
     wide, high = shapely.total_bounds([one.footprint for one in placed])[2:]
     return Sheet((float(wide) + options.sheet_margin, float(high) + options.sheet_margin), placed)
+
+
+@dataclass(frozen=True, eq=False)
+class Manufacture:
+    """What is made of a design; files, manifest and page show it.
+
+    Attributes:
+        layout: Panels on beds and sheets.
+        film: The film with the sheets of the bladder; None without one.
+        seams: All seams.
+        order: The order in which they are sewn.
+    """
+
+    options: ManufactureOptions
+    layout: Layout
+    film: Sheet | None
+    seams: Sequence[SewnSeam]
+    order: Sequence[SewingStep]
+
+
+def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
+    """Return what is made of a design on a whole pattern.
+
+    Raises:
+        SheetError: A panel fits on no sheet.
+        PatternError: The skin is moulded, so that it has no flat panels.
+        MissingPackageError: Panels must be nested, and u-nesting is not installed.
+    """
+    pattern, regions = printed_face(pattern, regions, options)
+    seams, film = sewn_seams(pattern), bladder_sheets(pattern, options)
+    closing = [] if film.tab_seam is None else [film.tab_seam]
+    return Manufacture(
+        options=options,
+        layout=layout(panel_drawings(pattern, regions, options), options),
+        film=film_sheet(film.drawings, options) if film.drawings else None,
+        seams=seams,
+        order=sewing_order(pattern, seams, closing),
+    )

@@ -15,8 +15,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.marks import notch_arcs
 from toros_fem.making.panels.panel_drawing import PanelDrawing
 from toros_fem.making.panels.seam_lines import SewnSeam
-from toros_fem.making.sheets.manufacture import Manufacture
-from toros_fem.making.sheets.sheet import Sheet
+from toros_fem.making.sheets.layout import Manufacture, Sheet
 
 NAME = "manufacture.json"
 FORMAT, VERSION = "toros_fem manufacture", 1
@@ -33,15 +32,9 @@ MATERIALS = (
 
 @dataclass(frozen=True)
 class MadeFile:
-    """A file for printer or cutter.
+    """A file for printer and cutter: what it shows, in some words, and its bytes.
 
-    Attributes:
-        name: Its name in the folder.
-        kind: "print", "cut" or "bladder".
-        shows: What it holds, in some words.
-        content: Its bytes.
-        bed: Number of the bed, from 1; None where there is none.
-        sheet: Number of the sheet, from 1; None where there is none.
+    Its kind is "print", "cut" or "bladder"; beds and sheets are numbered from 1.
     """
 
     name: str
@@ -66,11 +59,8 @@ def manifest(
 ) -> dict[str, Any]:
     """Return the manifest as plain values; each key of a number ends in its unit.
 
-    Args:
-        made: What is made.
-        files: The files.
-        summary: The run's summary, for materials, pressure and metrics; None knows none.
-        others: Names of files beside these.
+    The summary is the run's, for materials, pressure and metrics; others are names of files beside
+    those that are made.
     """
     places, options = made.layout, made.options
     run = dict(summary or {})
@@ -123,16 +113,11 @@ def manifest(
 
 
 def print_height(inputs: Mapping[str, Any]) -> tuple[float | None, str]:
-    """Return the height in m that a run's print is made in, and where it is from.
+    """Return the height in m that a run's print is made in by its inputs, and where it is from.
 
-    A material that is the printed layer alone has a height. Of another one only the thickness of
-    print and fabric as one sheet is known.
-
-    Args:
-        inputs: Inputs of the run.
-
-    Returns:
-        Height, and `MATERIAL` or `ONE_SHEET`; None and `OPTIONS` where the run says nothing.
+    A material that is the printed layer alone has a height, `MATERIAL`. Of another one only the
+    thickness of print and fabric as `ONE_SHEET` is known. Where the run says nothing, the height is
+    None, from the `OPTIONS`.
     """
     if inputs.get("print_height") is not None:
         return inputs["print_height"], MATERIAL

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from importlib import resources
 from typing import Any
 
+import numpy as np
+import shapely
+
 from toros_fem.making.packages import required
+from toros_fem.making.panels.panel_labels import Label
+from toros_fem.making.panels.svg import Svg
+from toros_fem.making.sheets.layout import Manufacture, Sheet
 from toros_fem.making.sheets.manifest import ONE_SHEET
-from toros_fem.making.sheets.manufacture import Manufacture
-from toros_fem.making.sheets.pictures import seam_colour, seam_picture, sheet_picture
 from toros_fem.making.sheets.sewing_order import CLOSING
 from toros_fem.measures.figures import Figure
 
@@ -23,6 +27,14 @@ WORDS = {
     "ring": "a ring: pin all notches before you sew",
     "closing": "the last one: leave the opening for the bladder",
 }
+# Corners closer than this to a line between others are left out of pictures, in m.
+SEEN = 0.02e-3
+# Border around a picture in m.
+BORDER = 2e-3
+# Diameter of the discs with the numbers of seams, over the width of the picture.
+DISC = 0.028
+# Turn of the hue from one seam to the next, in degrees: neighbours differ, none comes twice.
+HUE = 137.5
 
 
 def page(
@@ -31,13 +43,7 @@ def page(
     title: str,
     summary: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page as HTML that needs no other file.
-
-    Args:
-        made: What is made.
-        manifest: Its manifest.
-        title: Name of the design.
-        summary: The run's summary, for the metrics of its print; None knows none.
+    """Return the page, with a title, as HTML that needs no other file.
 
     Raises:
         MissingPackageError: jinja2 is not installed.
@@ -81,3 +87,54 @@ def _metrics(summary: Mapping[str, Any] | None) -> str:
         if row["value"] is not None
     ]
     return ", ".join(figure.words for figure in figures if figure.state)
+
+
+def sheet_picture(sheet: Sheet, about: str) -> str:
+    """Return a bed or a sheet with all that its files hold, one class for each layer.
+
+    `about` tells readers who do not see it what is shown.
+    """
+    svg = _canvas(sheet, sheet.box, about)
+    svg.region(svg.group({"class": "sheet"}), shapely.box(0, 0, *sheet.size))
+    fabric = svg.group({"class": "fabric"})
+    for one in sheet.drawings:
+        svg.region(fabric, one.cut.simplify(SEEN))
+    for name, layers in sheet.layers.items():
+        group = svg.group({"class": name})
+        for layer in layers:
+            svg.add(replace(layer, region=layer.region.simplify(SEEN)), group)
+    return str(svg)
+
+
+def seam_picture(sheet: Sheet, about: str) -> str:
+    """Return panels whose seams are coloured and numbered, both edges of a seam alike."""
+    box = shapely.total_bounds([one.cut for one in sheet.drawings])
+    svg = _canvas(sheet, box, about)
+    fabric, printed, lines, marks = (
+        svg.group({"class": name}) for name in ("fabric", "print", "sewn", "numbers")
+    )
+    radius = DISC * max(box[2:] - box[:2]) / 2
+    for one in sheet.drawings:
+        svg.region(fabric, one.cut.simplify(SEEN))
+        svg.region(printed, one.printed.simplify(SEEN))
+        for seam in one.seams:
+            colour = seam_colour(seam.number)
+            svg.line(lines, seam.line, {"style": f"stroke:{colour}"})
+            middle = shapely.LineString(seam.line).interpolate(0.5, normalized=True)
+            at = np.array([middle.x, middle.y])
+            svg.disc(marks, at, radius, colour)
+            svg.text(marks, Label(str(seam.number), at, 0.0, 0.86 * radius))
+        at = shapely.get_coordinates(one.outline.representative_point())[0]
+        svg.text(marks, Label(one.name, at, 0.0, radius), {"class": "name"})
+    return str(svg)
+
+
+def seam_colour(number: int) -> str:
+    """Return the colour of a seam by its number, as CSS has it."""
+    return f"hsl({HUE * (number - 1) % 360:.0f} 75% 38%)"
+
+
+def _canvas(sheet: Sheet, box: tuple[float, ...] | np.ndarray, about: str) -> Svg:
+    left, low, right, high = box
+    wider = left - BORDER, low - BORDER, right + BORDER, high + BORDER
+    return Svg(wider, sheet.size[1], digits=2, about=about)

@@ -72,9 +72,6 @@ def nest(
             along the y axis of the sheet, so a panel has two possible turns. None leaves a panel
             free: quarter turns of its chart and of its narrowest rectangle.
 
-    Returns:
-        The places, in the order of the outlines.
-
     Raises:
         SheetError: A panel fits on no sheet.
         MissingPackageError: u-nesting is not installed, and panels must be nested.

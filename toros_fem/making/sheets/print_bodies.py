@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.validation import require_between, require_positive
-from toros_fem.making.options import ManufactureOptions, options_or_default
+from toros_fem.making.options import DEFAULT, ManufactureOptions
 from toros_fem.making.packages import required
 from toros_fem.making.panels.marks import cross_shapes
 from toros_fem.making.panels.panel_drawing import PanelDrawing
@@ -33,34 +33,21 @@ PRINT, COLOUR = "print", (30, 30, 30, 255)
 
 @dataclass(frozen=True, eq=False)
 class PrintBody:
-    """A closed body of triangles that are counter-clockwise seen from outside.
-
-    Attributes:
-        name: Name of the object in files.
-        vertices: Corners, (n, 3), in m.
-        triangles: Corners of each triangle, (t, 3).
-        material: Name of its material.
-    """
+    """A closed body in m: triangles that are counter-clockwise seen from outside, (t, 3)."""
 
     name: str
     vertices: Floats
     triangles: Ints
-    material: str = PRINT
 
 
 def print_bodies(
-    drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None
+    drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAULT
 ) -> list[PrintBody]:
-    """Return the bodies to print: one for each panel with print, and one for its crosses.
+    """Return the bodies to print on a bed: one for each panel with print, and one for its crosses.
 
     The crosses are bodies of their own, named "… registration", which a slicer can leave out. They
     show a cutter with a camera where the print lies.
-
-    Args:
-        drawings: Panels, at their places on the bed.
-        options: Height of the print, and of its lower face; None takes the defaults.
     """
-    options = options_or_default(options)
     height, base = options.layer_height, options.fabric_offset or 0.0
     found = []
     for drawing in drawings:
@@ -77,15 +64,10 @@ def print_bodies(
 
 
 def print_body(region: BaseGeometry, height: float, base: float = 0.0) -> tuple[Floats, Ints]:
-    """Return the body over a region: vertices (n, 3) in m, and triangles (t, 3).
+    """Return the body over a region, from a base in m: vertices (n, 3) in m, and triangles (t, 3).
 
     Corners are rounded to 0.1 µm. Parts that touch at a point only are separated by a cut of 10 µm,
     since four faces would meet at the edge above it.
-
-    Args:
-        region: Polygons, with holes or none, in m.
-        height: Height of the body in m.
-        base: Height of its lower face in m.
 
     Raises:
         ParameterError: The height is not positive, or the base is negative.
@@ -155,19 +137,16 @@ def threemf_of(bodies: Sequence[PrintBody]) -> bytes:
     model = wrapper.CreateModel()
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
     group = model.AddBaseMaterialGroup()
-    known: dict[str, int] = {}
+    material = group.AddMaterial(PRINT, wrapper.RGBAToColor(*COLOUR))
     point: Any = ctypes.c_float * 3
     corners: Any = ctypes.c_uint32 * 3
     for number, body in enumerate(bodies):
-        if body.material not in known:
-            colour = wrapper.RGBAToColor(*COLOUR)
-            known[body.material] = group.AddMaterial(body.material, colour)
         item = model.AddMeshObject()
         item.SetName(body.name)
         vertices = [lib3mf.Position(point(*corner)) for corner in 1e3 * body.vertices]
         triangles = [lib3mf.Triangle(corners(*ends.tolist())) for ends in body.triangles]
         item.SetGeometry(vertices, triangles)
-        item.SetObjectLevelProperty(group.GetResourceID(), known[body.material])
+        item.SetObjectLevelProperty(group.GetResourceID(), material)
         # By default identifiers are random, and equal prints would differ.
         item.SetUUID(_identifier(f"object {number}"))
         placed = model.AddBuildItem(item, wrapper.GetIdentityTransform())

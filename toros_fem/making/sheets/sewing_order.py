@@ -41,13 +41,8 @@ def sewing_order(
 
     Darts come first, while a panel lies flat. Seams that join pieces follow, the longest first,
     then those that join edges of one piece. Rings come after them, since a ring's edge is whole
-    only once all seams that end at it are sewn. The last seam of a body leaves an opening for the
-    bladder.
-
-    Args:
-        seams: Its seams, by `sewn_seams`.
-        closing: Numbers of seams that should come last, those where the bladder's tube leaves for
-            instance. Of a body without one the longest ring is the last, or the longest seam.
+    only once all seams that end at it are sewn. The last seam of a body, which leaves an opening
+    for the bladder, is one of `closing`, else the longest ring, or else the longest seam.
     """
     bodies = DisjointSet(range(len(pattern.panel_names)))
     for seam in seams:

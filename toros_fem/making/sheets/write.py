@@ -8,18 +8,16 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from shapely.geometry.base import BaseGeometry
-
 from toros_fem.base.errors import ManufactureFileError
 from toros_fem.base.files import read_json, replace_file, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
+from toros_fem.making.sheets.layout import Manufacture, manufacture
 from toros_fem.making.sheets.manifest import FORMAT, NAME, MadeFile, manifest, print_height
-from toros_fem.making.sheets.manufacture import Manufacture, manufacture
 from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.page import page
 from toros_fem.making.sheets.print_bodies import print_bodies, stl_of, threemf_of
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
@@ -31,38 +29,31 @@ CUTS = {"svg": cut_svg, "dxf": cut_dxf}
 def write_manufacture(
     folder: Path | str,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     options: ManufactureOptions | None = None,
     *,
     summary: Mapping[str, Any] | None = None,
     title: str = "",
     others: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Write print files, cut files, bladder, manifest and page of a design (one rank).
+    """Write print files, cut files, bladder, manifest and page of a whole pattern (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
     first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
     Files of an earlier call, which its manufacture.json lists, go if they are as they were
-    written; all others stay.
+    written; all others stay. Returned is the manifest.
 
     Args:
-        folder: The folder, made if missing.
-        pattern: The whole pattern.
-        regions: Print on each panel, polygons in m.
         options: Settings; None takes those of `made_as`.
         summary: The run's summary, for materials, pressure and metrics; None knows none.
         title: Name of the design on the page; by default that of the folder above.
         others: Names of files that the caller writes into the folder afterwards.
 
-    Returns:
-        The manifest, as in manufacture.json.
-
     Raises:
         ManufactureFileError: A file of somebody else, or one that was changed, has the name of one
             that would be written.
-        SheetError: A panel fits on no sheet.
-        PatternError: The skin is moulded, so that it has no flat panels.
-        MissingPackageError: A package of the extra `manufacture` is not installed.
+        SheetError, PatternError, MissingPackageError: As of `manufacture`, or a package of the
+            extra `manufacture` is not installed.
     """
     folder = Path(folder)
     options = options or made_as(summary)
@@ -101,10 +92,7 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     """Return the settings that fit a run's summary: height and face of the print, grain.
 
     The height is that of `print_height`. The grain is that of the wales, across the courses of a
-    knit.
-
-    Args:
-        summary: The run's summary; None takes the defaults.
+    knit. Without a summary they are the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
     known: dict[str, Any] = {"layer_height": print_height(inputs)[0]}
@@ -115,11 +103,7 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
 
 
 def _make_room(folder: Path, names: Sequence[str]) -> None:
-    """Remove the files of an earlier call, if nobody else's bar the way of new ones.
-
-    Raises:
-        ManufactureFileError: Some do.
-    """
+    """Remove the files of an earlier call, if nobody else's bar the way of new ones."""
     folder.mkdir(parents=True, exist_ok=True)
     digests: dict[str, str | None] = {}
     with suppress(Exception):  # anybody's file may have this name

@@ -11,8 +11,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, OutputError
-from toros_fem.base.files import replace_file
+from toros_fem.base.errors import LibraryError
+from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import nearest
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.toml_files.document import Document, read_text
@@ -27,11 +27,9 @@ KEYS = {name: one for name, one in LibraryMaterial.described().items() if name !
 
 
 def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[str, LibraryMaterial]:
-    """Return the shipped materials by name, and those of other files over them.
+    """Return the shipped materials by name, and those of files of one's own over them.
 
-    Args:
-        paths: Files of one's own; a material of the same name replaces an earlier one.
-        comm: Communicator whose first rank reads for all (collective); None: each rank reads.
+    The first rank of a communicator reads for all (collective); without, each rank reads.
 
     Raises:
         LibraryError: A file cannot be read, or a key or value is wrong; with file, line and key.
@@ -46,11 +44,7 @@ def read_library(*paths: str | Path, comm: MPI.Comm | None = None) -> Mapping[st
 
 
 def read_materials(path: Path, text: str | None = None) -> dict[str, LibraryMaterial]:
-    """Return the materials of one file by name, in its order; of a text that it may hold.
-
-    Raises:
-        LibraryError: As of `read_library`.
-    """
+    """Return the materials of one file by name, in its order; of a text that it may hold."""
     text = read_text(path, WHAT, LibraryError) if text is None else text
     document = Document(path, text, LibraryError)
     return {name: _entry(document, name, values) for name, values in document.content.items()}
@@ -59,11 +53,9 @@ def read_materials(path: Path, text: str | None = None) -> dict[str, LibraryMate
 def named(
     library: Mapping[str, LibraryMaterial], name: str, kind: str | None = None
 ) -> LibraryMaterial:
-    """Return a material of a library, of a kind where one is asked for.
+    """Return a material of a library, of a kind where one is asked for, or a LibraryError.
 
-    Raises:
-        LibraryError: There is none of this name; the nearest one is named. Or it is of another
-            kind.
+    That tells the nearest name, or that the material is of another kind.
     """
     known = [one for one, entry in library.items() if kind in (None, entry.kind)]
     if name not in library:
@@ -104,15 +96,11 @@ def write_material(path: str | Path, entry: LibraryMaterial) -> None:
             "cannot be replaced. Take it out by hand.",
             path,
         )
-    try:
+    with naming(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         replace_file(path, changed.encode())
         if mode is not None:
             path.chmod(mode)
-    except OSError as caught:
-        raise OutputError(
-            f"{path} could not be written: {caught}. Choose another file, or free some space."
-        ) from None
 
 
 def material_text(entry: LibraryMaterial) -> str:

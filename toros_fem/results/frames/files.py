@@ -44,12 +44,7 @@ class Frame:
 
 
 def write_frame(folder: Path, frame: Frame) -> None:
-    """Write a frame (one rank).
-
-    Args:
-        folder: Folder of the frames, which exists.
-        frame: The frame. Positions and densities are written in single precision.
-    """
+    """Write a frame in single precision into the folder of the frames, which exists (one rank)."""
     arrays = {"positions": frame.positions.astype(np.float32)}
     if frame.density is not None:
         arrays["density"] = frame.density.astype(np.float32)
@@ -59,11 +54,7 @@ def write_frame(folder: Path, frame: Frame) -> None:
 
 
 def read_frames(folder: Path, series: str) -> list[Frame]:
-    """Return the frames of a series by rising number; an empty list where there are none.
-
-    Args:
-        folder: Folder of the frames.
-        series: What the frames follow.
+    """Return the frames of a series in a folder by rising number; none where there are none.
 
     Raises:
         OutputError: A file cannot be read.

@@ -19,7 +19,7 @@ from toros_fem.measures.miss import compared_axes
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
 from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 
@@ -28,11 +28,7 @@ FOLLOWING = ("print", "pressure", "gait", "load")
 
 
 class OnWhole:
-    """Fields of a design problem on its whole skin, on every rank.
-
-    Args:
-        problem: The design problem.
-    """
+    """Fields of a design problem on its whole skin, on every rank."""
 
     def __init__(self, problem: ShapeProblem) -> None:
         self._skin, self._whole = problem.skin, problem.whole
@@ -49,13 +45,9 @@ class OnWhole:
 
 
 def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSkin, Frame] | None:
-    """Return the frame of a design's step and its skin, on every rank (collective).
+    """Return the frame of a design's step, by its row, and its skin on every rank (collective).
 
     None where the design is not that of a shape. The frame does not name its skin's file yet.
-
-    Args:
-        row: The step's row of the history.
-        evaluation: Its design.
     """
     problem = evaluation.problem
     if not isinstance(problem, ShapeProblem):
@@ -70,16 +62,13 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
 
 def shown_skin(
     problem: ShapeProblem,
-    regions: Sequence[BaseGeometry] | None = None,
+    regions: Regions | None = None,
     poses: Sequence[Sequence[float]] | None = None,
 ) -> ShownSkin:
-    """Return the whole skin of a design problem, on every rank (collective).
+    """Return the whole skin of a design problem, with its print, on every rank (collective).
 
-    Args:
-        problem: The design problem.
-        regions: Print on each panel of the whole, polygons in m; None before there is one.
-        poses: Poses of the bodies that it touches, as of an `Equilibrium`; None leaves them where
-            they are made.
+    The poses are those of the bodies that it touches, as of an `Equilibrium`; None leaves them
+    where they are made.
     """
     on, passive, target = OnWhole(problem), problem.fields.passive, problem.target
     passive = None if passive is None else on.cells(passive)
@@ -116,17 +105,11 @@ def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:
 
     Frames of later steps and of what follows a design are deleted: they are of an older run, or of
     steps that a resumed run does again.
-
-    Args:
-        folder: Folder of the run.
-        skin: The skin.
-        frame: The frame.
     """
-    folder = folder / FOLDER
     for series in FOLLOWING:
-        forget_from(folder, series, 0)
-    _write(folder, skin, [frame])
-    thin(folder, frame.series)
+        forget_from(folder / FOLDER, series, 0)
+    write_series(folder, skin, [frame])
+    thin(folder / FOLDER, frame.series)
 
 
 def write_path(
@@ -138,16 +121,10 @@ def write_path(
     density: Floats | None = None,
     chambers: Sequence[str] = (),
 ) -> None:
-    """Write the frames of a path of equilibria (one rank).
+    """Write the frames of a path, "pressure" or "gait", into a run's folder (one rank).
 
-    Args:
-        folder: Folder of the run.
-        series: What they follow: "pressure" or "gait".
-        skin: The whole skin.
-        points: The equilibria.
-        whole: The whole that the equilibria's skin is a part of; None if they are whole.
-        density: Density of all triangles, (t,), where the skin has no print.
-        chambers: Names of the chambers whose pressures are recorded.
+    The equilibria may be those of a part of the whole. Where the skin has no print, a density of
+    all triangles, (t,), is shown. Pressures of chambers are recorded by their names.
     """
     frames = []
     for number, point in enumerate(points):
@@ -162,18 +139,12 @@ def write_path(
 
 
 def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
-    """Write the frames of a finished series, those of an older run deleted (one rank).
+    """Write frames of a run, one at least, and their skin into its folder (one rank).
 
-    Args:
-        folder: Folder of the run.
-        skin: Their skin.
-        frames: The frames, one at least; they do not name their skin's file yet.
+    They do not name their skin's file yet. Frames of the series from the first of them on, of an
+    older run, are deleted.
     """
-    _write(folder / FOLDER, skin, frames)
-
-
-def _write(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
-    """Write frames and their skin; frames of the series from the first of them on are deleted."""
+    folder = folder / FOLDER
     folder.mkdir(exist_ok=True)
     forget_from(folder, frames[0].series, frames[0].number)
     name = write_skin(folder, skin)
@@ -181,16 +152,8 @@ def _write(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
         write_frame(folder, replace(frame, skin=name))
 
 
-def repeated(
-    pattern: Pattern, regions: Sequence[BaseGeometry], count: int
-) -> tuple[Pattern, list[BaseGeometry]]:
-    """Return several copies of a skin as one pattern, and their print.
-
-    Args:
-        pattern: Pattern of one skin.
-        regions: Print on each of its panels, polygons in m.
-        count: Number of copies. All have the same positions.
-    """
+def repeated(pattern: Pattern, regions: Regions, count: int) -> tuple[Pattern, list[BaseGeometry]]:
+    """Return copies of a skin as one pattern, all at the same positions, and their print."""
     copy = np.arange(count)[:, None]
 
     def numbered(values: Ints, size: int) -> Ints:

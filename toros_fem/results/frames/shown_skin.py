@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
 from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.measures.miss import Miss, miss_of
 from toros_fem.measures.rotation import polar_rotation
-from toros_fem.meshes.panels import cut_triangles
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.pattern_file import archive_of, pattern_of
 from toros_fem.results.frames.files import REMEDY
 
@@ -32,12 +30,11 @@ class ShownSkin:
     """A whole skin, and what is drawn with it.
 
     Attributes:
-        pattern: The pattern.
         target: Target positions of all vertices, (n, 3), in m; None without a target shape.
         aligned: Whether shapes are compared with the target after the best rigid motion.
         passive: Prescribed density of all triangles, (t,), NaN where it is designed; None designs
             every triangle.
-        regions: Print on each panel, polygons in m; None before there is one.
+        regions: Its print; None before there is one.
         body: Points, (k, 3), in m, and triangles, (l, 3), of the objects beside the skin.
         grounds: A point of the surface, in m, and the normal of each ground, (g, 2, 3).
         compared: Whether the design compares positions with the target along x, y and z.
@@ -47,7 +44,7 @@ class ShownSkin:
     target: Floats | None = None
     aligned: bool = False
     passive: Floats | None = None
-    regions: Sequence[BaseGeometry] | None = None
+    regions: Regions | None = None
     body: tuple[Floats, Ints] | None = None
     grounds: Floats | None = None
     compared: tuple[bool, bool, bool] = (False, False, False)
@@ -59,10 +56,7 @@ class ShownSkin:
         return next((float(point[2]) for point, normal in grounds if normal[2] > LEVEL), None)
 
     def placed(self, positions: Floats) -> Floats:
-        """Return positions, moved rigidly onto the target where the design compares them so.
-
-        Positions are those of all vertices, (n, 3), in m.
-        """
+        """Return positions of all vertices, (n, 3), in m, as they are compared with the target."""
         if not self.aligned or self.target is None:
             return positions
         weights = self.pattern.vertex_areas / self.pattern.vertex_areas.sum()
@@ -72,19 +66,13 @@ class ShownSkin:
         return np.asarray((positions - centre) @ rotation.T + goal)
 
     def miss(self, placed: Floats) -> Miss | None:
-        """Return how far placed positions, (n, 3), are from the target; None if nothing says so.
-
-        That is without a target, and where the design compares no positions.
-        """
+        """Return how far placed positions, (n, 3), are from the target; None if nothing says so."""
         if self.target is None or not any(self.compared):
             return None
         return miss_of(self.pattern, placed, self.target, self.compared)
 
     def wanted(self, placed: Floats) -> Floats | None:
-        """Return the target, (n, 3), where axes that do not count are those of placed positions.
-
-        None without a target.
-        """
+        """Return the target, (n, 3), where axes that do not count are those of placed positions."""
         if any(self.compared) and not all(self.compared):
             miss = self.miss(placed)
             return self.target if miss is None else miss.asked
@@ -93,20 +81,16 @@ class ShownSkin:
     def print_share(self, density: Floats | None = None) -> Floats:
         """Return the printed fraction of each triangle, (t,); without a print it is the density."""
         if self.regions is not None:
-            cut = cut_triangles(self.pattern, self.regions)
-            printed = np.bincount(cut.cell, cut.inside * cut.areas, len(self.pattern.triangles))
-            return np.asarray(printed / self.pattern.areas)
+            return printed_fractions(self.pattern, self.regions)
         if density is None:
             return np.zeros(len(self.pattern.triangles))
         return np.clip(np.nan_to_num(density), 0, 1)
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:
-    """Write a skin and return the name of its file, which its content determines (one rank).
+    """Write a skin into the folder of the frames and return the name of its file (one rank).
 
-    Args:
-        folder: Folder of the frames, which exists.
-        skin: The skin. A file that is there already stays.
+    Its content determines the name. A file that is there already stays.
     """
     given = {"target": skin.target, "passive": skin.passive, "grounds": skin.grounds}
     arrays: dict[str, npt.NDArray] = {
@@ -125,11 +109,7 @@ def write_skin(folder: Path, skin: ShownSkin) -> str:
 
 
 def read_skin(path: Path) -> ShownSkin:
-    """Return the skin in a file.
-
-    Raises:
-        OutputError: The file cannot be read, or holds no valid skin.
-    """
+    """Return the skin in a file, or raise an OutputError."""
 
     def make(archive: Archive) -> ShownSkin:
         arrays = archive.arrays

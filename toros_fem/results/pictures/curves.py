@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -23,48 +22,17 @@ from toros_fem.results.pictures.style import (
     write_title,
 )
 from toros_fem.results.pictures.words import Word, write_words
+from toros_fem.results.runs.run_folder import Curve, Measured
 
 PRESSURE = "pressure (kPa)"
 # Feet whose paths end nearer than this, over the extent of all, have one name.
 SAME = 0.01
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A measured value beside a curve.
+def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
+    """Draw figures over the pressure on a page, those of different units below one another.
 
-    Attributes:
-        key: Key of its figure.
-        pressure: In Pa.
-        value: In the figure's unit.
-        simulated: Ours at the same pressure; None where there is none.
-        source: Who measured it.
-    """
-
-    key: str
-    pressure: float
-    value: float
-    simulated: float | None
-    source: str
-
-
-def draw_curve(
-    figure: Figure,
-    rows: Sequence[Mapping[str, float]],
-    figures: Sequence[Told],
-    pressure: float | None,
-    measured: Sequence[Measured] = (),
-    broken: tuple[bool, bool] = (False, False),
-) -> None:
-    """Draw figures over the pressure, those of different units below one another.
-
-    Args:
-        figure: The page.
-        rows: Values by key, "pressure_pa" among them, by rising pressure.
-        figures: Figures to draw, with their intervals and targets at the pressure of the design.
-        pressure: Pressure of the design in Pa; None for none.
-        measured: Measured values, drawn with what ours is there.
-        broken: Whether the curve ends for want of an equilibrium, at its lower and upper end.
+    Their intervals and targets are those at the pressure of the design.
     """
     units = list(dict.fromkeys(told.unit for told in figures))
     grid = figure.subplots(
@@ -72,29 +40,18 @@ def draw_curve(
         gridspec_kw={"left": 0.09, "right": 0.88, "bottom": 0.11, "top": 0.88, "hspace": 0.15},
     )[:, 0]  # fmt: skip
     keys = {told.key for told in figures}
-    beside = [one.pressure for one in measured if one.key in keys]
-    grid[-1].set_xlim(0, 1.05e-3 * max(rows[-1]["pressure_pa"], *beside, 0))
+    beside = [one.pressure for one in curve.measured if one.key in keys]
+    grid[-1].set_xlim(0, 1.05e-3 * max(curve.rows[-1]["pressure_pa"], *beside, 0))
     for axes, unit in zip(grid, units, strict=True):
         shown = [told for told in figures if told.unit == unit]
         axes.margins(y=0.12)
-        draw_over_pressure(axes, rows, shown, pressure, measured, broken)
+        draw_over_pressure(axes, curve, shown)
     grid[-1].set_xlabel(PRESSURE)
 
 
-def draw_over_pressure(
-    axes: Axes,
-    rows: Sequence[Mapping[str, float]],
-    figures: Sequence[Told],
-    pressure: float | None,
-    measured: Sequence[Measured] = (),
-    broken: tuple[bool, bool] = (False, False),
-) -> None:
-    """Draw figures of one unit over the pressure in kPa, on the axes of a page.
-
-    Args:
-        axes: The axes.
-        rows, figures, pressure, measured, broken: As of `draw_curve`.
-    """
+def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> None:
+    """Draw figures of one unit over the pressure in kPa, on the axes of a page."""
+    rows, pressure = curve.rows, curve.pressure
     at = [1e-3 * row["pressure_pa"] for row in rows]
     factor = unit_of(figures[0].unit).factor
     axes.grid(axis="y")
@@ -108,8 +65,8 @@ def draw_over_pressure(
             _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
         if pressure is not None and at[0] <= 1e-3 * pressure <= at[-1]:
             _design(axes, told, pressure, colour, factor, words, lines)
-        _beside(axes, told, [m for m in measured if m.key == told.key], factor, words, lines)
-        for k, side, is_broken in zip((0, -1), ("below", "beyond"), broken, strict=True):
+        _beside(axes, told, [m for m in curve.measured if m.key == told.key], factor, words, lines)
+        for k, side, is_broken in zip((0, -1), ("below", "beyond"), curve.broken, strict=True):
             if is_broken:
                 axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
                 words.append(Word(f"no equilibrium {side}", (at[k], values[k]), ACCENT, 8.0))
@@ -182,14 +139,9 @@ def _beside(
 
 
 def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None = None) -> None:
-    """Draw the objective over the iterations, and one figure at the right.
+    """Draw the objective over the iterations, by rows of the history, and one figure at the right.
 
     Dotted lines mark where the next mesh begins.
-
-    Args:
-        axes: The axes.
-        rows: Rows of the history.
-        told: The figure; None for none.
     """
     count, objective = zip(*((row["iteration"], row["objective"]) for row in rows), strict=True)
     axes.plot(count, objective, color=DARK, lw=1.4)
@@ -224,15 +176,10 @@ def draw_tracks(
     stride: float | None = None,
     measured: tuple[str, float] | None = None,
 ) -> None:
-    """Draw the paths of feet in the x-z plane.
+    """Draw the paths of feet in the x-z plane, of positions (rows, feet, 3) in m.
 
-    Args:
-        figure: The page.
-        feet: Positions, (rows, feet, 3), in m.
-        every: Number of rows between two marks, which show the phases of the gait.
-        stride: Distance along x of a cycle in m, drawn true to scale below the paths; None for
-            none.
-        measured: The same for a measured stride, after who measured it.
+    Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
+    in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
     """
     write_title(
         figure,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +13,6 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image as Bitmap
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.base.files import listing, naming, replace_file
 from toros_fem.measures.figures import Figure as Told
@@ -43,11 +42,7 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     """Write a film of a run into its folder, as APNG and as GIF, and return the GIF (one rank).
 
     No display is needed. The names are inflation.apng and inflation.gif for the series "pressure",
-    and SERIES.apng and SERIES.gif for others.
-
-    Args:
-        folder: Folder of the run.
-        series: What it follows: "pressure", "iteration", "gait" or "load".
+    and SERIES.apng and SERIES.gif for "iteration", "gait" and "load".
 
     Raises:
         OutputError: The folder has no such frames, a file cannot be read, or the film not be
@@ -77,28 +72,13 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
     return path
 
 
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """A picture of a film."""
-
-    skin: str
-    positions: Floats
-    density: Floats | None
-    values: Mapping[str, float]
-    number: int
-
-
-def _as_recorded(frames: Sequence[Frame]) -> list[_Scene]:
+def _as_recorded(frames: Sequence[Frame]) -> list[Frame]:
     """Return frames at even distances, the first and the last among them."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(MOST, len(frames))).round().astype(int))
-    return [_of(frames[k]) for k in chosen]
+    return [frames[k] for k in chosen]
 
 
-def _of(frame: Frame) -> _Scene:
-    return _Scene(frame.skin, frame.positions, frame.density, frame.values, frame.number)
-
-
-def _inflated(run: Run, frames: Sequence[Frame]) -> list[_Scene]:
+def _inflated(run: Run, frames: Sequence[Frame]) -> list[Frame]:
     """Return states from the lowest pressure to the design's, at equal steps of the motion.
 
     Between frames that are close, positions are interpolated; where they are far apart the frames
@@ -124,11 +104,11 @@ def _inflated(run: Run, frames: Sequence[Frame]) -> list[_Scene]:
             if name in other.values
         }
         positions = (1 - part) * one.positions + part * other.positions
-        scenes.append(_Scene(one.skin, positions, one.density, values, k))
+        scenes.append(replace(one, positions=positions, values=values))
     return scenes
 
 
-def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Image]:
+def _pictures(run: Run, series: str, scenes: Sequence[Frame]) -> list[Bitmap.Image]:
     """Draw the pictures of a film, in one frame."""
     fixed = {scene.skin: DrawnSkin(run.skins[scene.skin]) for scene in scenes}
     places = np.concatenate([scene.positions for scene in scenes])
@@ -163,7 +143,7 @@ def _pictures(run: Run, series: str, scenes: Sequence[_Scene]) -> list[Bitmap.Im
     return pictures
 
 
-def _words(series: str, scene: _Scene, figures: Sequence[Told]) -> tuple[str, str]:
+def _words(series: str, scene: Frame, figures: Sequence[Told]) -> tuple[str, str]:
     """Return what is told above a picture, and the targets."""
     if series == "iteration":
         return f"Iteration {scene.number}", ""

@@ -19,7 +19,7 @@ from toros_fem.making.print.printability import Printability, PrintLimits
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import panel_places
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.pictures.style import (
     ACCENT,
     EDGE,
@@ -28,6 +28,7 @@ from toros_fem.results.pictures.style import (
     PRINT,
     SECOND,
     SOFT,
+    Box,
     bar_length,
     fill,
     scale_bar,
@@ -56,23 +57,16 @@ STATES = {Tension.SLACK: "#E5E7EB", Tension.WRINKLED: "#F2C078", Tension.TAUT: "
 
 def draw_panels(
     figure: Figure,
-    box: tuple[float, float, float, float],
+    box: Box,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry] | None,
+    regions: Regions | None,
     *,
     names: bool = True,
 ) -> tuple[Axes, list[Affine]]:
-    """Draw the panels as large as they fit into a part of a page, with a bar of their scale.
+    """Draw the panels as large as they fit into a part of a page, with names and a bar.
 
-    Args:
-        figure: The page.
-        box: Left, bottom, width and height of the part, over the page.
-        pattern: The pattern.
-        regions: Print on each panel, polygons in m; None for bare panels.
-        names: Whether to write the names of the panels, and a bar of their scale.
-
-    Returns:
-        The axes, in mm, and the place of each panel.
+    Regions are their print, None for bare panels. Returned are the axes, in mm, and the place of
+    each panel.
     """
     axes = figure.add_axes(box)
     axes.set_axis_off()
@@ -109,7 +103,7 @@ def draw_panels(
 def draw_pattern(
     figure: Figure,
     pattern: Pattern,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     printability: Printability,
     limits: PrintLimits,
 ) -> None:
@@ -117,13 +111,6 @@ def draw_pattern(
 
     Faults have numbers; a list beside the panels tells what they are. Those of a kind that are
     close have one number.
-
-    Args:
-        figure: The page.
-        pattern: The pattern.
-        regions: Print on each panel, polygons in m.
-        printability: Measured widths, islands and holes.
-        limits: Bounds for narrow lines, narrow gaps and small holes.
     """
     faults = _faults(printability, limits)
     count = sum(fault.count for fault in faults)
@@ -265,9 +252,7 @@ def _mm_of_page(axes: Axes) -> float:
     return min(width / np.ptp(axes.get_xlim()), height / np.ptp(axes.get_ylim()))
 
 
-def draw_density(
-    figure: Figure, box: tuple[float, float, float, float], pattern: Pattern, density: Floats
-) -> Axes:
+def draw_density(figure: Figure, box: Box, pattern: Pattern, density: Floats) -> Axes:
     """Draw a density on the flat panels, from fabric at 0 to print at 1, in a part of a page."""
     axes, places = draw_panels(figure, box, pattern, None, names=False)
     mix = np.clip(np.nan_to_num(density), 0, 1)[:, None]
@@ -284,19 +269,11 @@ def draw_density(
     return axes
 
 
-def draw_lines(
-    figure: Figure, field: LineField, pattern: Pattern, regions: Sequence[BaseGeometry]
-) -> None:
+def draw_lines(figure: Figure, field: LineField, pattern: Pattern, regions: Regions) -> None:
     """Draw line families, laid over each other, and of the print that they became.
 
     Each mark has the direction of the lines in its triangle; its length grows with the share. The
     families may be those of a part that is cut at symmetry planes, beside the print of the whole.
-
-    Args:
-        figure: The page.
-        field: The line families.
-        pattern: The pattern that is printed on.
-        regions: Print on each of its panels, polygons in m.
     """
     write_title(figure, f"{field.families} families of lines, and the print that they became")
     axes, places = draw_panels(figure, (0.02, 0.10, 0.47, 0.79), field.pattern, None)
@@ -327,11 +304,6 @@ def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None
 
     The colour is the state of each triangle; strokes have the direction of the tension, along which
     wrinkles run.
-
-    Args:
-        figure: The page.
-        pattern: The pattern.
-        field: Its wrinkles.
     """
     write_title(figure, "Wrinkles run along the strokes, the direction of tension")
     axes, places = draw_panels(figure, PANELS_BOX, pattern, None)

@@ -13,7 +13,7 @@ from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.raster import render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
-from toros_fem.results.pictures.style import INK, SOFT, TITLE
+from toros_fem.results.pictures.style import INK, SOFT, TITLE, Box
 from toros_fem.results.pictures.view import View
 from toros_fem.results.pictures.words import Word, write_words
 
@@ -43,11 +43,7 @@ def draw_hero(
 ) -> None:
     """Draw a strip with the flat print at the left and the skin as it inflates at the right.
 
-    Args:
-        figure: The page.
-        drawn: The skin, with its print.
-        states: As of `draw_inflation`.
-        sentence: What it does, such as "inflate it to 5 kPa: it bends by 179°".
+    The states are those of `draw_inflation`, the sentence says what it does.
     """
     draw_panels(figure, (0.01, 0.03, 0.28, 0.80), drawn.pattern, drawn.skin.regions)
     draw_inflation(figure, (0.30, 0.02, 0.69, 0.84), drawn, states)
@@ -57,20 +53,14 @@ def draw_hero(
 
 def draw_inflation(
     figure: Figure,
-    box: tuple[float, float, float, float],
+    box: Box,
     drawn: DrawnSkin,
     states: Sequence[tuple[str, Floats]],
 ) -> None:
     """Draw a skin at rest and at rising pressures in one frame, earlier ones fading.
 
-    States that would cover each other, as those of a skin that twists, stand side by side.
-
-    Args:
-        figure: The page.
-        box: Left, bottom, width and height of the part to draw in, over the page.
-        drawn: The skin.
-        states: For each state its name and positions of all vertices, (n, 3), in m; the last one
-            is that of the target.
+    States that would cover each other, as those of a skin that twists, stand side by side. Each has
+    its name and positions of all vertices, (n, 3), in m; the last one is that of the target.
     """
     names, placed = [name for name, _ in states], [drawn.skin.placed(x) for _, x in states]
     view = inflation_view(drawn, placed[-1])

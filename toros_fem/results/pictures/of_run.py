@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,12 @@ from toros_fem.measures.figures import Figure, formatted
 from toros_fem.measures.miss import is_of_shape
 from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
-from toros_fem.results.pictures.curves import Measured, draw_curve
-from toros_fem.results.pictures.flat import draw_pattern
+from toros_fem.results.pictures.curves import draw_curve, draw_history
+from toros_fem.results.pictures.flat import draw_density, draw_panels, draw_pattern
 from toros_fem.results.pictures.inflation import draw_hero, draw_inflation
-from toros_fem.results.pictures.progress import draw_progress
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.style import SIZE, STRIP, TALL, page
+from toros_fem.results.pictures.style import SIZE, SOFT, STRIP, TALL, Box, page
 from toros_fem.results.runs.run_folder import Run, read_run
 
 # Figures that every run has, told where it has no others.
@@ -40,6 +40,8 @@ LONGEST = 68
 MIRRORED, LEGS = 2, "The skin has {} equal parts: a number is that of each."
 # Iterations that are shown, besides the last one.
 ITERATIONS = (1, 5, 20)
+# Lower end and height of their panels, over the page.
+BOTTOM, HEIGHT = 0.40, 0.47
 
 
 def draw_run(folder: str | Path) -> list[Path]:
@@ -47,9 +49,6 @@ def draw_run(folder: str | Path) -> list[Path]:
 
     They are, as far as the run has what they show: shape.png, miss.png, inflation.png, pattern.png,
     curve.png, design.png and hero.png.
-
-    Args:
-        folder: Folder of the run.
 
     Raises:
         OutputError: The folder holds no run, or a file cannot be read.
@@ -59,8 +58,6 @@ def draw_run(folder: str | Path) -> list[Path]:
 
 
 class _Pictures:
-    """The pictures of one run."""
-
     def __init__(self, run: Run) -> None:
         self.run, self.written = run, list[Path]()
         self.figures, self.facts = told_figures(run), facts_of(run)
@@ -132,35 +129,44 @@ class _Pictures:
                 draw_pattern(figure, stored.pattern, stored.regions, found, stored.limits)
 
     def _curve(self) -> None:
-        rows = [row for row in self.run.curve if "pressure_pa" in row]
-        figures = [told for told in self.figures if rows and told.key in rows[0]]
-        if len(rows) < 2 or not figures:
-            return
-        found, broken = self.run.measured
-        measured = [Measured(**one) for one in found]
         at = None if self.state is None else self.state.values.get("pressure_pa")
+        curve = self.run.over_pressure(at)
+        figures = [told for told in self.figures if curve.rows and told.key in curve.rows[0]]
+        if len(curve.rows) < 2 or not figures:
+            return
         size = SIZE if len({told.unit for told in figures}) < 3 else TALL
         with self._page("curve.png", self.title, size) as figure:
-            draw_curve(figure, rows, figures, at, measured, broken)
+            draw_curve(figure, curve, figures)
 
     def _design(self) -> None:
         rows = self.run.history
         if len(rows) < 2:
             return
-        steps = [
-            (frame.number, self.run.skins[frame.skin].pattern, frame.density)
+        pictures: list[tuple[str, Callable[[MplFigure, Box], Any]]] = [
+            (
+                f"iteration {frame.number}",
+                partial(
+                    draw_density, pattern=self.run.skins[frame.skin].pattern, density=frame.density
+                ),
+            )
             for frame in _some(self.run.series.get("iteration", ()))
             if frame.density is not None
         ]
-        printed = None
-        if self.state is not None and self.drawn.skin.regions is not None:
-            printed = self.drawn.pattern, self.drawn.skin.regions
+        if self.state is not None and (regions := self.drawn.skin.regions) is not None:
+            bare = partial(draw_panels, names=False)
+            pictures.append(("print", partial(bare, pattern=self.drawn.pattern, regions=regions)))
         told = next((f for f in self.figures if f.key in rows[-1]), None)
         seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
         title = f"Designed in {int(rows[-1]['iteration'])} iterations"
         title += "" if seconds is None else f", {seconds:.0f} s"
         with self._page("design.png", title, TALL) as figure:
-            draw_progress(figure, steps, printed, rows, told)
+            width = 0.98 / max(len(pictures), 1)
+            for k, (name, draw) in enumerate(pictures):
+                left = 0.01 + k * width
+                draw(figure, (left, BOTTOM, 0.95 * width, HEIGHT))
+                middle, above = left + 0.95 * width / 2, BOTTOM + HEIGHT + 0.02
+                figure.text(middle, above, name, ha="center", color=SOFT)
+            draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)
 
 
 def _state(run: Run) -> Frame | None:
@@ -208,13 +214,7 @@ def sentence(figures: Sequence[Figure], pressure: float | None) -> str:
 
 
 def states_of(frames: Sequence[Frame], state: Frame, drawn: DrawnSkin) -> list[tuple[str, Floats]]:
-    """Return rest, frames at about equal steps of the way to the last state, and that one.
-
-    Args:
-        frames: Frames over the pressure.
-        state: The state of the design.
-        drawn: The skin.
-    """
+    """Return rest, frames at about equal steps of the way to the design's state, and that one."""
     pressure, rest = state.values.get("pressure_pa", 0.0), drawn.pattern.points
     below = [f for f in frames if 0 < f.values["pressure_pa"] < 0.99 * pressure]
     way = float(np.linalg.norm(state.positions - rest))

@@ -17,7 +17,9 @@ from shapely import get_coordinates, get_parts
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.triangles import cross
+from toros_fem.meshes.triangles import normals as surface_normals
 from toros_fem.results.pictures.style import FABRIC, PRINT, SILHOUETTE
 from toros_fem.results.pictures.view import View
 
@@ -35,6 +37,8 @@ SAMPLES = 2
 STEP = 0.02
 # Width of a silhouette in pixels of the picture.
 LINE = 1.0
+# Empty border of a window over its size.
+MARGIN = 0.04
 # Texels along the longest side of the panels.
 TEXELS = 4096
 # Fragments that are computed at once: so few that their arrays stay in the processor's cache.
@@ -67,13 +71,8 @@ class Ink:
         return found
 
 
-def ink_of(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Ink:
-    """Return the print of a pattern, to draw with.
-
-    Args:
-        pattern: The pattern.
-        regions: Print on each panel, polygons in m.
-    """
+def ink_of(pattern: Pattern, regions: Regions) -> Ink:
+    """Return the print of a pattern, to draw with."""
     bitmaps = []
     for number, region in enumerate(regions):
         flat = pattern.corners[pattern.panel == number].reshape(-1, 2)
@@ -98,14 +97,12 @@ def _filled(region: BaseGeometry, low: Floats, scale: float, size: tuple[int, in
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Triangles in space with a colour.
+    """Triangles in space, (t, 3), counter-clockwise from outside, with a colour.
 
     Attributes:
-        triangles: Vertices of each triangle, (t, 3), counter-clockwise from outside.
         points: Positions of all vertices, (n, 3), in m.
         colour: Red, green and blue from 0 to 1: of all, (3,), of each triangle, (t, 3), or of each
             corner, (t, 3, 3).
-        ink: Print on top; None for none.
         contrast: Part of the light's effect that is shown: less where colours are data.
         ink_shade: Factor on the colours of the print; None gives it its own colour.
         closed: Whether its inside is never seen, so that it need not be drawn.
@@ -122,12 +119,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Window:
-    """Part of the plane of a picture.
-
-    Attributes:
-        low, high: Its corners, (2,), in m.
-        pixels: Its width and height in pixels.
-    """
+    """Part of the plane of a picture, of its corners (2,) in m, and its size in pixels."""
 
     low: Floats
     high: Floats
@@ -154,17 +146,13 @@ class Image:
     window: Window
 
 
-def window_of(points: Floats, aspect: float, width: int, margin: float = 0.04) -> Window:
-    """Return the window of an aspect that holds points on the picture, in the middle.
+def window_of(points: Floats, aspect: float, width: int) -> Window:
+    """Return the window of an aspect, width over height, with points (n, 2) in m in its middle.
 
-    Args:
-        points: Points, (n, 2), in m.
-        aspect: Width over height.
-        width: In pixels.
-        margin: Empty border over the window's size.
+    The width is in pixels.
     """
     low, high = points.min(axis=0), points.max(axis=0)
-    size = np.maximum(high - low, 1e-6) / (1 - 2 * margin)
+    size = np.maximum(high - low, 1e-6) / (1 - 2 * MARGIN)
     across = max(float(size[0]), float(size[1]) * aspect)
     half = np.array([across, across / aspect]) / 2
     middle = (low + high) / 2
@@ -172,13 +160,9 @@ def window_of(points: Floats, aspect: float, width: int, margin: float = 0.04) -
 
 
 def render(surfaces: Sequence[Surface], view: View, window: Window, *, cut: bool = True) -> Image:
-    """Return a picture of surfaces, those behind hidden by those before.
+    """Return a picture of surfaces, those behind hidden by those before, in a window.
 
-    Args:
-        surfaces: The surfaces.
-        view: Where the viewer is.
-        window: What is shown.
-        cut: Whether the picture is cut to what the surfaces cover.
+    It is cut to what the surfaces cover, if it may be.
     """
     if cut:
         window = _covered(window, view.project(np.concatenate([s.points for s in surfaces])))
@@ -224,7 +208,7 @@ def _parts(pixels: Floats, size: tuple[int, int], closed: bool) -> list[Ints]:
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     inside = np.all((high >= 0) & (low < size), axis=1)
     if closed:  # rows go downwards, so that an outside has a negative area
-        inside &= _cross(pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]) < 0
+        inside &= cross(pixels[:, 1] - pixels[:, 0], pixels[:, 2] - pixels[:, 0]) < 0
     seen = np.flatnonzero(inside)
     work = np.prod(high[seen] - low[seen] + 2, axis=1).cumsum() // CHUNK
     return np.split(seen, np.flatnonzero(np.diff(work)) + 1) if len(seen) else []
@@ -241,25 +225,20 @@ def _fragments(pixels: Floats, triangles: Ints, size: tuple[int, int]) -> tuple[
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     across, down = low[owner, 0] + number % span[owner, 0], low[owner, 1] + number // span[owner, 0]
     a, b, c = np.moveaxis(p, 1, 0)
-    area = _cross(b - a, c - a)
+    area = cross(b - a, c - a)
     area = np.where(area == 0, np.inf, area)
     at = np.stack([across + 0.5, down + 0.5], axis=1)
-    second = _cross(at - a[owner], (c - a)[owner]) / area[owner]
-    third = _cross((b - a)[owner], at - a[owner]) / area[owner]
+    second = cross(at - a[owner], (c - a)[owner]) / area[owner]
+    third = cross((b - a)[owner], at - a[owner]) / area[owner]
     weights = np.stack([1 - second - third, second, third], axis=1)
     inside = np.all(weights >= -1e-9, axis=1)
     place = down * size[0] + across
     return place[inside], triangles[owner[inside]], weights[inside]
 
 
-def _cross(u: Floats, v: Floats) -> Floats:
-    return np.asarray(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
-
-
 def corner_normals(surface: Surface) -> Floats:
     """Return the unit normal at each corner of each triangle, (t, 3, 3): smooth but at creases."""
-    corners = surface.points[surface.triangles]
-    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face = surface_normals(surface.points, surface.triangles)
     vertex = np.zeros_like(surface.points)
     for k in range(3):
         np.add.at(vertex, surface.triangles[:, k], face)

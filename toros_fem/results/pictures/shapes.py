@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
@@ -28,6 +28,7 @@ from toros_fem.results.pictures.style import (
     SIZE,
     SOFT,
     TEXT,
+    Box,
     page,
     write_title,
 )
@@ -69,15 +70,12 @@ WHAT_IS_SHOWN = (
     "distance of each point from its target{} in mm; the title tells centres of cross-sections",
 )
 
-Box = tuple[float, float, float, float]
-
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
     """A skin and its target, placed to be drawn.
 
     Attributes:
-        drawn: The skin.
         positions: Placed positions of all vertices, (n, 3), in m.
         target: Those of the target, moved along axes that do not count; None without one.
         miss: How far they are apart; None where the design does not compare positions.
@@ -104,14 +102,7 @@ class Scenery:
         return tip.at + RAY * self.miss.length * np.stack([tip.along, tip.asked_along])
 
     def show(self, figure: Figure, box: Box, view: View, framed: Floats) -> Stage:
-        """Draw it in a part of a page, and return that.
-
-        Args:
-            figure: The page.
-            box: Left, bottom, width and height in inches.
-            view: Where the viewer is.
-            framed: Points that must be seen, (m, 3), in m.
-        """
+        """Draw it in a box in inches, so that points (m, 3), in m, are seen."""
         size = np.tile(figure.get_size_inches(), 2)
         left, bottom, width, height = (np.array(box) / size).tolist()
         stage = Stage(figure, (left, bottom, width, height), view, framed, ROOM)
@@ -140,15 +131,9 @@ def draw_shape(
 ) -> None:
     """Draw the inflated skin with the dashed outline of its target, and its miss in words.
 
-    Args:
-        figure: The page.
-        drawn: The skin.
-        positions: Positions of all vertices, (n, 3), in m.
-        figures: The figures to tell, those with a target first.
-        title: A sentence with the result, where there is no target.
-        state: What is shown, such as "The print at 10 kPa"; empty for nothing.
-        notes: Sentences that a reader of the figures must know.
-        warning: What is not as usual, such as that the print has no equilibrium; empty for nothing.
+    Positions of all vertices, (n, 3), are in m. Figures with a target come first; where there is
+    none the title is the result. `state` says what is shown, as "The print at 10 kPa", `notes` what
+    a reader of the figures must know, and `warning` what is not as usual.
     """
     shown = scenery(drawn, positions)
     told = with_shape(figures, shown.miss) or list(figures)
@@ -176,15 +161,8 @@ def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, S
     """Draw two views: from the side, and from above or, of a slender upright body, its free end.
 
     Such a body looks the same from above. The second view stands beside the first, or below the
-    words at the right where the first one needs the place.
-
-    Args:
-        figure: The page.
-        shown: What is drawn.
-        free: Height of what is free below the words, in inches.
-
-    Returns:
-        Both, and the one of them that has the labels.
+    words at the right, where a height in inches is free, if the first one needs the place. Returned
+    are both, and the one of them that has the labels.
     """
     drawn = shown.drawn
     width, height = figure.get_size_inches() - [WORDS + 2 * BORDER, HEAD + BORDER]
@@ -284,10 +262,7 @@ def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:
 def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     """Draw the inflated skin, coloured by its distance from the target.
 
-    Args:
-        figure: The page.
-        drawn: The skin, with a target.
-        positions: Positions of all vertices, (n, 3), in m.
+    It has a target. Positions, (n, 3), in m, are those of all vertices.
     """
     shown = scenery(drawn, positions)
     miss, target = shown.miss, shown.target
@@ -321,17 +296,10 @@ def plot_states(
     view: View,
     title: str = "",
     ground: float | None = None,
-    facts: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a picture of states beside and below one another, in the same scale.
+    """Write a PNG of states beside and below one another, in the same scale.
 
-    Args:
-        path: PNG file to write.
-        rows: For each state its name and surfaces, in rows of equal length.
-        view: Where the viewer is.
-        title: A sentence with the result.
-        ground: Height of the ground in m; None for none.
-        facts: As of `page`.
+    Each state has its name and surfaces, in rows of equal length; the ground has a height in m.
     """
     every = np.concatenate([s.points for row in rows for _, surfaces in row for s in surfaces])
     across, down = max(map(len, rows)), len(rows)
@@ -339,7 +307,7 @@ def plot_states(
     # As high as the states need, between a strip and a square.
     height = float(np.clip(SIZE[0] / across * extent[1] / extent[0] * down + 0.8, 2.2, 8.0))
     top = 1 - (0.45 if title else 0.08) / height
-    with page(path, title, (SIZE[0], height), facts) as figure:
+    with page(path, title, (SIZE[0], height)) as figure:
         for j, row in enumerate(rows):
             for i, (name, surfaces) in enumerate(row):
                 box = (i / across, top - (j + 1) * top / down, 1 / across, top / down)

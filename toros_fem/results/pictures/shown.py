@@ -25,12 +25,7 @@ HIDDEN = 0.02
 
 @dataclass(frozen=True, eq=False)
 class MaterialLine:
-    """A line that moves with the skin.
-
-    Attributes:
-        triangle: Triangle of each of its points, (m,).
-        weights: Barycentric coordinates of the points, (m, 3).
-    """
+    """A line that moves with the skin: triangle, (m,), and weights, (m, 3), of each point."""
 
     triangle: Ints
     weights: Floats
@@ -44,9 +39,7 @@ class MaterialLine:
 class DrawnSkin:
     """A skin, ready to be drawn in any of its states.
 
-    Args:
-        skin: The whole skin, and what is drawn with it.
-        density: Density of all triangles, (t,), where there is no print; None for bare fabric.
+    Where it has no print, the density of all triangles, (t,), is shown; None for bare fabric.
     """
 
     def __init__(self, skin: ShownSkin, density: Floats | None = None) -> None:
@@ -71,11 +64,9 @@ class DrawnSkin:
         return material_lines(self.pattern)
 
     def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[Surface]:
-        """Return the skin at positions of all vertices, (n, 3), and the body beside it.
+        """Return the skin at positions of all vertices, (n, 3), in m, and the body beside it.
 
-        Args:
-            positions: In m.
-            colours: Colours as of a `Surface`, in the place of fabric and print; None for these.
+        Colours, as of a `Surface`, take the place of fabric and print.
         """
         skin = Surface(self.pattern.triangles, positions, FABRIC, self.ink, closed=self._closed)
         if colours is not None:

@@ -11,28 +11,23 @@ from matplotlib.figure import Figure
 from toros_fem.base.array_types import Floats
 from toros_fem.results.pictures.raster import Image, Surface, Window, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin, visible
-from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, bar_length, scale_bar
+from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_length, scale_bar
 from toros_fem.results.pictures.view import View
 
 
 class Stage:
-    """A part of a page with a view in space.
+    """A part of a page with a view in space of points (n, 3), in m, that must be seen.
 
-    Args:
-        figure: The page.
-        box: Left, bottom, width and height of the part, over the page.
-        view: Where the viewer is.
-        points: Points in space that must be seen, (n, 3), in m.
-        room: Further room around them at the left, right, bottom and top, over their extent.
+    Further room around them is left at the left, right, bottom and top, over their extent.
     """
 
     def __init__(
         self,
         figure: Figure,
-        box: tuple[float, float, float, float],
+        box: Box,
         view: View,
         points: Floats,
-        room: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+        room: Box = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         self.view = view
         flat = view.project(points)
@@ -58,7 +53,7 @@ class Stage:
         self._limit()
         return image
 
-    def outline(self, drawn: DrawnSkin, positions: Floats, width: float = 1.6) -> None:
+    def outline(self, drawn: DrawnSkin, positions: Floats) -> None:
         """Draw the dashed outline of a target, and its lines where they are seen."""
         image = render(drawn.surfaces(positions)[:1], self.view, self.window)
         # What is cut off at the border of the view has no outline there.
@@ -66,7 +61,7 @@ class Stage:
         window, pixel = image.window, 1 / image.window.scale
         (left, low), (right, high) = 1e3 * (window.low - pixel), 1e3 * (window.high + pixel)
         self.axes.contour(
-            covered, levels=[127.5], colors=[ACCENT], linewidths=width, linestyles="--",
+            covered, levels=[127.5], colors=[ACCENT], linewidths=1.6, linestyles="--",
             extent=(left, right, low, high),
         )  # fmt: skip
         self.lines(drawn, positions, image, ACCENT, ":")

@@ -27,11 +27,7 @@ def draw_study(
 ) -> None:
     """Draw each figure over the first value that varies, a curve for each of the others.
 
-    Args:
-        path: The picture.
-        rows: Rows of the study's table.
-        columns: Columns of the values that vary.
-        summaries: What the runs found.
+    Rows are those of the study's table, columns those of the values that vary.
     """
     figures = shown_figures(summaries)
     if not figures:

@@ -20,6 +20,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import replace_file
 
+# Left, bottom, width and height of a part of a page, over the page.
+Box = tuple[float, float, float, float]
+
 
 def _rgb(colour: str) -> Floats:
     return np.array(to_rgb(colour))
@@ -86,7 +89,7 @@ def page(
     """Give a figure in the project's style, and write it as a PNG when it is drawn.
 
     Args:
-        path: PNG file to write.
+        path: The file.
         title: A sentence with the result; empty for none.
         size: Width and height in inches.
         facts: What the file tells of itself, as text chunks: run, seed, figure.
@@ -107,15 +110,7 @@ def page(
 def fill(
     axes: Axes, shape: BaseGeometry, colour: Floats | str, edge: str = "none", width: float = 0.8
 ) -> None:
-    """Fill a region given in m on axes in mm.
-
-    Args:
-        axes: The axes.
-        shape: The region.
-        colour: Its colour.
-        edge: Colour of its border.
-        width: Width of its border in points.
-    """
+    """Fill a region given in m on axes in mm; the width of its border is in points."""
     outlines = []
     for polygon in get_parts(shape):
         if polygon.is_empty:
@@ -134,10 +129,7 @@ def fill(
 def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
     """Draw a bar of a length in mm on axes in mm, and write its length.
 
-    Args:
-        axes: The axes.
-        length: In mm.
-        at: Left end, as fractions of the axes.
+    Its left end is given in fractions of the axes.
     """
     left, right = axes.get_xlim()
     start = left + at[0] * (right - left)

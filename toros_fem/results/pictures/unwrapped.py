@@ -27,10 +27,6 @@ def draw_unwrapped(figure: Figure, unwrapped: Unwrapped) -> None:
     """Draw the surface from two sides, with its seams, and of the flat panels.
 
     The colour is the area on the surface over the flat area: orange panels have to be stretched.
-
-    Args:
-        figure: The page.
-        unwrapped: The surface as a pattern.
     """
     pattern, ratio = unwrapped.pattern, unwrapped.distortion.area_ratio
     reach = max(LEAST_RANGE, float(np.abs(ratio - 1).max()))

@@ -36,13 +36,9 @@ BY_POINTS = "Shape: root mean square distance of all points from the target."
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a shape is what was asked for.
+    """Whether a shape is what was asked for, in a word and its colour.
 
-    Attributes:
-        word: In a word.
-        colour: Its colour.
-        reason: The figure that decides, in words.
-        bound: How far off it may be, in words; empty if that is known.
+    The reason is the figure that decides; the bound how far off it may be, empty if that is known.
     """
 
     word: str
@@ -65,11 +61,9 @@ def with_shape(figures: Sequence[Told], miss: Miss | None) -> list[Told]:
 
 
 def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None:
-    """Return whether all targets are reached; None without any.
+    """Return whether all targets of figures are reached; None without any.
 
-    Args:
-        figures: Figures with a target.
-        miss: Distance from the target shape, where the figures do not tell it; None without one.
+    A miss, the distance from the target shape, is given where the figures do not tell it.
     """
     found = with_shape(figures, miss)
     state, worst = overall(found), worst_of(found)
@@ -91,13 +85,9 @@ def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None
 
 
 def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: str) -> None:
-    """Write the verdict and the figure that decides at the top of a page.
+    """Write the verdict, or a title without one, and the figure that decides at the top of a page.
 
-    Args:
-        figure: The page.
-        found: The verdict; None without targets.
-        tail: What ends the second line, such as the pressure.
-        otherwise: A title where there is no verdict.
+    The tail, such as the pressure, ends the second line.
     """
     height = figure.get_size_inches()[1]
     if found is None:
@@ -116,11 +106,8 @@ def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: s
 def write_rows(axes: Axes, figures: Sequence[Told], miss: Miss | None, top: float) -> float:
     """Write what was found and wanted of each figure, and its state; return where it ends.
 
-    Args:
-        axes: Axes in inches, without a frame.
-        figures: The figures, those of the shape last.
-        miss: Distance from the target shape; None without one.
-        top: Height of the first line in inches.
+    The axes are in inches, without a frame, as is the height of the first line. Figures of the
+    shape come last.
     """
     right = axes.get_xlim()[1]
     shape = [figure for figure in figures if is_of_shape(figure)]
@@ -147,14 +134,7 @@ def write_rows(axes: Axes, figures: Sequence[Told], miss: Miss | None, top: floa
 
 
 def write_notes(axes: Axes, notes: Sequence[str], top: float, colour: str = SOFT) -> float:
-    """Write sentences below each other, and return where they end.
-
-    Args:
-        axes: Axes in inches, without a frame.
-        notes: The sentences.
-        top: Height of the first line in inches.
-        colour: Of the letters.
-    """
+    """Write sentences below each other, as `write_rows` does, and return where they end."""
     letters = int(LETTERS_PER_INCH * axes.get_xlim()[1])
     for note in notes:
         text = fill(note, letters)
@@ -164,13 +144,7 @@ def write_notes(axes: Axes, notes: Sequence[str], top: float, colour: str = SOFT
 
 
 def write_legend(axes: Axes, lines: bool, top: float) -> float:
-    """Say what the lines of a view are, and return where that ends.
-
-    Args:
-        axes: Axes in inches, without a frame.
-        lines: Whether lines that move with the skin are drawn.
-        top: Height of the first line in inches.
-    """
+    """Say what the lines of a view are, also those on the skin; return where it ends."""
     entries: list[tuple[str, Sequence[str], Sequence[str]]]
     entries = [("outline of the target", (ACCENT,), ("--",))]
     if lines:
@@ -186,13 +160,7 @@ def write_legend(axes: Axes, lines: bool, top: float) -> float:
 
 
 def notes_of(figures: Sequence[Told], miss: Miss | None, skin: ShownSkin) -> list[str]:
-    """Return what a reader of the rows must know.
-
-    Args:
-        figures: The figures.
-        miss: Distance from the target shape; None without one.
-        skin: What is shown.
-    """
+    """Return what a reader of the rows must know."""
     found = []
     if miss is not None:
         found.append(BY_SECTIONS if miss.by_sections else BY_POINTS)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.meshes.triangles import normals
 
 # Turns about z that are tried for the side view, and for the oblique one beside it, in degrees.
 # The latter is from the same side, so that both views are seen to be of one body.
@@ -49,13 +50,10 @@ class View:
 
 
 def side_view(points: Floats) -> View:
-    """Return the horizontal view that spreads the points of a shape most.
+    """Return the horizontal view that spreads the points (n, 3), in m, of a shape most.
 
     It looks across the plane of a bent tube. A shape whose points spread about as much from
     everywhere, as those of equal legs do, is seen along y.
-
-    Args:
-        points: Points of the shape, (n, 3), in m.
     """
     views = [View(0.0, float(turn)) for turn in SIDE_TURNS]
     widths = [float(np.std(view.project(points)[:, 0])) for view in views]
@@ -66,12 +64,7 @@ def side_view(points: Floats) -> View:
 def views_of(
     triangles: Ints, points: Floats, print_share: Floats, target: Floats | None = None
 ) -> tuple[View, View]:
-    """Return the side view and the oblique view of a skin, by its target if it has one.
-
-    Args:
-        triangles, points, print_share: As of `oblique_view`.
-        target: Target positions of all vertices, (n, 3), in m; None for none.
-    """
+    """Return the side view and the oblique view of a skin, by its target if it has one."""
     side = side_view(points if target is None else target)
     return side, oblique_view(triangles, points, print_share, side)
 
@@ -79,21 +72,13 @@ def views_of(
 def oblique_view(triangles: Ints, points: Floats, print_share: Floats, side: View) -> View:
     """Return the view from above that shows most of the shape and of its print.
 
-    It is turned against the side view, so that both together tell the shape.
-
-    That a part of the skin may hide another is not considered.
-
-    Args:
-        triangles: Vertices of each triangle, (t, 3).
-        points: Positions of all vertices, (n, 3), in m.
-        print_share: Printed fraction of each triangle, (t,).
-        side: The side view.
+    It is turned against the side view, so that both together tell the shape. That a part of the
+    skin may hide another is not considered. The share is the printed part of each triangle, (t,).
     """
-    a, b, c = np.moveaxis(points[triangles], 1, 0)
-    normals, weights = np.cross(b - a, c - a) / 2, BARE + print_share
+    areas, weights = normals(points, triangles) / 2, BARE + print_share
 
     def score(view: View) -> float:
-        seen = np.maximum(normals @ view.directions[2], 0) @ weights
+        seen = np.maximum(areas @ view.directions[2], 0) @ weights
         return float(seen * np.sqrt(np.prod(np.ptp(view.project(points), axis=0))))
 
     return max((View(ABOVE, side.turn + turn) for turn in OBLIQUE_TURNS), key=score)

@@ -24,15 +24,7 @@ HIGHER = 10.0
 
 
 class Word(NamedTuple):
-    """Words about a point.
-
-    Attributes:
-        text: The words, on one or several lines.
-        at: The point, in the units of the axes.
-        colour: Their colour.
-        size: Size of the letters in points.
-        bold: Whether they are bold.
-    """
+    """Words about a point in the units of the axes; the size of letters is in points."""
 
     text: str
     at: tuple[float, float]
@@ -55,16 +47,11 @@ def write_words(
     distances: Sequence[float] = DISTANCES,
     sides: Sequence[tuple[int, int]] = SIDES,
 ) -> None:
-    """Write each of some words at the place near its point that covers least.
+    """Write each of some words, the most important first, where it covers least near its point.
 
-    The limits of the axes must be those of the finished picture.
-
-    Args:
-        axes: The axes.
-        words: The words, the most important first.
-        lines: What they should not cover: points (n, 2) of lines, in the units of the axes.
-        distances: Distances from its point at which each is tried, in points.
-        sides: Sides of its point at which each is tried, 1 to the right or above.
+    The limits of the axes must be those of the finished picture. Lines, (n, 2) in the units of the
+    axes, should not be covered. Each word is tried at some distances in points from its point, on
+    each of its sides, 1 to the right or above.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None

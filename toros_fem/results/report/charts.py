@@ -5,14 +5,16 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
-from types import ModuleType
-from typing import Any
 
-from toros_fem.base.errors import MissingPackageError
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure as Canvas
+
 from toros_fem.measures.figures import Figure
+from toros_fem.results.pictures import style
+from toros_fem.results.pictures.curves import PRESSURE, draw_history, draw_over_pressure
 from toros_fem.results.report.tables import metrics_of
 from toros_fem.results.runs.run_folder import Run
 
@@ -28,12 +30,7 @@ COLOURS = {
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart of a page.
-
-    Attributes:
-        svg: Its SVG element, which tells the page where its axis is.
-        label: What it shows, in words.
-    """
+    """A chart of a page: its SVG element, which tells where its axis is, and words on it."""
 
     svg: str
     label: str
@@ -43,15 +40,13 @@ def over_pressure(run: Run) -> list[Chart]:
     """Return a chart of each metric over the pressure, those with a target first."""
     if len(run.curve) < 2:
         return []
-    curves, _ = _pictures()
-    measured, broken = run.measured
-    beside = [curves.Measured(**one) for one in measured]
-    at, found = run.summary.value("pressure_pa"), metrics_of(run.summary, list(run.curve[0]))
+    whole = run.over_pressure(run.summary.value("pressure_pa"))
+    found = metrics_of(run.summary, list(run.curve[0]))
 
-    def draw(metric: Any, axes: Any) -> None:
-        rows = [row for row in run.curve if metric.key in row]
-        curves.draw_over_pressure(axes, rows, [metric], at, beside, broken)
-        axes.set_xlabel(curves.PRESSURE)
+    def draw(metric: Figure, axes: Axes) -> None:
+        rows = [row for row in whole.rows if metric.key in row]
+        draw_over_pressure(axes, replace(whole, rows=rows), [metric])
+        axes.set_xlabel(PRESSURE)
 
     by_target = sorted(found, key=lambda metric: metric.target is None)
     return [chart("pressure", partial(draw, metric)) for metric in by_target]
@@ -64,25 +59,15 @@ def over_iterations(run: Run) -> list[Chart]:
         return []
     known = metrics_of(run.summary, list(rows[0]))
     shown: list[Figure | None] = [m for m in known if m.target is not None or not run.summary]
-    curves, _ = _pictures()
-    draw = curves.draw_history
-    return [chart("iteration", partial(draw, rows=rows, told=told)) for told in shown or [None]]
+    draws = [partial(draw_history, rows=rows, told=told) for told in shown or [None]]
+    return [chart("iteration", draw) for draw in draws]
 
 
-def chart(series: str, draw: Callable[[Any], None]) -> Chart:
-    """Return what a function draws on axes, as a chart.
-
-    Args:
-        series: Series of frames whose slider marks a place on its axis.
-        draw: Draws on axes.
-
-    Raises:
-        MissingPackageError: matplotlib is not installed.
-    """
-    _, style = _pictures()
+def chart(series: str, draw: Callable[[Axes], None]) -> Chart:
+    """Return what a function draws on axes as a chart, over which the slider of a series moves."""
     stream = io.StringIO()
-    with style.rc_context(style.LETTERS):
-        figure = style.Figure(SIZE, layout="constrained")
+    with rc_context(style.LETTERS):
+        figure = Canvas(SIZE, layout="constrained")
         axes = figure.subplots()
         axes.margins(x=0)
         draw(axes)
@@ -103,13 +88,3 @@ def chart(series: str, draw: Callable[[Any], None]) -> Chart:
         f'y1="{deep * (1 - box.y1):.2f}" y2="{deep * (1 - box.y0):.2f}"/></svg>'
     )
     return Chart(svg, f"{axes.get_ylabel()} over {axes.get_xlabel()}")
-
-
-def _pictures() -> tuple[ModuleType, ModuleType]:
-    """Return the modules of curves and of the pictures' style, which need matplotlib."""
-    try:
-        import_module("matplotlib")
-        from toros_fem.results.pictures import curves, style
-    except ImportError as missing:
-        raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None
-    return curves, style

@@ -13,12 +13,7 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 
 @dataclass(frozen=True)
 class EmbeddedPage:
-    """A page that a notebook shows in a frame of its own.
-
-    Attributes:
-        page: The page as HTML.
-        height: Height of the frame in pixels.
-    """
+    """A page of HTML that a notebook shows in a frame of its own, of a height in pixels."""
 
     page: str
     height: int
@@ -33,21 +28,15 @@ class EmbeddedPage:
 
 @dataclass(frozen=True)
 class StoredRun(Summary):
-    """What summary.json of a run holds, with its skin in space.
+    """What summary.json of a run in a folder holds, with its skin in space.
 
     The tables of a run, such as history.csv, are read by `pandas.read_csv` as they are.
-
-    Attributes:
-        folder: The folder of the run.
     """
 
     folder: Path
 
     def show(self, height: int = 640) -> EmbeddedPage:
-        """Return the skin in space, which a notebook shows and a mouse turns (one rank).
-
-        Args:
-            height: Height in pixels.
+        """Return the skin in space, a height in pixels, which a notebook shows and a mouse turns.
 
         Raises:
             OutputError: The folder holds no run, or a file cannot be read.

@@ -12,7 +12,6 @@ from typing import Any
 from toros_fem.base.errors import MissingPackageError
 from toros_fem.base.files import listing, naming, replace_file
 from toros_fem.results.report import tables
-from toros_fem.results.report.charts import over_iterations, over_pressure
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
 from toros_fem.results.runs.run_folder import Run, read_run
@@ -31,9 +30,6 @@ def write_report(folder: str | Path) -> Path:
     Everything comes from files in the folder. A run that was stopped, or is still going on, is
     shown as far as it has come.
 
-    Args:
-        folder: Folder of the run.
-
     Raises:
         OutputError: The folder holds no run, a file cannot be read, or the page not be written.
         MissingPackageError: A package of the extra `plot` is not installed.
@@ -46,17 +42,16 @@ def write_report(folder: str | Path) -> Path:
 
 
 def page_of(run: Run, *, alone: bool = False) -> str:
-    """Return the page of a run as HTML that needs no other file.
-
-    Args:
-        run: The run.
-        alone: Whether only the view in space is shown.
+    """Return the page of a run, or its view in space alone, as HTML that needs no other file.
 
     Raises:
         MissingPackageError: A package of the extra `plot` is not installed.
     """
     try:
+        import matplotlib  # noqa: F401
         from jinja2 import Environment, PackageLoader, StrictUndefined
+
+        from toros_fem.results.report.charts import over_iterations, over_pressure
     except ImportError as missing:
         raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None
     scene, data, patterns = packed_scene(run) if run.series else ({"series": {}}, "", [])

@@ -14,7 +14,7 @@ from shapely.affinity import scale
 from toros_fem.base.array_types import Floats
 from toros_fem.making.panels.svg import region_data
 from toros_fem.meshes.panels import panel_places
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.surfaces.flatten import triangle_stretches
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.view import views_of
@@ -35,8 +35,7 @@ GROUND = 0.75
 def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
     """Return the description of all shapes of a run, their arrays as text, and its flat patterns.
 
-    Args:
-        run: The run; it has one frame at least.
+    The run has one frame at least.
     """
     chosen = {name: _chosen(frames, len(run.series)) for name, frames in run.series.items()}
     shapes = {
@@ -79,9 +78,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
 class Packed:
     """Arrays of whole numbers one after the other, with where each begins.
 
-    Args:
-        points: All points that are shown, (k, 3) each, in m. Their box has the grid on which
-            positions are rounded.
+    Positions are rounded to a grid on the box of all points that are shown, (k, 3) each, in m.
 
     Attributes:
         low: Least corner of the box in m, (3,).
@@ -178,28 +175,8 @@ class FlatPatterns:
         return len(self.shown) - 1
 
 
-def principal_stretches(pattern: Pattern, positions: Floats) -> Floats:
-    """Return the smaller and the larger principal stretch of all triangles, (t, 2).
-
-    Args:
-        pattern: The pattern, whose flat panels are unstretched.
-        positions: Positions of all vertices, (n, 3), in m.
-    """
-    a, b, c = np.moveaxis(pattern.corners, 1, 0)
-    flat = np.stack([b - a, c - a], axis=2)
-    a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
-    gradient = np.stack([b - a, c - a], axis=2) @ np.linalg.inv(flat)
-    return np.asarray(np.linalg.svd(gradient, compute_uv=False)[:, ::-1])
-
-
 def eye(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
-    """Return the unit vector to the eye of the oblique view, which pictures and films have too.
-
-    Args:
-        skin: The skin.
-        density: Density of all triangles, (t,); None takes the print.
-        positions: Positions of all vertices, (n, 3), in m.
-    """
+    """Return the unit vector to the eye of the oblique view, which pictures and films have too."""
     share = skin.print_share(density)
     _, oblique = views_of(skin.pattern.triangles, positions, share, skin.target)
     return [float(x) for x in oblique.directions[2]]
@@ -274,7 +251,9 @@ def _packed_series(
     ]
     for name in dict.fromkeys(frame.skin for frame in frames):
         here = [k for k, frame in enumerate(frames) if frame.skin == name]
-        stretches = [principal_stretches(skins[name].pattern, shapes[k])[:, 1] for k in here]
+        pattern = skins[name].pattern
+        corners = [shapes[k][pattern.triangles] for k in here]
+        stretches = [triangle_stretches(pattern.corners, x)[:, 0] for x in corners]
         for k, large in zip(here, stretches, strict=True):
             found[k]["stretch_range"] = [float(large.min()), float(large.max())]
         density = {k: d for k in here if (d := frames[k].density) is not None}

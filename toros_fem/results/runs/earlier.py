@@ -18,12 +18,7 @@ PREFIX = "earlier-"
 
 @dataclass(frozen=True)
 class MovedFiles:
-    """The files of an earlier run that were moved aside.
-
-    Attributes:
-        place: Where they are now.
-        names: Files and folders, relative to it; its state is the last.
-    """
+    """The files and folders of an earlier run in their new place; its state is the last."""
 
     place: Path
     names: tuple[str, ...]
@@ -40,13 +35,7 @@ def move_aside(folder: Path) -> MovedFiles | None:
     """Move the files of an earlier run into a new folder beside them; return them (one rank).
 
     These are the files that it listed; all others stay. Its state comes last: a run that is moved
-    in part can be moved again.
-
-    Args:
-        folder: Folder of the run, which is locked.
-
-    Returns:
-        None if there is nothing to move.
+    in part can be moved again. The folder is locked. None if there is nothing to move.
 
     Raises:
         RunError: A file that no run listed has the name of a file of runs; nothing is moved.
@@ -71,15 +60,7 @@ def move_aside(folder: Path) -> MovedFiles | None:
 
 
 def require_room(folder: Path, known: Iterable[str]) -> None:
-    """Check that no file of somebody else has the name of a file of runs (one rank).
-
-    Args:
-        folder: Folder of the run.
-        known: Files that earlier runs wrote into it.
-
-    Raises:
-        RunError: One has.
-    """
+    """Check that no other than known files have names of files of runs (one rank)."""
     own = {name.partition("/")[0] for name in known}
     taken = []
     for name in (name.partition("/") for name in FILES):

@@ -55,15 +55,7 @@ _open: dict[Path, OpenRun] = {}
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What a folder says of its run.
-
-    Attributes:
-        inputs: All inputs, as JSON has them.
-        identity: Tells the inputs from others.
-        finished: Whether the run came to its end.
-        written_by: Version of the package.
-        format: Version of the format.
-    """
+    """What a folder says of its run: all inputs, as JSON has them, and what tells them apart."""
 
     inputs: Mapping[str, Any]
     identity: str
@@ -76,15 +68,7 @@ class OpenRun:
     """An open run folder, made by `open_run`; as a context manager it is closed at the end.
 
     While it is open, what designs into this folder keeps its state there and finds it again.
-
-    Args:
-        comm: Communicator.
-        folder: The folder.
-        record: What the folder says of the run.
-        closing: Told of how the run ended; it frees the folder's lock.
-        resumed: Whether an earlier run goes on.
-        every: Number of iterations between two writes of the state.
-        again: Command that goes on with the run.
+    `closing` is told how the run ended, and frees the folder's lock.
     """
 
     def __init__(
@@ -110,21 +94,13 @@ class OpenRun:
         return self._journals.setdefault(name, RunJournal(self, name))
 
     def check(self) -> None:
-        """End the run here if a signal asks for it (collective).
-
-        Raises:
-            RunStoppedError: It does; all that can be kept is written.
-        """
+        """End the run here by a RunStoppedError if a signal asks for it (collective)."""
         number, _ = self.signals.asked(self.comm)
         if number:
             self.stop(number)
 
     def stop(self, number: int) -> NoReturn:
-        """End the run because of a signal.
-
-        Raises:
-            RunStoppedError: Always.
-        """
+        """End the run by a RunStoppedError, because of a signal."""
         raise RunStoppedError(
             f"stopped by {signal.Signals(number).name}; the state is on disk. Go on with: "
             f"{self._again}",
@@ -171,11 +147,7 @@ def journal_of(folder: str | Path) -> RunJournal | None:
 
 
 def require_open(folder: Path) -> None:
-    """Check that a folder holds no run, or one that is open (one rank).
-
-    Raises:
-        RunError: It holds a run whose files would be replaced.
-    """
+    """Check that a folder holds no run whose files would be replaced, or an open one (one rank)."""
     if run_of(folder) is None and (folder / STATE / RECORD).exists():
         raise RunError(
             f"{folder} holds a run, whose files would be replaced. Choose another folder, or let "
@@ -200,8 +172,6 @@ def open_run(
     come back if the new run ends by an error before it has written anything.
 
     Args:
-        comm: Communicator.
-        folder: The folder, made if missing.
         inputs: All inputs, as JSON has them; they tell this run from others.
         scene: Text of the scene that it is made from, written to scene.toml; None without.
         resume: Whether to go on with the run in the folder; its files stay.
@@ -212,7 +182,6 @@ def open_run(
         RunError: Another process uses the folder, it cannot be written to, a file in it that no
             run wrote has the name of a file of runs, or there is nothing to resume in it.
         CheckpointError: The run in it has other inputs, or is of a newer version.
-        ParameterError: `every` is not a whole number, at least 1.
     """
     require_count(1, every=every)
     folder = Path(folder)

@@ -17,12 +17,9 @@ HOLDER = b"process "
 
 
 class FolderLock:
-    """Lock of a folder for this process (one rank).
+    """Lock of a folder that exists for this process (one rank).
 
     The kernel frees it when the process ends, however it ends.
-
-    Args:
-        folder: The folder, which exists.
 
     Raises:
         RunError: Another process holds it; the message names process and host. Or a link or a file

@@ -6,7 +6,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_bytes, read_json, reading
@@ -20,6 +20,33 @@ SERIES = ("pressure", "iteration", "gait", "load")
 WORDS = {"direction"}
 
 
+class Measured(NamedTuple):
+    """A measured value beside a curve: its figure's key, pressure in Pa, value, ours, and who."""
+
+    key: str
+    pressure: float
+    value: float
+    simulated: float | None
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Figures over the pressure.
+
+    Attributes:
+        rows: Values by key, "pressure_pa" among them, by rising pressure.
+        pressure: Pressure of the design in Pa; None for none.
+        measured: Measured values.
+        broken: Whether it ends for want of an equilibrium, at its lower and upper end.
+    """
+
+    rows: Sequence[Mapping[str, float]]
+    pressure: float | None = None
+    measured: Sequence[Measured] = ()
+    broken: tuple[bool, bool] = (False, False)
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """The content of a run's folder; what is missing is empty.
@@ -27,8 +54,7 @@ class Run:
     Attributes:
         folder: The folder.
         summary: Its summary; empty for a run that was stopped.
-        history: Rows of history.csv, numbers by column.
-        curve: Rows of curve.csv.
+        history, curve: Rows of history.csv and curve.csv, numbers by column.
         series: Frames by what they follow, in the order of `SERIES`.
         skins: Skins of the frames, by their files' names.
         note: What is not as usual in the print's equilibrium, as sentences.
@@ -49,25 +75,14 @@ class Run:
         """The folder's own name."""
         return self.folder.resolve().name
 
-    @property
-    def measured(self) -> tuple[list[dict[str, Any]], tuple[bool, bool]]:
-        """Measured values beside the curve, and whether it ends early, below and above.
-
-        A value has its "key", "pressure" in Pa, "value", "simulated", ours there or None, and
-        "source".
-        """
+    def over_pressure(self, pressure: float | None) -> Curve:
+        """Return its curve with the pressure of the design in Pa, None for none."""
         told = self.summary.entries.get("curve") or {}
-        found = [
-            {
-                "key": one["metric"],
-                "pressure": one["pressure_pa"],
-                "value": one["measured"],
-                "simulated": one.get("simulated"),
-                "source": one["source"],
-            }
-            for one in told.get("measured") or ()
-        ]
-        return found, (bool(told.get("failure_below")), bool(told.get("failure_above")))
+        names = ("metric", "pressure_pa", "measured", "simulated", "source")
+        measured = [Measured(*map(one.get, names)) for one in told.get("measured") or ()]
+        broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
+        rows = [row for row in self.curve if "pressure_pa" in row]
+        return Curve(rows, pressure, measured, broken)
 
 
 def read_run(folder: str | Path) -> Run:

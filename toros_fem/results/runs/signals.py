@@ -21,15 +21,11 @@ class Signals:
 
     SIGUSR1 asks for a write, the others for an end: the first of them at the end of the step.
     Where nothing is to be written, outside of design loops, or at a second one, the run stops at
-    once. Handlers are installed in the main thread alone.
+    once by `stop`. Handlers are installed in the main thread alone.
 
     Attributes:
         waits: Whether a design loop will look at what is asked soon.
         stopped_at_once: Number of the signal that did not wait; 0 for none.
-
-    Args:
-        comm: Communicator of the run.
-        stop: Raises the error that ends the run, for the number of a signal.
     """
 
     def __init__(self, comm: MPI.Comm, stop: Callable[[int], None]) -> None:

@@ -16,11 +16,9 @@ from toros_fem.results.runs.files import SUMMARY
 
 @dataclass(frozen=True)
 class Summary:
-    """What summary.json of a run holds; empty for a run that was stopped.
+    """What summary.json of a run holds: figures by their keys, as "angle_deg", further entries.
 
-    Attributes:
-        figures: The figures by their keys, such as "angle_deg".
-        entries: Further entries.
+    It is empty for a run that was stopped.
     """
 
     figures: Mapping[str, Figure]
@@ -65,11 +63,7 @@ def read_content(folder: Path) -> dict[str, Any]:
 
 
 def summary_of(folder: Path) -> Summary:
-    """Return the summary of a run, empty if there is none yet (one rank).
-
-    Raises:
-        OutputError: It cannot be read, is none, or is that of an earlier version.
-    """
+    """Return the summary of a run, as of `read_content`."""
     content = read_content(folder)
     try:
         rows = content.pop("figures", [])
