@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     label_cross_sections,
     section_vertices,
 )
 from toros_fem.measures.figures import DEFAULT, Figure, Tolerances
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.rotation import best_rotation
 from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.meshes.pattern import Pattern

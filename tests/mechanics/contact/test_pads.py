@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.pads import Pads
-from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
+from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground, Pads
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 

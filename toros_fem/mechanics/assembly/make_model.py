@@ -20,14 +20,21 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.planes import Planes
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.bend import Bend, OffsetPrint
-from toros_fem.mechanics.terms.courses import Courses
 from toros_fem.mechanics.terms.dead_loads import DeadForce, OwnWeight
 from toros_fem.mechanics.terms.images import Images
-from toros_fem.mechanics.terms.line_families import LineFamilies
+from toros_fem.mechanics.terms.lines import Courses, LineFamilies
 from toros_fem.mechanics.terms.pressure import Pressure
 from toros_fem.mechanics.terms.sheet import RubberLayer, Sheet, TensionSheet
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
+
+# Types of these, and what to say of another one.
+_KINDS = {
+    "chambers": (Chambers, "Chambers, or None for one"),
+    "weight": (Weight, "a Weight, or None for none"),
+    "contact": (Contact, "a Contact, or None for none"),
+    "periodic": (Periodic, "a Periodic, or None for a skin that does not repeat"),
+}
 
 
 class Further(TypedDict, total=False):
@@ -47,15 +54,6 @@ class Further(TypedDict, total=False):
     contact: Contact | None
     design: Callable[[Skin, Composite], Densities] | None
     periodic: Periodic | None
-
-
-# Types of these, and what to say of another one.
-_KINDS = {
-    "chambers": (Chambers, "Chambers, or None for one"),
-    "weight": (Weight, "a Weight, or None for none"),
-    "contact": (Contact, "a Contact, or None for none"),
-    "periodic": (Periodic, "a Periodic, or None for a skin that does not repeat"),
-}
 
 
 def make_model(

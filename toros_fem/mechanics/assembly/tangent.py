@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
+from dolfinx import la
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
-from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.mechanics.assembly.block_pairs import BlockPairs
+from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.compiled_forms import work_vector
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.periodic_tangent import PeriodicTangent
+from toros_fem.mechanics.terms.images import Images
+
+# Triangles treated at once: the work arrays stay in the processor's cache.
+CHUNK = 2000
 
 
 class UpperTangent:
@@ -194,3 +200,212 @@ def _with(known: Ints, more: Ints) -> tuple[Ints, Ints]:
     new = np.append(known, -1)[place] != more
     ahead = np.cumsum(np.bincount(place[new], minlength=len(known) + 1)[: len(known)])
     return np.insert(known, place[new], more[new]), np.arange(len(known)) + ahead
+
+
+class PeriodicTangent:
+    """Tangent entries at the columns of F̄, from the matrices of triangles that see images.
+
+    A triangle's matrix A belongs to the places where it sees its nodes, x + a F̄n + b F̄t. The
+    matrix of the unknowns is EᵀAE with E = (1, a, b) for each node. The part of the 1 is that of
+    all triangles and is not repeated here.
+
+    Attributes:
+        keys: Entry row · size + column of each number, row ≤ column.
+        weights: Factor of each number: 2 on the diagonal, where (i, j) and (j, i) coincide.
+
+    Args:
+        model: Model of a tile.
+        images: Its images.
+    """
+
+    def __init__(self, model: SkinModel, images: Images) -> None:
+        self._model, self._images = model, images
+        index_map = model.space.dofmap.index_map
+        size = index_map.size_global
+        local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        number = np.where(model.fixed, -1, index_map.local_to_global(local))
+        place, dofs, present = model.tangent_layout
+        self._cells = cells = np.flatnonzero(self._images.images.any(axis=1))
+        self._count = dofs.shape[1]
+        entries = self._count * (self._count + 1) // 2
+        self._first = place[cells].astype(np.int64) * entries
+        self._present, self._dofs = present[cells], dofs[cells]
+        # For each component of each node: its own number, that of F̄n and that of F̄t.
+        nodes = self._count // 3
+        moved = np.zeros((len(cells), nodes), dtype=bool)
+        moved[:, : self._images.images.shape[1]] = self._images.images[cells]
+        targets = np.full((len(cells), nodes, 3, 3), -1, dtype=np.int64)
+        targets[:, :, 0] = number[self._dofs].reshape(len(cells), nodes, 3)
+        columns = number[self._images.dofs]
+        targets[:, :, 1:] = np.where(moved[:, :, None, None], columns, -1)
+        targets[~self._present.reshape(len(cells), nodes, 3)[:, :, 0]] = -1
+        parts: list[Ints] = [np.zeros((5, 0), dtype=np.int64)]
+        for n, (i, j) in enumerate(zip(*np.triu_indices(self._count), strict=True)):
+            (u, k), (v, m) = divmod(i, 3), divmod(j, 3)
+            for a in range(3):
+                for b in range(a if i == j else 0, 3):
+                    p, q = targets[:, u, a, k], targets[:, v, b, m]
+                    c = np.flatnonzero((p >= 0) & (q >= 0))
+                    if a == b == 0 or len(c) == 0:
+                        continue
+                    low, high = np.minimum(p, q)[c], np.maximum(p, q)[c]
+                    count = np.where((low == high) & (i != j), 2, 1)
+                    one, two = (c * nodes + u) * 3 + a, (c * nodes + v) * 3 + b
+                    parts.append(np.stack([low * size + high, self._first[c] + n, one, two, count]))
+        self.keys, self._sources, self._one, self._two, count = np.concatenate(parts, axis=1)
+        self.weights = count.astype(np.float64)
+        self._vector = work_vector(model.space)
+
+    def _factors(self) -> Floats:
+        """1, a, b of each node of the triangles that see images, (cells, nodes, 3)."""
+        shifts = self._images.shifts[self._cells]
+        factors = np.zeros((len(self._cells), self._count // 3, 3))
+        factors[:, :, 0] = 1.0
+        factors[:, : shifts.shape[1], 1:] = shifts
+        return factors
+
+    def values(self, entries: Floats) -> Floats:
+        """Return the numbers that belong to `keys`, from those of `SkinModel.tangent_entries`."""
+        factors = self._factors().ravel()
+        return np.asarray(entries[self._sources] * factors[self._one] * factors[self._two])
+
+    def force(self, entries: Floats, change: Floats) -> Floats:
+        """Return the change of the first variation, at all owned unknowns, by F̄ alone (collective).
+
+        Args:
+            entries: As `SkinModel.tangent_entries` returns them.
+            change: Change of F̄, (3, 2).
+        """
+        model, count = self._model, self._count
+        row, column = np.triu_indices(count)
+        matrix = np.zeros((len(self._cells), count, count))
+        matrix[:, row, column] = entries[self._first[:, None] + np.arange(len(row))]
+        matrix[:, column, row] = matrix[:, row, column]
+        matrix *= self._present[:, :, None] & self._present[:, None, :]
+        factors = self._factors()
+        moves = self._images.periodic.length * factors[:, :, 1:] @ np.asarray(change).T
+        forces = (matrix @ moves.reshape(len(moves), count, 1)).reshape(moves.shape)
+        out = self._vector.array
+        out[:] = 0
+        np.add.at(out, self._dofs.ravel(), forces.ravel())
+        np.add.at(out, self._images.dofs, np.einsum("cua,cuk->ak", factors[:, :, 1:], forces))
+        self._vector.scatter_reverse(la.InsertMode.add)
+        return np.array(out[: model.size_local])
+
+
+class BlockPairs:
+    """Pairs of blocks that a triangle sees together, and the entries of the tangent in them.
+
+    A block is the position of a vertex, three unknowns, or the rotation of an edge. A patch has 21
+    unknowns and 231 pairs of them, but only 9 blocks and 45 pairs: these alone are sorted.
+
+    Attributes:
+        keys: Entry row · size + column of the tangent's upper triangle, in global unknowns, without
+            fixed ones; sorted and distinct.
+        twice: Numbers of `SkinModel.tangent_entries` at which (i, j) and (j, i) coincide, because
+            a patch meets one vertex twice.
+        count: Numbers that belong to triangles.
+
+    Args:
+        model: The skin's model.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        index_map = model.space.dofmap.index_map
+        local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        number = index_map.local_to_global(local)
+        self._row, dofs, present = model.tangent_layout
+        unknowns = dofs.shape[1]
+        nodes = min(unknowns, 18) // 3
+        first = np.append(np.arange(0, 3 * nodes, 3), np.arange(3 * nodes, unknowns))
+        width = np.where(first < 3 * nodes, 3, 1)
+        u, v = np.triu_indices(len(first))
+
+        # Blocks are numbered in the order of their global unknowns.
+        begin = np.unique(dofs[:, first])
+        begin = begin[np.argsort(number[begin])]
+        block_of = np.zeros(len(local), dtype=np.int32)
+        block_of[begin] = np.arange(len(begin))
+        blocks = block_of[dofs[:, first]]
+        free = np.zeros((len(begin), 3), dtype=bool)
+        for k, (dof, count) in enumerate(zip(first, width, strict=True)):
+            free[blocks[:, k], :count] = ~model.fixed[dofs[:, dof : dof + count]]
+
+        one, two = blocks[:, u], blocks[:, v]
+        seen = present[:, first]
+        seen_both = seen[:, u] & seen[:, v]
+        pairs = np.minimum(one, two) * np.int64(len(begin)) + np.maximum(one, two)
+        pairs[~seen_both] = len(begin) ** 2  # after all others
+        known, pair = np.unique(pairs, return_inverse=True)
+        known = known[: np.searchsorted(known, len(begin) ** 2)]
+        # Those that a triangle sees the other way round are a second set, absent ones are last.
+        pair = pair.reshape(pairs.shape) + len(known) * (one > two)
+        self._pair = np.where(seen_both, pair, 2 * len(known)).astype(np.int32)
+        low, high = np.divmod(known, len(begin))
+
+        used = free[low][:, :, None] & free[high][:, None, :]
+        diagonal = np.flatnonzero(low == high)
+        used[diagonal] &= np.triu(np.ones((3, 3), dtype=bool))
+        slots, count = _ranks(used, low, len(begin))
+        slots[~used] = count
+        keys: Ints = np.empty(count + 1, dtype=np.int64)
+        corner = number[begin[low]] * index_map.size_global + number[begin[high]]
+        for k, m in product(range(3), repeat=2):
+            keys[slots[:, k, m]] = corner + k * index_map.size_global + m
+        self.keys = keys[:count]
+        # Both halves of a block on the diagonal lead to its upper one.
+        upper = slots[diagonal]
+        slots[diagonal] = np.minimum(upper, upper.transpose(0, 2, 1))
+        self._slots = slots
+
+        # Pair of blocks, and row and column inside it, of each pair of unknowns i ≤ j.
+        i, j = np.triu_indices(unknowns)
+        block = np.repeat(np.arange(len(first)), width)
+        inside = np.arange(unknowns) - first[block]
+        pair_number: Ints = np.zeros((len(first), len(first)), dtype=np.int64)
+        pair_number[u, v] = np.arange(len(u))
+        self._pair_of = pair_number[block[i], block[j]]
+        self._slot_of = 9 * self._pair_of + 3 * inside[i] + inside[j]
+        self.count = len(dofs) * len(i)
+        met, pair_met = np.nonzero((one == two) & seen_both & (u != v))
+        again = (self._pair_of == pair_met[:, None]) & (inside[i] == inside[j])
+        meeting, entry = np.nonzero(again)
+        self.twice: Ints = self._row[met[meeting]].astype(np.int64) * len(i) + entry
+
+    def places(self, of_key: Ints) -> LocalInts:
+        """Return the place of each number of the triangles, (count,).
+
+        Args:
+            of_key: Place of each of the keys, and of numbers without a key: one more.
+        """
+        slots = self._slots
+        table = np.empty((2 * len(slots) + 1, 3, 3), dtype=np.int32)
+        table[: len(slots)] = of_key[slots]
+        table[len(slots) : -1] = table[: len(slots)].transpose(0, 2, 1)
+        table[-1] = of_key[-1]
+        out = np.empty((len(self._row), len(self._slot_of)), dtype=np.int32)
+        for begin in range(0, len(out), CHUNK):
+            part = slice(begin, begin + CHUNK)
+            seen = table[self._pair[part]].reshape(-1, 9 * self._pair.shape[1])
+            out[self._row[part]] = seen[:, self._slot_of]
+        return out.ravel()
+
+
+def _ranks(used: Bools, low: Ints, blocks: int) -> tuple[LocalInts, int]:
+    """Return the rank of each used slot, (p, 3, 3), by row, then by pair, and the number of them.
+
+    Args:
+        used: Whether each slot of each pair has an entry.
+        low: First block of each pair, (p,), ascending.
+        blocks: Number of blocks.
+    """
+    ranks = np.zeros(used.shape, dtype=np.int32)
+    ranks[:, :, 1] = used[:, :, 0]
+    ranks[:, :, 2] = ranks[:, :, 1] + used[:, :, 1]
+    ahead = np.zeros((len(used) + 1, 3), dtype=np.int64)
+    np.cumsum(ranks[:, :, 2] + used[:, :, 2], axis=0, out=ahead[1:])
+    bounds = ahead[np.searchsorted(low, np.arange(blocks + 1))]
+    length = np.diff(bounds, axis=0).ravel()
+    start = (np.cumsum(length) - length).reshape(-1, 3)
+    ranks += ((start - bounds[:-1])[low] + ahead[:-1]).astype(np.int32)[:, :, None]
+    return ranks, int(length.sum())

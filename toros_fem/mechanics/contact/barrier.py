@@ -11,7 +11,6 @@ from scipy.sparse import csc_matrix
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.half_space import HalfSpacePairs
 from toros_fem.mechanics.contact.library import patches_apart
 from toros_fem.mechanics.contact.neighbours import (
     collision_filter,
@@ -19,9 +18,8 @@ from toros_fem.mechanics.contact.neighbours import (
     neighbours,
     sizes_between_neighbours,
 )
-from toros_fem.mechanics.contact.pair_set import PairSet, thirds
+from toros_fem.mechanics.contact.pair_sets import HalfSpacePairs, PairSet, SurfacePairs, thirds
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
-from toros_fem.mechanics.contact.surface_pairs import SurfacePairs
 from toros_fem.meshes.pattern import Pattern
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,7 +19,6 @@ from toros_fem.mechanics.equilibrium.direction import (
 )
 from toros_fem.mechanics.equilibrium.iteration import Iteration
 from toros_fem.mechanics.equilibrium.landing import Landing
-from toros_fem.mechanics.equilibrium.narrowing import into_bounds
 from toros_fem.mechanics.equilibrium.newton_step import NewtonResult, NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.petsc_options import (
@@ -29,6 +28,10 @@ from toros_fem.mechanics.equilibrium.petsc_options import (
     with_defaults,
 )
 from toros_fem.mechanics.equilibrium.shift import ShiftedCholesky
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
+
+if TYPE_CHECKING:
+    from toros_fem.mechanics.equilibrium.newton import Newton
 
 # Residual over the applied load at which a trial's objective is known well enough.
 TRIAL_TOLERANCE = 1e-6
@@ -36,6 +39,9 @@ TRIAL_TOLERANCE = 1e-6
 UNLIMITED = 1_000_000
 
 Reason = PETSc.SNES.ConvergedReason
+
+# Each round is solved for up to this residual over the load.
+APPROACHED, ROUNDS = 0.1, 60
 
 
 class Newton:
@@ -220,3 +226,44 @@ def _weakly(method: Callable[..., Any]) -> Callable[..., Any]:
         return found(*given)
 
     return call
+
+
+def into_bounds(newton: Newton, start: Floats, max_steps: int, *, near: bool) -> tuple[Floats, int]:
+    """Return the start, or a state near it inside the bounds of the density (collective).
+
+    Another density may have had wider bounds. The bounds of the triangles outside are widened,
+    then narrowed in rounds: the tangent predicts the motion by it, and Newton's steps correct
+    that, as in an interior point method. From afar (not `near`) all bounds begin wide: narrow
+    ones would cap every step of the whole skin.
+
+    Returns:
+        The state, and how many of the steps are left.
+    """
+    model, bounds, state = newton.model, newton.model.bounds, start
+    if not isinstance(bounds, MixedBounds):
+        return start, max_steps
+    if not bounds.loosen(model.corners(start), everywhere=not near):
+        return start, max_steps
+    for _ in range(ROUNDS):
+        if not bounds.loosened:
+            break
+        first = near and state is start
+        state, outcome = newton.minimise(state, APPROACHED, max_steps, near=first, finish=False)
+        max_steps = max(1, max_steps - newton.steps)
+        if outcome <= 0:
+            break
+        state = _narrowed(newton, state, bounds)
+    bounds.update()
+    return state, max_steps
+
+
+def _narrowed(newton: Newton, state: Floats, bounds: MixedBounds) -> Floats:
+    """Narrow loosened bounds, and return the state that goes with them."""
+    model = newton.model
+    if not newton.stable(state):
+        bounds.narrow(model.corners(state), None)
+        return state
+    model.set_state(state)
+    motion = -newton.factor.solve(bounds.push() * model.free)
+    fraction = bounds.narrow(model.corners(state), model.corners(motion))
+    return np.asarray(state + fraction * motion)

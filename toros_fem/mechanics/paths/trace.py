@@ -13,16 +13,23 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.continuation import (
+    Attempt,
+    ContinuationResult,
+    run_continuation,
+)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
-from toros_fem.mechanics.paths.pressure_path import follow_pressures
-from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
 PATHS = ("pressure", "arc-length")
 Start = Floats | Equilibrium | None
 Stop = Callable[[TracePoint], bool] | None
+
+# Smallest increment between two loads, as a fraction of their difference.
+LEAST_INCREMENT = 1 / 100
 
 
 @collective("solver.skin.comm", owned=("density", "start"))
@@ -119,3 +126,61 @@ def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:
         yield point
         if stop is not None and stop(point):
             return
+
+
+def follow_pressures(
+    solver: EquilibriumSolver,
+    density: Floats,
+    loads: Sequence[Load | Pressure],
+    metrics: Sequence[Metric],
+    start: Floats | Equilibrium | None,
+) -> Iterator[TracePoint]:
+    """Yield the equilibria under one load after the other (collective); `trace` has the arguments.
+
+    Raises:
+        EquilibriumError: There is no equilibrium under one of the loads; the points before it
+            have been yielded.
+    """
+    before: Equilibrium | None = None
+    if isinstance(start, Equilibrium):
+        before, start = start, None
+    for load in loads:
+        if before is None:
+            before = solver.solve(density, load, start)
+        else:
+            # Of a pressure alone the rest of the load stays.
+            given = load if isinstance(load, Load) else replace(before.load, pressure=load)
+            before = _continue(solver, density, before, given.on(solver.model))
+        yield measured_point(solver, before, metrics)
+
+
+def _continue(
+    solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
+) -> Equilibrium:
+    """Find the equilibrium under a load by continuation from another one."""
+    begin = before.load
+    last = reached = before
+
+    def attempt(_: Floats, fraction: float) -> Attempt:
+        nonlocal last, reached
+        level = begin.towards(load, fraction) if fraction < 1 else load
+        last = solver.solve(density, level, after=reached, raise_on_failure=False, trial=True)
+        steps = last.steps
+        if last.converged:
+            try:
+                last = reached = solver.finish(last)
+            except EquilibriumError as error:  # raised by all ranks or by none
+                last = error.result
+            steps += last.steps
+        return Attempt(last.state, 1 if last.converged else -1, steps)
+
+    start = ContinuationResult(before.state, 0.0, 1)
+    done = run_continuation(attempt, start, 1.0, 1.0, LEAST_INCREMENT)
+    if done.load_factor != 1.0:
+        raise EquilibriumError(
+            f"the path ends between {begin} and {load}, after "
+            f"{100 * (done.load_factor or 0.0):.0f} % of the change: {last.reason} Beyond a limit "
+            'point a path goes on by="arc-length".',
+            last,
+        )
+    return last

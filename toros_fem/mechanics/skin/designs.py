@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.cell_functions import cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and

@@ -10,16 +10,20 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.forms.bending import Edges, bending_energy
+from toros_fem.forms.bending import Edges, bending_energy, coupling_energy
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.offset import coupling_energy
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import (
+    cell_function,
+    cell_space,
+    constants,
+    lame_constants,
+    set_cells,
+)
 from toros_fem.mechanics.skin.hinges import Hinges, edge_angles, find_hinges, hinge_tensors
 from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 

@@ -12,11 +12,11 @@ from toros_fem.base.mpi import total
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Jet
 from toros_fem.forms.kinematics import Triangle
-from toros_fem.forms.weight import weight_potential
+from toros_fem.forms.loads import weight_potential
+from toros_fem.mechanics.skin.coefficients import constants
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import positions
-from toros_fem.mechanics.terms.constants import constants
 from toros_fem.mechanics.terms.term import PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
 

@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.forms.jets import Jet
 from toros_fem.forms.kinematics import Triangle, flat_area
-from toros_fem.forms.pressure import enclosed_volume
+from toros_fem.forms.loads import enclosed_volume
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, positions

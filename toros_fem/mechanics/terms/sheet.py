@@ -19,12 +19,17 @@ from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
 from toros_fem.forms.smoothing import Smoothing, likeness
 from toros_fem.forms.tension_field import relaxed
 from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import (
+    cell_function,
+    cell_space,
+    constants,
+    lame_constants,
+    set_cells,
+)
 from toros_fem.mechanics.skin.designs import Densities
-from toros_fem.mechanics.skin.flaps import Flaps, find_flaps
+from toros_fem.mechanics.skin.hinges import Flaps, find_flaps
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
