@@ -90,11 +90,8 @@ def reflected(at: Vector, through: Vector, normal: Any) -> Vector:
 def bending_energy(Lambda: Sequence[Scalar], mu: Any, lam: Any) -> Any:
     """Return ½ Λ:D:Λ per flat area, plane-stress Hooke, eqs. (5, 6), in J/m².
 
-    With mu and lam times h³/12 it is the integral of ½ ε·D·ε over the thickness, ε = −z Λ.
-
-    Args:
-        Lambda: Curvature (xx, yy, xy) in 1/m.
-        mu, lam: Plane-stress Lamé parameters times h³/12, in N m.
+    With Lamé parameters times h³/12, in N m, it is the integral of ½ ε·D·ε over the thickness, ε =
+    −z Λ.
     """
     xx, yy, xy = Lambda
     return lam / 2 * (xx + yy) ** 2 + mu * (xx**2 + yy**2 + 2 * xy**2)
@@ -104,12 +101,8 @@ def coupling_energy(e: Strain, Lambda: Sequence[Scalar], mu: Any, lam: Any) -> A
     """Return E:B:Λ per flat area in J/m², plane-stress Hooke.
 
     E = U − 1 is the Biot strain of the fabric's mid-surface; U = (C + p I)/s. At the distance z
-    along the normal the strain is E + zΛ, as in eq. (5) with z against the normal.
-
-    Args:
-        e: The strain.
-        Lambda: Curvature (xx, yy, xy) in 1/m.
-        mu, lam: Plane-stress Lamé parameters times thickness and offset, in N.
+    along the normal the strain is E + zΛ, as in eq. (5) with z against the normal. Lamé parameters
+    are times thickness and offset, in N.
     """
     xx, yy, xy = Lambda
     E = [(e.C[0] + e.p) / e.s - 1, (e.C[1] + e.p) / e.s - 1, e.C[2] / e.s]
@@ -119,9 +112,7 @@ def coupling_energy(e: Strain, Lambda: Sequence[Scalar], mu: Any, lam: Any) -> A
 def coupling_of_lines(families: Sequence[Family], e: Strain, Lambda: Sequence[Scalar]) -> Any:
     """Return the same of lines, whose strain is |F d| − 1 + z d·Λ d.
 
-    Args:
-        families: Line families, whose `stretching` is times the offset, in N.
-        e, Lambda: As for `coupling_energy`.
+    Their `stretching` is times the offset, in N.
     """
     xx, yy, xy = Lambda
     return total(

@@ -9,9 +9,5 @@ def interpolate(density: Any, fabric: Any, reinforcement: Any) -> Any:
     """Return the linear mix (1 − ρ̄) fabric + ρ̄ reinforcement, eqs. (2, 3).
 
     Linear as in the paper: the projection, not a penalty exponent, drives ρ̄ to 0 and 1.
-
-    Args:
-        density: Projected density ρ̄ in [0, 1].
-        fabric, reinforcement: The same parameter of either material, in its own unit.
     """
     return fabric + density * (reinforcement - fabric)

@@ -9,12 +9,9 @@ from toros_fem.forms.jets import Jet, Vector, cross, dot
 
 
 def weight_potential(corners: Sequence[Vector], mass: Any, gravity: Any) -> Jet:
-    """Return the potential −m g·x per flat area in J/m², with x the middle of a triangle.
+    """Return the potential −m g·x per flat area in J/m², with x the middle of a triangle in m.
 
-    Args:
-        corners: Deformed corners in m.
-        mass: Mass per flat area in kg/m².
-        gravity: Acceleration in m/s², a vector of three.
+    The mass is in kg/m², gravity a vector of three in m/s².
     """
     a, b, c = corners
     middle = [(a[k] + b[k] + c[k]) * (1 / 3) for k in range(3)]

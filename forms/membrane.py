@@ -50,11 +50,8 @@ def quadratic(e: Strain, mu: Any, lam: Any) -> Any:
 def neo_hooke(e: Strain, mu: Any) -> Any:
     """Return the energy per flat area of a thin incompressible neo-Hookean layer in plane stress.
 
-    ψ = μ/2 (λ₁² + λ₂² + λ₃² − 3) with λ₃ = 1/(λ₁λ₂) (Treloar 1943).
-
-    Args:
-        e: The strain.
-        mu: Shear modulus times thickness, in N/m; μ = E/3.
+    ψ = μ/2 (λ₁² + λ₂² + λ₃² − 3) with λ₃ = 1/(λ₁λ₂) (Treloar 1943); μ = E/3 times thickness, in
+    N/m.
     """
     return mu / 2 * (e.C[0] + e.C[1] + 1 / (e.p * e.p) - 3)
 

@@ -53,14 +53,10 @@ def relaxed(
     residual: Any,
     log: Logarithm,
 ) -> Any:
-    """Return the relaxed energy per flat area in J/m².
+    """Return the relaxed energy per flat area in J/m², of the arguments of `barrier`.
 
     It is (1 − r) ψ where the sheet is taut, (1 − r) ψ(λ₁, w(λ₁)) where it is wrinkled, and
-    everywhere r times `quadratic`.
-
-    Args:
-        e, mu, lam, c1, c2, log: As for `barrier`.
-        residual: Fraction r of the stiffness that remains against compression.
+    everywhere r times `quadratic`: the fraction of the stiffness that remains against compression.
     """
     state = tension_field(e, mu, lam, c1, c2)
     a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
@@ -73,15 +69,11 @@ def relaxed(
 
 
 def natural_narrowing(x: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
-    """Return y = 1 − w at which a sheet stretched by λ₁ = 1 + x has no stress across it.
+    """Return y = 1 − w at which a sheet stretched by λ₁ = 1 + x has no stress across it, x ≥ 0.
 
     With z = x − y it solves 2μ y (1 − z²/b) = λ z (1 − y²/a), a cubic with three real roots, one
-    below 0, one above x. The root between them is that of the sine. All terms go with x, so that
-    y keeps its digits where x is small.
-
-    Args:
-        x: λ₁ − 1, at least 0 and below c₁ − 1.
-        mu, lam, c1, c2: As for `barrier`.
+    below 0, one above x. The root between them is that of the sine. All terms go with x, so that y
+    keeps its digits where x is small.
     """
     poisson = lam / (2 * mu + lam)
     one, two = (1 - poisson) / (c2 - 1) ** 2, poisson / (c1 - 1) ** 2

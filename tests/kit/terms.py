@@ -263,7 +263,8 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
     if model.contact is not None:
         model.contact.begin_step(None, term.load)
         model.contact.lag_friction(start)
-    model.grow_pairs(state)
+    for each in model.terms:
+        each.grow(state)
     return state, model
 
 

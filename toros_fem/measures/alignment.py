@@ -27,20 +27,12 @@ class AlignedObjective:
     """Objective of the skin after a rigid motion onto the target: T(R(x − x̄) + x̄*).
 
     R and the means minimise the sum of squares (Kabsch 1976), in which each vertex counts by its
-    flat area. Their dependence on x is part of the gradient, so that T may be any objective.
-
-    Args:
-        skin: The sewn skin.
-        target: Target positions of all assembled vertices, (n, 3), in m.
-        objective: T, evaluated after the motion.
-        weights: Factor on each vertex's area in the fit, (n,); None: 1.
+    flat area, times its weight, (n,). Their dependence on x is part of the gradient, so that T may
+    be any objective. A skin or target on a line, whose best rotation is not unique, is a
+    TargetError on use.
 
     Attributes:
         objective: T, as it is evaluated after the motion.
-
-    Raises:
-        TargetError: On use, if the skin or the target lies on a line, so that the best rotation is
-            not unique.
     """
 
     def __init__(
@@ -86,13 +78,7 @@ class AlignedObjective:
 
 @dataclass(frozen=True, eq=False)
 class ImageNodes:
-    """Vertices of a whole skin, each on the rank that owns the vertex it is an image of.
-
-    Attributes:
-        pattern: The whole.
-        comm: Communicator of the part.
-        owned_vertices: Vertices of the whole on this rank.
-    """
+    """Vertices of a whole skin, each on the rank that owns the vertex it is an image of."""
 
     pattern: Pattern
     comm: MPI.Comm
@@ -102,14 +88,9 @@ class ImageNodes:
 class MirroredObjective:
     """Objective T of the whole skin at the positions of a part and its mirror images.
 
-    T is the same number as on the whole skin, to rounding. ∂T/∂x at a vertex of the part is the
-    sum over its images, each mirrored back: all of them move together.
-
-    Args:
-        skin: The part, sewn.
-        whole: Its completion by `meshes.mirrored`.
-        objective: Makes the objective from the nodes of the whole. Arrays by vertex are in the
-            order of `whole.pattern.points`.
+    T is the same number as on the whole skin, to rounding. ∂T/∂x at a vertex of the part is the sum
+    over its images, each mirrored back: all of them move together. `objective` makes T from the
+    nodes of the whole; arrays by vertex are in the order of `whole.pattern.points`.
 
     Attributes:
         objective: T, as it is evaluated on the whole.

@@ -57,10 +57,7 @@ class Rod:
     def carried(self, labels: Ints, positions: Floats, other: Rod) -> Floats:
         """Return positions, (n, 3), whose cross-sections move rigidly to those of another rod.
 
-        Args:
-            labels: Cross-section of each vertex, (n,); those in none, −1, stay.
-            positions: Positions of the vertices in the shape of this rod.
-            other: The other rod.
+        `labels` are the vertices' cross-sections, (n,); those in none, −1, stay.
         """
         k = np.maximum(labels, 0)
         turn = other.frames @ np.swapaxes(self.frames, 1, 2)
@@ -79,13 +76,7 @@ class Rod:
 
 
 def rod_of(pattern: Pattern, labels: Ints, positions: Floats) -> Rod:
-    """Return the rod of a shape; vertices count by their areas.
-
-    Args:
-        pattern: The whole pattern.
-        labels: Cross-section of each vertex, (n,), −1 for none.
-        positions: Positions of all vertices, (n, 3), in m.
-    """
+    """Return the rod of a shape, by the cross-section of each vertex, −1 for none, and areas."""
     inside = labels >= 0
     label, weight = labels[inside], pattern.vertex_areas[inside]
     weight = weight / np.bincount(label, weight)[label]

@@ -5,12 +5,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from dolfinx import la
+from dolfinx import fem, la
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.base.compiled_forms import work_vector
+from toros_fem.base.compiled_forms import compiled, work_vector
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.terms.images import Images
 
@@ -18,43 +18,89 @@ from toros_fem.mechanics.terms.images import Images
 CHUNK = 2000
 
 
+class TriangleMatrices:
+    """Upper triangles of the matrices of owned triangles, and what terms add: ∂²E in N/m.
+
+    Attributes:
+        rows: Row of each owned triangle among the entries.
+        dofs: Its local unknowns, (n, 9), (n, 18) or (n, 21).
+        present: Whether each of them exists, of that shape: a flap may be missing.
+        count: Number of entries of the triangles, 45, 171 or 231 of each.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model, owned = model, len(model.skin.owned_cells)
+        self.rows: LocalInts = model.entry_space.dofmap.list[:owned, 0]
+        self.dofs: LocalInts = model.space.dofmap.list[:owned, : model.patch.components]
+        self.present: Bools = np.ones(self.dofs.shape, dtype=bool)
+        if model.bend is not None and model.design.around is None:  # smoothed: all are
+            seen = model.bend.hinges.has_moment[:owned]
+            self.present[:, 9:18] = np.repeat(seen, 3, axis=1)
+        self.count = owned * model.entry_space.dofmap.bs
+        self._form = compiled(model.forms.tangent)
+
+    def compute(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
+        """Write the entries of the triangles at a state, and those of the terms behind them.
+
+        With `geometric` = 0 they are those of the material part, positive semidefinite.
+        """
+        model, begin = self._model, self.count
+        model.set_state(state)
+        model.geometric.value = geometric
+        out[:begin] = 0
+        fem.assemble_vector(out, self._form)
+        for term in model.terms:
+            more = term.entries(state, definite=geometric == 0)
+            out[begin : begin + len(more)] = more
+            begin += len(more)
+
+
 class UpperTangent:
     """Second variation of E in N/m, entries (i, j) with i ≤ j of the rows this rank owns.
 
     The tangent is symmetric, so its lower half is neither computed nor kept. Each triangle gives
     the upper triangle of its element matrix. The map from these numbers to the entries is made
-    once, for the model's further pairs of that time, so that assembly is one sum and, on several
-    ranks, one exchange. Fixed rows and columns are those of the identity.
+    once, and again where terms `grow`, so that assembly is one sum and, on several ranks, one
+    exchange. Fixed rows and columns are those of the identity.
 
     Attributes:
         indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
+        triangles: Matrices of the triangles.
         periodic: The rows of F̄; None for a skin that does not repeat.
-        blocks: Pairs of blocks of the triangles.
-
-    Args:
-        model: The skin's model.
-        blocks: Its pairs of blocks, which outlive the further pairs; None finds them.
     """
 
-    def __init__(self, model: SkinModel, blocks: BlockPairs | None = None) -> None:
-        self._model = model
-        comm = model.skin.comm
+    def __init__(self, model: SkinModel) -> None:
+        self._model, self.triangles = model, TriangleMatrices(model)
+        self.periodic: PeriodicTangent | None = None
+        if model.images is not None:
+            self.periodic = PeriodicTangent(model, model.images, self.triangles)
+        self._blocks = BlockPairs(model, self.triangles)
+        self._make_map()
+
+    def grow(self, state: Floats) -> bool:
+        """Let the entries cover what acts at a state; return whether they are others now."""
+        for term in self._model.terms:
+            term.grow(state)
+        grown = self._generation != sum(term.generation for term in self._model.terms)
+        if grown:
+            self._make_map()
+        return grown
+
+    def _make_map(self) -> None:
+        """Find the entries, and the place of each number among them (collective)."""
+        model, blocks, comm = self._model, self._blocks, self._model.skin.comm
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
-        self.periodic: PeriodicTangent | None = None
-        if model.images is not None:
-            self.periodic = PeriodicTangent(model, model.images)
-        self.blocks = blocks = blocks or BlockPairs(model)
-        self._generation = model.generation
-        further_pairs = model.further_pairs
-        more = further_pairs[0] * size + further_pairs[1]
+        self._generation = sum(term.generation for term in model.terms)
+        rows, of_rows = np.hstack([term.pairs for term in model.terms])
+        more = rows * size + of_rows
         fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
         further = [more, fixed * (size + 1)]
         if self.periodic is not None:
             further.append(self.periodic.keys)
         keys = np.concatenate(further)
-        self._own = blocks.count + len(more) + len(fixed)
+        self._own = self.triangles.count + len(more) + len(fixed)
 
         entry, place = _with(blocks.keys, keys)
         # Entries are sorted by row, so those of one owner are neighbours.
@@ -112,45 +158,31 @@ class UpperTangent:
         self._wanted = wanted - begin
 
     @property
-    def outgrown(self) -> bool:
-        """Whether the further pairs are others than when the map was made."""
-        return self._generation != self._model.generation
-
-    @property
     def diagonal(self) -> LocalInts:
         """Positions of the diagonal among the entries."""
         return self.indptr[:-1]
 
     def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
-        """Assemble at a state (collective).
-
-        Args:
-            state: Owned unknowns.
-            out: Receives the entries, in the order of `columns`.
-            geometric: 1 for K; 0 for its material part M, positive semidefinite.
-        """
-        self._model.tangent_entries(state, self._entries, geometric)
+        """Write the entries at a state, in the order of `columns`; those of M by 0 (collective)."""
+        self.triangles.compute(state, self._entries, geometric)
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
         self._entries[self._twice] *= 2
         self._add_up(out)
 
     def convexity_gap(self, state: Floats, out: Floats) -> bool:
-        """Assemble what makes the contact's part positive semidefinite (collective).
+        """Write what makes the contact's part positive semidefinite, as `assemble` (collective).
 
-        Args:
-            state: Owned unknowns.
-            out: Receives the entries, in the order of `columns`, if there are any.
-
-        Returns:
-            Whether anything is in contact.
+        Returned is whether anything is in contact; nothing is written if not.
         """
         contact = self._model.contact
         gap = None if contact is None else contact.convexity_gap(state)
         if gap is None:
             return False
         assert contact is not None
-        kept, begin = self._entries.copy(), self.blocks.count + self._model.first_entry(contact)
+        before = self._model.terms[: self._model.terms.index(contact)]
+        begin = self.triangles.count + sum(term.pairs.shape[1] for term in before)
+        kept = self._entries.copy()
         self._entries[:] = 0
         self._entries[begin : begin + len(gap)] = gap
         self._add_up(out)
@@ -170,12 +202,7 @@ class UpperTangent:
                 out[places] += part  # those of one rank are distinct
 
     def multiply(self, entries: Floats, x: Floats) -> Floats:
-        """Return K x from the upper triangle of K (collective).
-
-        Args:
-            entries: As `assemble` returns them.
-            x: Owned unknowns.
-        """
+        """Return K x from the entries of K and owned unknowns (collective)."""
         comm, size = self._model.skin.comm, len(x)
         shape = (size, size + self._needed.sum())
         upper = csr_matrix((entries, self._local, self.indptr), shape=shape, copy=False)
@@ -212,19 +239,15 @@ class PeriodicTangent:
     Attributes:
         keys: Entry row · size + column of each number, row ≤ column.
         weights: Factor of each number: 2 on the diagonal, where (i, j) and (j, i) coincide.
-
-    Args:
-        model: Model of a tile.
-        images: Its images.
     """
 
-    def __init__(self, model: SkinModel, images: Images) -> None:
+    def __init__(self, model: SkinModel, images: Images, triangles: TriangleMatrices) -> None:
         self._model, self._images = model, images
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         number = np.where(model.fixed, -1, index_map.local_to_global(local))
-        place, dofs, present = model.tangent_layout
+        place, dofs, present = triangles.rows, triangles.dofs, triangles.present
         self._cells = cells = np.flatnonzero(self._images.images.any(axis=1))
         self._count = dofs.shape[1]
         entries = self._count * (self._count + 1) // 2
@@ -265,16 +288,14 @@ class PeriodicTangent:
         return factors
 
     def values(self, entries: Floats) -> Floats:
-        """Return the numbers that belong to `keys`, from those of `SkinModel.tangent_entries`."""
+        """Return the numbers that belong to `keys`, from the entries of the triangles."""
         factors = self._factors().ravel()
         return np.asarray(entries[self._sources] * factors[self._one] * factors[self._two])
 
     def force(self, entries: Floats, change: Floats) -> Floats:
         """Return the change of the first variation, at all owned unknowns, by F̄ alone (collective).
 
-        Args:
-            entries: As `SkinModel.tangent_entries` returns them.
-            change: Change of F̄, (3, 2).
+        `entries` are those of the triangles, and `change` is that of F̄, (3, 2).
         """
         model, count = self._model, self._count
         row, column = np.triu_indices(count)
@@ -302,19 +323,15 @@ class BlockPairs:
     Attributes:
         keys: Entry row · size + column of the tangent's upper triangle, in global unknowns, without
             fixed ones; sorted and distinct.
-        twice: Numbers of `SkinModel.tangent_entries` at which (i, j) and (j, i) coincide, because
-            a patch meets one vertex twice.
-        count: Numbers that belong to triangles.
-
-    Args:
-        model: The skin's model.
+        twice: Entries of the triangles at which (i, j) and (j, i) coincide, because a patch meets
+            one vertex twice.
     """
 
-    def __init__(self, model: SkinModel) -> None:
+    def __init__(self, model: SkinModel, triangles: TriangleMatrices) -> None:
         index_map = model.space.dofmap.index_map
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         number = index_map.local_to_global(local)
-        self._row, dofs, present = model.tangent_layout
+        self._row, dofs, present = triangles.rows, triangles.dofs, triangles.present
         unknowns = dofs.shape[1]
         nodes = min(unknowns, 18) // 3
         first = np.append(np.arange(0, 3 * nodes, 3), np.arange(3 * nodes, unknowns))
@@ -366,17 +383,15 @@ class BlockPairs:
         pair_number[u, v] = np.arange(len(u))
         self._pair_of = pair_number[block[i], block[j]]
         self._slot_of = 9 * self._pair_of + 3 * inside[i] + inside[j]
-        self.count = len(dofs) * len(i)
         met, pair_met = np.nonzero((one == two) & seen_both & (u != v))
         again = (self._pair_of == pair_met[:, None]) & (inside[i] == inside[j])
         meeting, entry = np.nonzero(again)
         self.twice: Ints = self._row[met[meeting]].astype(np.int64) * len(i) + entry
 
     def places(self, of_key: Ints) -> LocalInts:
-        """Return the place of each number of the triangles, (count,).
+        """Return the place of each entry of the triangles, from those of the keys.
 
-        Args:
-            of_key: Place of each of the keys, and of numbers without a key: one more.
+        Entries without a key have one more, the last.
         """
         slots = self._slots
         table = np.empty((2 * len(slots) + 1, 3, 3), dtype=np.int32)
@@ -394,10 +409,7 @@ class BlockPairs:
 def _ranks(used: Bools, low: Ints, blocks: int) -> tuple[LocalInts, int]:
     """Return the rank of each used slot, (p, 3, 3), by row, then by pair, and the number of them.
 
-    Args:
-        used: Whether each slot of each pair has an entry.
-        low: First block of each pair, (p,), ascending.
-        blocks: Number of blocks.
+    `low` is the first block of each pair, (p,), ascending.
     """
     ranks = np.zeros(used.shape, dtype=np.int32)
     ranks[:, :, 1] = used[:, :, 0]

@@ -26,16 +26,11 @@ from toros_fem.meshes.pattern import Pattern
 class Barrier:
     """Barrier between a skin, bodies and half-spaces, on one process.
 
-    Everywhere x are all vertices of skin and bodies in m, (v, 3). The sides of the contact are
-    the half-spaces, then the bodies: forces on the n vertices of the skin are (sides, n, 3).
-
-    Args:
-        pattern: Of the skin.
-        contact, sizes: What touches, and its numbers.
-        prescribed: Whether a vertex of the skin is fixed as a whole, (n,).
-        bodies: Its bodies.
-        by_side: Whether pairs of the skin and a body have a set of their own. Without friction
-            `normals` is hardly asked, and one set of all pairs is found faster.
+    Everywhere x are all vertices of skin and bodies in m, (v, 3). The sides of the contact are the
+    half-spaces, then the bodies: forces on the n vertices of the skin are (sides, n, 3). With
+    `by_side` pairs of the skin and a body have a set of their own. Without friction `normals` is
+    hardly asked, and one set of all pairs is found faster. `prescribed` tells which vertices of the
+    skin are fixed as a whole, (n,).
     """
 
     def __init__(

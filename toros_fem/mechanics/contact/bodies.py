@@ -38,8 +38,7 @@ class RigidBody:
         mass: In kg, of a body that moves freely; None for one that is held or moved with the load.
 
     Raises:
-        SurfaceError: The surface is open, not connected, or its arrays do not fit together.
-        ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
+        SurfaceError: Its surface is open, not connected, or no surface; or as of `Surface`.
     """
 
     name: str
@@ -79,11 +78,7 @@ class RigidBody:
         return float(np.linalg.norm(self.points - self.centre, axis=1).max())
 
     def moved(self, pose: Floats) -> RigidBody:
-        """Return the body made at another place.
-
-        Args:
-            pose: Translation in m and rotation vector in rad about its centre, (6,).
-        """
+        """Return the body made at another pose, (6,): translation in m, rotation vector in rad."""
         pose = checked_floats("pose", pose, "six finite numbers, in m and rad", (6,))
         points = placed(self.points, self.centre, pose)
         return RigidBody(self.name, points, self.triangles, self.mass)

@@ -21,8 +21,8 @@ class ContactCore:
     """Contact of a skin with itself, bodies and half-spaces, serial.
 
     Everywhere x are all vertices of skin and bodies in m, (v, 3), and poses those of all bodies,
-    (k, 6). Forces and motions of the unknowns are those at the vertices of the skin, (n, 3), and of
-    the free bodies, (f, 6).
+    (k, 6). Forces and motions of the unknowns are those at the n vertices of the skin, (n, 3), and
+    of the free bodies, (f, 6). With friction the barrier has sides of their own.
 
     Some motions of a free body may have no resistance, for instance the rotations of a sphere
     without friction. The tangent, and it alone, has the stiffness NEUTRAL E t for all motions of
@@ -32,13 +32,6 @@ class ContactCore:
     Attributes:
         barrier: As given.
         keys: Entries row · size + column of the tangent that are kept, in global unknowns.
-
-    Args:
-        barrier: The barrier, with sides of their own if there is friction.
-        count: Number n of vertices of the skin.
-        sizes: Numbers of the contact.
-        bodies: Its bodies.
-        friction: Its friction; None without.
     """
 
     def __init__(
@@ -224,10 +217,8 @@ class ContactCore:
     ) -> tuple[Floats, Floats]:
         """Return the change of friction by that of the normal forces, along the unknowns.
 
-        Args:
-            x, poses: State of the last `lag`.
-            skin, turn: Change of the unknowns.
-            transposed: Whether to multiply by the transpose.
+        x and poses are those of the last `lag`, skin and turn the change of the unknowns;
+        `transposed` multiplies by the transpose.
         """
         friction, points = self._friction, x[: self._count]
         assert friction is not None

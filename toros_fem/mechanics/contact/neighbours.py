@@ -37,15 +37,9 @@ def collision_filter(
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
-    Left out are pairs of prescribed vertices, vertices of one body, and bodies that are held with
-    each other.
-
-    Args:
-        count: Number of vertices of the skin.
-        prescribed: Whether all components of a vertex are prescribed, (n,); None for nowhere.
-        bodies: Number of vertices of each body.
-        free_bodies: Numbers of the bodies that move freely.
-        self_contact: Whether the skin touches itself.
+    Left out are pairs of prescribed vertices of the skin, (n,), vertices of one body, and bodies
+    that are held with each other. `bodies` are the bodies' numbers of vertices, `free_bodies` the
+    numbers of those that move freely.
     """
     own, held = np.arange(count), count + len(bodies)
     if prescribed is not None:
@@ -103,11 +97,7 @@ def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSi
 def paths(count: int, one: Ints, two: Ints, length: Floats, limit: float) -> Ints:
     """Return pairs of nodes, (k, 2) in both orders, that paths shorter than a limit join.
 
-    Args:
-        count: Number of nodes.
-        one, two: Ends of the links, (e,).
-        length: Their lengths, (e,).
-        limit: Largest length of a path.
+    The links between nodes `one` and `two`, (e,), have the given lengths.
     """
     kept = length <= limit
     one, two, length = one[kept], two[kept], length[kept]

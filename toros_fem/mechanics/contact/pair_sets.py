@@ -80,15 +80,9 @@ def thirds(corners: Ints, areas: Floats, count: int) -> Floats:
 
 
 class HalfSpacePairs(PairSet):
-    """Pairs of vertices and a half-space, whose distance is that of the sheet's lower face.
+    """Pairs of vertices, (k,), and a half-space, whose distance is that of the sheet's lower face.
 
     The barrier is that of the toolkit, which keeps no thickness from planes.
-
-    Args:
-        ground: The half-space.
-        vertices: Vertices that it keeps out, (k,).
-        areas: Their areas in m², (k,).
-        sizes: Numbers of the contact.
     """
 
     def __init__(self, ground: Ground, vertices: Ints, areas: Floats, sizes: ContactSizes) -> None:
@@ -180,14 +174,10 @@ def _barrier(s: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 class SurfacePairs(PairSet):
-    """Pairs of triangulated surfaces.
+    """Pairs of triangulated surfaces, (m, 3), with the areas of their flat panels in m², (m,).
 
-    Args:
-        rest: Vertices in m, (n, 3), by whose edges nearly parallel pairs are smoothed.
-        triangles: Triangles of all surfaces, (m, 3).
-        areas: Area of each triangle in m², (m,): that of its flat panel.
-        sizes: Numbers of the contact.
-        may_touch: Filter of pairs of vertices, of the toolkit's own kind; None takes all.
+    By the edges at rest, of vertices (n, 3) in m, nearly parallel pairs are smoothed. `may_touch`
+    is a filter of pairs of vertices, of the toolkit's own kind; None takes all.
     """
 
     def __init__(

@@ -38,7 +38,7 @@ class SkinContact(Term):
     Positions are gathered, and the first rank computes (`ContactCore`), so that results do not
     depend on the number of ranks. Middle surfaces stay a thickness apart: the surfaces of bodies
     and ground are moved inwards by half of it. All methods are collective; x are the owned unknowns
-    of a state.
+    of a state. Fixed components and symmetry planes are those of all vertices, (n, 3).
 
     Attributes:
         contact, sizes: As given.
@@ -46,10 +46,6 @@ class SkinContact(Term):
         friction: Friction of the skin on ground and bodies; None without.
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
             are moved apart.
-
-    Args:
-        fixed: Fixed components of all vertices, (n, 3).
-        in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
     """
 
     def __init__(

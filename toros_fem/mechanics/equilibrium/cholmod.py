@@ -234,10 +234,8 @@ class Factor(Protocol):
     def factorise(self, values: Floats) -> bool:
         """Factorise for the values of the lower triangle; return whether it is positive definite.
 
-        CHOLMOD stops at the first pivot that is not positive; there are no factors then.
-
-        Raises:
-            TorosError: Too little memory.
+        CHOLMOD stops at the first pivot that is not positive; there are no factors then. Too little
+        memory is a TorosError.
         """
 
     def forward(self, x: Floats) -> None:
@@ -275,11 +273,7 @@ class Cholmod(Protocol):
 
 
 class CompiledCholmod:
-    """CHOLMOD by the compiled calls; see `Cholmod`.
-
-    Args:
-        module: The compiled calls.
-    """
+    """CHOLMOD by the compiled calls; see `Cholmod`."""
 
     source, threads = "its header", True
 
@@ -308,15 +302,7 @@ class CompiledCholmod:
 
 
 class Cholesky:
-    """Factor of one symmetric matrix by the compiled calls; see `Factor`.
-
-    Args:
-        module: The compiled calls.
-        pointers, rows: Pattern, see `Cholmod`. Both are kept.
-
-    Raises:
-        TorosError: Too little memory.
-    """
+    """Factor of one symmetric matrix by the compiled calls; see `Factor`. The pattern is kept."""
 
     def __init__(self, module: Any, pointers: LocalInts, rows: LocalInts) -> None:
         self._ffi, self._lib = module.ffi, module.lib

@@ -45,12 +45,7 @@ class Partition:
 def find_partition(
     comm: MPI.Comm, cholmod: Cholmod, indptr: LocalInts, columns: LocalInts, *, threads: int
 ) -> Partition:
-    """Find the parts of a matrix, for each rank one, or one for each thread of one rank.
-
-    Args:
-        comm, cholmod, indptr, columns: As for `CondensedFactor` (collective).
-        threads: Number of threads of one rank; it has no effect where there are several ranks.
-    """
+    """Find the parts of a matrix of `CondensedFactor`: one for each rank, or thread of one rank."""
     sizes = np.array(comm.allgather(len(indptr) - 1), dtype=np.int64)
     if comm.size > 1:
         part, parts = np.repeat(np.arange(comm.size), sizes), comm.size
@@ -64,7 +59,7 @@ def find_partition(
 
 
 class CondensedFactor:
-    """Factors of a symmetric matrix whose rows are distributed.
+    """Factors of a symmetric matrix whose rows are distributed; all methods are collective.
 
     With I the inner unknowns of a part and B those of the interface that it touches, the part
     factorises the principal submatrix of I and B. B comes last, so that its corner of L holds
@@ -72,16 +67,12 @@ class CondensedFactor:
     K_BI K_II⁻¹ K_IB of all parts; each rank factorises it. The whole matrix is positive definite
     if and only if all of these are.
 
+    The matrix is given by the upper triangle of the owned rows: `indptr` and global `columns`,
+    sorted, the diagonal first.
+
     Attributes:
         parts: Number of parts on all ranks.
         interface: Global numbers of the interface's unknowns.
-
-    Args:
-        comm: Communicator; all methods are collective.
-        cholmod: Calls of CHOLMOD.
-        indptr, columns: Upper triangle of the owned rows: global columns, sorted, the diagonal
-            first.
-        partition: The parts, of which each rank factorises its own.
     """
 
     def __init__(
@@ -270,14 +261,9 @@ class _Part:
 
 
 def _lower(rows: Ints, columns: Ints, size: int) -> tuple[LocalInts, LocalInts, Ints]:
-    """Return the first columns of a lower triangle in compressed form, from one half of it.
+    """Return pointers and rows of the first columns of a lower triangle, and their entries.
 
-    Args:
-        rows, columns: Places of its entries or of their mirror images, each once.
-        size: Number of the columns.
-
-    Returns:
-        Pointers and rows; and for each of these the number of its entry.
+    Rows and columns are places of its entries or of their mirror images, each once.
     """
     first, second = np.minimum(rows, columns), np.maximum(rows, columns)
     shape = (size, int(second.max(initial=-1)) + 1)

@@ -156,13 +156,8 @@ def failure(
 ) -> str:
     """Return the sentence for a failure: why, how far the load came, the remedy (collective).
 
-    Args:
-        model: The skin's model.
-        end: Last equilibrium, its load factor, and outcome of the last attempt.
-        load: The requested load.
-        tried: State where the last attempt ended.
-        max_steps: Largest number of steps of an attempt.
-        once: Whether there was one attempt at the full load and no continuation.
+    `end` is the last equilibrium, and `tried` the state where the last attempt ended; `once` tells
+    that there was one attempt at the full load, without continuation.
     """
     if end.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
         return (

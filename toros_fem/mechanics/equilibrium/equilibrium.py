@@ -12,8 +12,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.sliding import Sliding
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.skin.load import Load
 

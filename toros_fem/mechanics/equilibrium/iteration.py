@@ -11,8 +11,8 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, norm, smallest
 from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.shift import ShiftLadder
 
 # PETSc's reason where a residual is not finite; its name is another one from 3.25.
@@ -43,19 +43,13 @@ class Iteration:
         rounding: Change of the energy in J that rounding may hide.
         tolerance: Residual over the load at which a state is an equilibrium.
         finish: Whether the tangent there must be positive definite; `proven` tells if it is.
-        kind: Of the step, as in `NewtonStep`.
+        kind, iterations: Of the step, as in `NewtonStep`.
         step: Newton's step as far as the bounds allow it, `cap` this part of it, and `longest` its
             largest component in m.
-        iterations: Krylov iterations of the step.
         rate: Fraction of the residual that a modified step would leave.
         predict: Whether the next step may be a modified one from the start; `first` whether this
             one is.
         escapes: Number of saddles that were left.
-
-    Args:
-        model: The skin's model.
-        fraction_to_barrier: Part of the distance to the stretch bounds that a step may use up.
-        log: Called with every row of the history as it comes.
     """
 
     def __init__(
@@ -217,13 +211,7 @@ class _Known:
 
 
 class Points:
-    """Energy and residual of a model, evaluated once at each of the last states.
-
-    All methods are collective.
-
-    Args:
-        model: The skin's model, at the load and density that are set.
-    """
+    """Energy and residual of a model, evaluated once at each of the last states (collective)."""
 
     def __init__(self, model: SkinModel) -> None:
         self._model = model

@@ -39,13 +39,7 @@ LENGTH = 0.01
 
 
 class Landing:
-    """The convergence test of the SNES, and what it does to the state before.
-
-    Args:
-        at: The solve.
-        direction: How its steps were found.
-        snes: With its options.
-    """
+    """The convergence test of the SNES, and what it does to the state before."""
 
     def __init__(self, at: Iteration, direction: Direction, snes: PETSc.SNES) -> None:
         self.at, self._direction, self._snes = at, direction, snes
@@ -159,10 +153,8 @@ class Landing:
     def _stuck(self, size: float) -> bool:
         """Return whether rounding limits the residual: Newton's whole step is negligible.
 
-        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
-
-        Args:
-            size: Norm of the residual after the whole step; infinite if it was shortened.
+        Where stretching is far stiffer than bending, its rounding alone may exceed the load. `size`
+        is the norm after the whole step; infinite if it was shortened.
         """
         at = self.at
         if not at.exact or at.residual > UNRESOLVED or size <= STUCK * at.base.size:

@@ -47,21 +47,18 @@ class TangentFactor:
         ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
         values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
         count: Numeric factorisations so far, failed ones included.
-        periodic: Rows of a tile's mean deformation gradient; None for a skin that does not repeat.
+        periodic, triangles: Of the `UpperTangent`.
         scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
             fixed, of the last `assemble`.
-
-    Args:
-        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
-        self.periodic = self._tangent.periodic
+        self.periodic, self.triangles = self._tangent.periodic, self._tangent.triangles
         self.count, self.usable = 0, False
-        self._coupled: Floats | None = None
+        self.couple(None)
         self._full: FullTangent | None = None
         self.scale: Floats = np.zeros(model.size_local)
         self._make_entries()
@@ -117,9 +114,7 @@ class TangentFactor:
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
-        self._model.grow_pairs(state)
-        if self._tangent.outgrown:
-            self._tangent = UpperTangent(self._model, self._tangent.blocks)
+        if self._tangent.grow(state):
             self._make_entries()
             self._outgrown = True
         self._tangent.assemble(state, self._exact)
@@ -164,12 +159,12 @@ class TangentFactor:
         self._full = self._full or FullTangent(self._model.skin.comm, self._model.size_local)
         return self._full.matrix
 
-    def couple(self, state: Floats | None) -> None:
+    def couple(self, state: Floats | None, *, transposed: bool = False) -> None:
         """Add the derivative of friction by normal forces to `matrix`; None takes it off.
 
         It is not symmetric.
         """
-        self._coupled = state
+        self._coupled, self._transposed = state, transposed
 
     def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
@@ -199,8 +194,10 @@ class TangentFactor:
     def multiply_filled(self, x: Floats) -> Floats:
         """Return the product of the matrix of `fill` with a vector."""
         product = self._tangent.multiply(self.values, x)
-        if self._coupled is not None:
-            product += self._model.friction_coupling(self._coupled, x)
+        contact, free = self._model.contact, self._model.free
+        if self._coupled is not None and contact is not None:
+            transposed = self._transposed
+            product += free * contact.coupling(self._coupled, x * free, transposed=transposed)
         return product
 
 
@@ -231,15 +228,7 @@ def _threads() -> int:
 
 
 class FullTangent:
-    """A symmetric matrix of type AIJ, made where a preconditioner of PETSc asks for it.
-
-    Attributes:
-        matrix: The matrix; its object stays the same.
-
-    Args:
-        comm: Communicator; all methods are collective.
-        size: Number of owned rows.
-    """
+    """A symmetric matrix of type AIJ, for preconditioners of PETSc; its object stays the same."""
 
     def __init__(self, comm: MPI.Comm, size: int) -> None:
         self.matrix = PETSc.Mat().createAIJ(((size, None), (size, None)), comm=comm)
@@ -248,12 +237,7 @@ class FullTangent:
         self.matrix.setUp()
 
     def fill(self, indptr: LocalInts, columns: LocalInts, values: Floats) -> None:
-        """Set all entries from the upper triangle; its pattern may have grown.
-
-        Args:
-            indptr, columns: Compressed owned rows: global columns, sorted, the diagonal first.
-            values: Their entries.
-        """
+        """Set all entries from the upper triangle, whose pattern may have grown."""
         matrix, (begin, end) = self.matrix, self.matrix.getOwnershipRange()
         shape = (end - begin, matrix.getSize()[1])
         lower = csr_matrix((values, columns, indptr), shape=shape).T.tocsr()

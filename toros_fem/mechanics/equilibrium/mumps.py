@@ -20,15 +20,10 @@ PARALLEL_ORDERINGS = {1: "PT-SCOTCH", 2: "ParMETIS"}
 
 
 class MumpsFactor:
-    """Factors LDLᵀ of a symmetric matrix whose rows are distributed.
+    """Factors LDLᵀ of a symmetric matrix, as of `CondensedFactor`; all methods are collective.
 
     Attributes:
         ordering: Fill-reducing ordering that MUMPS used.
-
-    Args:
-        comm: Communicator; all methods are collective.
-        indptr, columns: Upper triangle of the owned rows: global columns, sorted, the diagonal
-            first.
     """
 
     def __init__(self, comm: MPI.Comm, indptr: LocalInts, columns: LocalInts) -> None:

@@ -11,12 +11,11 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.sliding import Sliding
-from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
+from toros_fem.mechanics.equilibrium.continuation import ContinuationResult, NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, readings
 from toros_fem.mechanics.equilibrium.newton import Newton
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
-from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
+from toros_fem.mechanics.equilibrium.path import connect, critical_load
 from toros_fem.mechanics.equilibrium.ways import Search, search_equilibrium
 
 
@@ -25,10 +24,7 @@ def settle(
 ) -> Equilibrium:
     """Search for an equilibrium, and read off what it is (collective).
 
-    Args:
-        search: What is looked for.
-        begin: Where the skin sticks at the begin of the step; None without friction, or at rest.
-        log: Called with a sentence where the equilibrium is not as usual.
+    Friction begins from `begin`; `log` is called with a sentence where something is not as usual.
     """
     model, near, attempts = search.model, search.near, search.attempts
     if model.contact is not None:
@@ -45,7 +41,7 @@ def settle(
         origin = None
     snapped = critical = None
     if end.load_factor == 1.0 and not search.trial:
-        point = PathPoint(search.density, search.load, end.state)
+        point = replace(search.target, state=end.state)
         if origin is not None:
             snapped, point = connect(
                 model,

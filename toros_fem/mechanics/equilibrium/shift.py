@@ -23,9 +23,6 @@ class ShiftLadder:
             like shifts in their first steps.
         definite: Whether no shift was needed since `reset`.
         renew: Whether the preconditioner factorises; else it keeps the factors that it has.
-
-    Args:
-        factor: What is factorised.
     """
 
     def __init__(self, factor: TangentFactor) -> None:

@@ -23,15 +23,10 @@ ROUNDS = 8
 
 
 def start_state(model: SkinModel, start: Floats | None) -> Floats:
-    """Return a start as owned unknowns (collective).
+    """Return a start as owned unknowns, from these or from positions (n, 3) (collective).
 
-    Args:
-        model: The model.
-        start: Owned unknowns, or positions of the owned nodes, (n, 3); None for the state at rest.
-            Where triangles leave the stretch bounds it is relaxed until they are inside.
-
-    Raises:
-        ParameterError: It does not fit, or leaves the stretch bounds and cannot be relaxed.
+    None is the state at rest. Where triangles leave the stretch bounds it is relaxed until they are
+    inside; a ParameterError is raised if it cannot be.
     """
     skin, state = model.skin, model.assembled
     unknowns, nodes = state.shape, model.positions(state).shape
@@ -77,11 +72,7 @@ def relaxed_start(model: SkinModel, positions: Floats) -> Floats | None:
 
 
 def require_apart(model: SkinModel, state: Floats, load: Load, *, cold: bool) -> None:
-    """Check that contact can act on a start, with bodies at their poses or where made.
-
-    Raises:
-        ParameterError: Surfaces overlap or cross there.
-    """
+    """Check that contact can act on a start, with bodies at their poses or where made."""
     model.set_load(load)
     refusal = model.refusal(state)
     if refusal is None:

@@ -9,15 +9,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.equilibrium.attempts import Attempts
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
     run_continuation,
 )
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.newton import Newton
+from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.skin.load import Load
@@ -47,40 +45,39 @@ class Search:
     """An equilibrium that is looked for.
 
     Attributes:
-        model: The skin's model.
-        newton: Its solver from one start.
-        attempts: What was tried.
+        newton: Solver from one start.
         prescribed: Motion of fixed components.
-        density, load: Those of the equilibrium.
-        start: Owned unknowns to start from.
+        target: Its design and load, and the state to start from.
         near: Equilibrium that it starts from, of a neighbouring design or load; None for none.
-        least_increment: Of a continuation.
         cold: Whether the start is the assembled shape.
         trial: Whether a state near an equilibrium is enough.
         direct: Whether to try once only.
+        attempts: What was tried.
         cold_end: Where the last attempt from the assembled shape ended; of the start before.
         failure: What is left where no way reaches the equilibrium.
     """
 
-    model: SkinModel
     newton: Newton
-    attempts: Attempts
     prescribed: PrescribedDisplacement
-    density: Floats
-    load: Load
-    start: Floats
+    target: PathPoint
     near: Equilibrium | None
-    least_increment: float
     cold: bool = False
     trial: bool = False
     direct: bool = False
+    attempts: Attempts = field(init=False)
     cold_end: Attempt = field(init=False)
     failure: ContinuationResult = field(init=False)
 
-    @property
-    def target(self) -> PathPoint:
-        """Design and load of the equilibrium, at the start."""
-        return PathPoint(self.density, self.load, self.start)
+    def __post_init__(self) -> None:
+        self.model, self.attempts = (
+            self.newton.model,
+            Attempts(self.newton, near=self.near is not None),
+        )
+        self.density, self.load, self.start = (
+            self.target.density,
+            self.target.load,
+            self.target.state,
+        )
 
     @property
     def max_steps(self) -> int:
@@ -106,7 +103,7 @@ class Search:
             ContinuationResult(begin, factor, self.cold_end.outcome),
             1.0,
             FIRST_INCREMENT if factor is not None else self.increment,
-            self.least_increment,
+            self.newton.least_increment,
         )
 
     @property
@@ -188,7 +185,7 @@ def opened(search: Search) -> ContinuationResult | None:
     sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
     model.set_density(search.density)
     factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
-    if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
+    if model.volumes(model.assembled).sum() > FLAT * sphere or factor <= LOWERED:
         return None
     return search.lowered(factor)
 

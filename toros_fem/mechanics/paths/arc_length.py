@@ -113,14 +113,9 @@ def follow_arc(
     start: Floats | None,
     options: ArcLengthOptions,
 ) -> Iterator[TracePoint]:
-    """Yield equilibria along a path of loads times a load factor (collective).
+    """Yield equilibria along a path of loads times a load factor, as of `trace` (collective).
 
-    Arguments are those of `trace`; a displacement of supports stays as it is.
-
-    Raises:
-        ParameterError: The loads do not move the skin.
-        EquilibriumError: There is no first point, or the path could not be followed further; the
-            points before have been yielded.
+    A displacement of supports stays as it is.
     """
     first = solver.solve(density, times(options.first, load), start)
     path = _ArcLength(solver, density.copy(), load, options, first)
@@ -170,7 +165,8 @@ class _ArcLength:
         self._solver, self._model, self._options = solver, solver.model, options
         self._density, self._load = density, load
         self._comm, self._size = solver.skin.comm, solver.skin.pattern.size
-        self._make_tangent()
+        self._tangent = UpperTangent(self._model)
+        self._make_factors()
         self._factorisations = self._counted = 0
         # Residuals are measured by the largest load so far: it may pass through zero.
         self._peak = max(abs(options.first), abs(options.first_increment))
@@ -222,11 +218,7 @@ class _ArcLength:
         )
 
     def advance(self) -> None:
-        """Find the next point, by shorter steps where a step fails (collective).
-
-        Raises:
-            EquilibriumError: No step finds one.
-        """
+        """Find the next point, by shorter steps where a step fails (collective)."""
         self._act()
         step = self._step
         while True:
@@ -328,18 +320,16 @@ class _ArcLength:
         """Return the fraction of a change that stretch bounds and contact allow."""
         return self._model.largest_step(state, change, self._solver.options.fraction_to_barrier)
 
-    def _make_tangent(self) -> None:
-        """Make tangent and factors for the pairs in contact."""
-        self._tangent = UpperTangent(self._model)
+    def _make_factors(self) -> None:
+        """Make factors for the pairs in contact."""
         self._entries: Floats = np.zeros(len(self._tangent.columns))
         pattern = self._tangent.indptr, self._tangent.columns
         self._factors = MumpsFactor(self._comm, *pattern)
 
     def _factorise(self, state: Floats) -> int:
         """Factorise the tangent at a state; return the number of its negative eigenvalues."""
-        self._model.grow_pairs(state)
-        if self._tangent.outgrown:
-            self._make_tangent()
+        if self._tangent.grow(state):
+            self._make_factors()
         self._tangent.assemble(state, self._entries)
         self._factorisations += 1
         self._factors.factorise(self._entries)

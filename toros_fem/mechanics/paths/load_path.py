@@ -64,7 +64,7 @@ class LoadPath:
         pressures: Floats | None = None,
         near: Sequence[Equilibrium] | None = None,
     ) -> tuple[Equilibrium, ...]:
-        """Return the equilibrium of each step at the density of owned triangles (collective).
+        """Return the equilibrium of each step at a density (collective).
 
         Args:
             density: As of `EquilibriumSolver.solve`.
@@ -72,9 +72,6 @@ class LoadPath:
                 of those of the steps; None takes these.
             near: Path of a neighbouring design, at whose states the iterations start; None starts
                 each at the step before. It does not change the path that is solved for.
-
-        Raises:
-            EquilibriumError: A step has no equilibrium.
         """
         if near is not None and len(near) != len(self.steps):
             raise ParameterError(
@@ -96,11 +93,8 @@ class LoadPath:
     ) -> PathGradient:
         """Return the gradient of a functional T of the path, eq. (19) at each step (collective).
 
-        Args:
-            density: As of `solve`.
-            equilibria: The path, as `solve` returned it.
-            slopes: dT/dx by the positions of owned nodes at each step, (n, 3); None where T does
-                not depend on a step.
+        The equilibria are those that `solve` returned. The slopes are dT/dx by the positions of
+        owned nodes at each step, (n, 3); None where T does not depend on a step.
         """
         if not len(equilibria) == len(slopes) == len(self.steps):
             raise ParameterError(

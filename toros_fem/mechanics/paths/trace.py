@@ -55,8 +55,7 @@ def trace(
     through limit points, where the load factor turns, and along unstable equilibria.
 
     Args:
-        solver: Equilibrium solver.
-        density: Projected density of its owned triangles.
+        solver, density: As of `EquilibriumSolver.solve`.
         loads: By pressure, all loads in the order in which they act; numbers are pressures in Pa,
             which leave the rest of the load before. By arc length, the load at load factor 1.
         metrics: Metrics to compute at each point.
@@ -69,10 +68,8 @@ def trace(
         options: Ends and density of a path by arc length; None takes the defaults.
 
     Raises:
-        ParameterError: A value is not admissible, an option has no meaning on this path, no load
-            acts, or there is friction on a path by arc length.
-        DensityError: The density does not fit, or leaves [0, 1].
-        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+        ParameterError: An option has no meaning on this path, no load acts, or there is friction on
+            a path by arc length.
         EquilibriumError: While iterating: the path could not be followed further; the points before
             have been yielded.
     """
@@ -87,7 +84,7 @@ def trace(
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')
         path = follow_pressures(solver, density, _levels(solver, loads), metrics, start)
     else:
-        load, density = _scaled_load(solver, loads), solver.model.check(density)
+        load, density = _scaled_load(solver, loads), solver.model.design.check(density)
         state = start.state if isinstance(start, Equilibrium) else start
         path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
     return _until(path, stop)
@@ -135,12 +132,7 @@ def follow_pressures(
     metrics: Sequence[Metric],
     start: Floats | Equilibrium | None,
 ) -> Iterator[TracePoint]:
-    """Yield the equilibria under one load after the other (collective); `trace` has the arguments.
-
-    Raises:
-        EquilibriumError: There is no equilibrium under one of the loads; the points before it
-            have been yielded.
-    """
+    """Yield the equilibria under one load after the other, as of `trace` (collective)."""
     before: Equilibrium | None = None
     if isinstance(start, Equilibrium):
         before, start = start, None

@@ -98,9 +98,6 @@ def limit_points(points: Sequence[TracePoint]) -> list[LimitPoint]:
 
     Between two points the load factor is the cubic with its values and rates at both. The error
     falls with the fourth power of their distance.
-
-    Raises:
-        ParameterError: The path was not followed by arc length.
     """
     if not isinstance(points, list | tuple):
         raise ParameterError(

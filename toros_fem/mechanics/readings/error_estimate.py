@@ -68,22 +68,15 @@ def estimate_error(
         result: The equilibrium; its load acts on the refined skin too, with weights, moved supports
             and bodies.
         quantities: Functions of a pattern and the positions of all its vertices, (n, 3).
-        force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of
-            the pattern.
-        supports: Supports as a function of the pattern. None: in the refined pattern the middle
-            of an edge is fixed if both its ends are, which is right for whole panels and straight
-            borders.
-        direct: Whether to give up where the refined equilibrium is not found at once from the
-            given shape. By default the load is raised anew there, which can take many times as
-            long.
-
-    Returns:
-        One estimate for each quantity, in their order.
+        force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of the
+            pattern, of a result with such forces.
+        supports: Supports as a function of the pattern; None takes `Supports.refined`.
+        direct: Whether to give up where the refined equilibrium is not found at once from the given
+            shape. By default the load is raised anew there, which can take many times as long.
 
     Raises:
-        ParameterError: The result is no equilibrium, or was found with forces that are not
-            given; or the sheet is moulded in its assembled shape, which is not known between the
-            vertices.
+        ParameterError: The result is no equilibrium; or the sheet is moulded in its assembled
+            shape, which is not known between the vertices.
         EquilibriumError: The refined skin has no equilibrium; with `direct`, none near.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")

@@ -64,7 +64,7 @@ class LimitShape:
 
 
 def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
-    """Return the limit of an equilibrium with smoothed strains (collective).
+    """Return the limit of an equilibrium of a solver with smoothed strains (collective).
 
     Triangles of constant strain lock where print bends in its plane, smoothed ones by half as much,
     and the ratio of the errors hardly depends on the mesh. One Newton step tells how far the shape
@@ -72,10 +72,6 @@ def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
     Richardson's extrapolation with two elements in place of two meshes.
 
     Without smoothed strains, and of a trial, the limit is the shape itself.
-
-    Args:
-        solver: The solver that found it.
-        at: The equilibrium.
     """
     known = _KNOWN.get(at)
     if known is None:

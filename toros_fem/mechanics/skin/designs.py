@@ -135,13 +135,10 @@ class LineDesign(Densities):
     the zero vector means t = 0. Linear combinations of designs are designs too.
 
     `crossing` is the factor c of bonded crossings in `fabric_factor`, over the ratio of the
-    stiffnesses of print and fabric.
+    stiffnesses of print and fabric. A sheet that wrinkles has no such designs.
 
     Attributes:
         families: Number K of families.
-
-    Raises:
-        ParameterError: There is no family, the factor is negative, or the sheet wrinkles.
     """
 
     def __init__(

@@ -53,14 +53,11 @@ def find_hinges(
 ) -> Hinges:
     """Return the hinges of all local triangles; complete for those that this rank owns.
 
-    An edge without moment takes the angle of least energy: the natural condition inside a
-    triangle. It depends on Poisson's ratio alone, so that the tensors are constants. Where that of
-    fabric and reinforcement differs, an error of second order in the difference remains there.
-    With `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their
-    angles, whatever bends the sheet.
-
-    Raises:
-        ParameterError: The assembled rest shape is folded flat somewhere.
+    An edge without moment takes the angle of least energy: the natural condition inside a triangle.
+    It depends on Poisson's ratio alone, so that the tensors are constants. Where that of fabric and
+    reinforcement differs, an error of second order in the difference remains there. With
+    `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their angles,
+    whatever bends the sheet.
     """
     corner = skin.position_space.dofmap.list
     neighbour, opposite = neighbours(skin)
@@ -268,9 +265,7 @@ def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Flaps:
-    """What the local triangles see across their edges; of owned ones it is complete.
-
-    Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
+    """What the local triangles see across their edges, numbered as in `Hinges`; of owned ones all.
 
     Attributes:
         flap: Node of the position space across each edge, (cells, 3), as of `Hinges`.

@@ -47,7 +47,6 @@ class Load:
         """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
 
         Raises:
-            ParameterError: A pressure is negative or not finite, or an array does not fit.
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count

@@ -46,11 +46,7 @@ class Planes:
         return bool((self._axis >= 0).all())
 
     def lids(self) -> list[tuple[int, float, Ints]]:
-        """Return axis and coordinate in m of each lid, and the free half-edges around it, (k,).
-
-        Raises:
-            ParameterError: A border lies in two planes, or runs from one lid to another.
-        """
+        """Return axis and coordinate in m of each lid, and the free half-edges around it, (k,)."""
         pattern, axis, position = self._pattern, self._axis, self._at
         half = pattern.edges.twins[pattern.edges.border, 0]
         off = (axis >= 0) & (position != self.origin[axis])

@@ -45,19 +45,15 @@ class Supports:
 
     Attributes:
         fixed: Whether each component x, y, z of each assembled vertex is fixed, shape (n, 3).
-        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
-            given plane through the edge, as if mirrored there: it cannot turn about the edge.
-            `fixed` says whether the edge itself is fixed.
+        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a given
+            plane through the edge, as if mirrored there: it cannot turn about the edge. `fixed`
+            says whether the edge itself is fixed.
         normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
             length. An edge that is not fixed may move, but its plane does not turn.
         displacement: Displacement in m of the fixed components from their assembled positions,
             shape (n, 3); None leaves all at their assembled positions. It is part of the load and
             raised together with it.
         planes: Axis and coordinate in m of each symmetry plane that closes a free border.
-
-    Raises:
-        ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
-            displacement has another shape than `fixed`, or is not finite.
     """
 
     fixed: Bools
@@ -207,8 +203,6 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 
     Raises:
         PanelError: A panel of that name does not exist.
-        ParameterError: `panels` is no list of names, or it is empty, so that the skin could move
-            as a rigid body.
     """
     fixed = _none_fixed(pattern)
     require_names("panels", panels)
@@ -222,13 +216,8 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
     """Fix every vertex in a region of space in all three components.
 
-    Args:
-        pattern: The pattern.
-        where: Returns for assembled positions (n, 3), in m, whether each lies in the region, (n,):
-            `lambda x: x[:, 2] < 5e-3` for instance.
-
-    Raises:
-        ParameterError: The region holds no vertex, or `where` returns something else.
+    `where` returns for assembled positions (n, 3), in m, whether each lies in the region, (n,):
+    `lambda x: x[:, 2] < 5e-3` for instance. A region without a vertex is a ParameterError.
     """
     fixed = _none_fixed(pattern)
     require_callable("where", where, "a function of the positions (n, 3)")
@@ -251,12 +240,7 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
 def displace(
     pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
 ) -> Supports:
-    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions.
-
-    Raises:
-        PanelError: A panel of that name does not exist.
-        ParameterError: No panel is named, or the displacement is no finite vector.
-    """
+    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions."""
     fixed = clamp(pattern, panels).fixed
     vector = checked_floats("displacement", displacement, "a finite vector (3,), in m", (3,))
     return Supports(fixed, displacement=np.where(fixed, vector, 0.0))
@@ -265,17 +249,10 @@ def displace(
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
     """Fix six components that prevent rigid motion and nothing else.
 
-    Of three vertices far apart one is fixed in three components, one in two, one in one (the
-    3-2-1 rule of fixtures). The components are those that resist the weakest rigid motion best.
-    The reactions of an inflated skin are zero.
-
-    Args:
-        pattern: The pattern.
-        panel: Panel of the three vertices; None for any place.
-
-    Raises:
-        PanelError: There is no such panel.
-        ParameterError: The vertices lie on a line.
+    Of three vertices far apart one is fixed in three components, one in two, one in one (the 3-2-1
+    rule of fixtures), all of one panel, or anywhere. The components are those that resist the
+    weakest rigid motion best. The reactions of an inflated skin are zero. Vertices on a line are a
+    ParameterError.
     """
     whole = _none_fixed(pattern)
     among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
@@ -303,19 +280,11 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
 
 
 def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
-    """Fix the free border of half a skin in its mirror plane, across a coordinate axis.
+    """Fix the free border of half a skin in its mirror plane, across a coordinate axis, at `at` m.
 
     The border slides in the plane and the sheet stays perpendicular to it. The plane closes the
-    border for a pressure. Several planes are joined by `|`; two across one axis bound a section of
-    a skin that repeats.
-
-    Args:
-        pattern: Half a skin, or a quarter, or a section.
-        axis: 0, 1 or 2 for the plane x = at, y = at or z = at.
-        at: Coordinate of the plane in m.
-
-    Raises:
-        ParameterError: No free edge lies in the plane.
+    border for a pressure. Several planes are joined by `|`: of a quarter, or, two across one axis,
+    of a section of a skin that repeats. No free edge in the plane is a ParameterError.
     """
     fixed = _none_fixed(pattern)
     if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
@@ -330,11 +299,8 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
 def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = False) -> Supports:
     """Return the supports of a part in all planes through the origin that it is cut at.
 
-    Args:
-        pattern: The part.
-        axes: Normals of the planes, as of `meshes.mirrored`.
-        hinged: Whether seams carry no moment: the sheet turns freely at a cut that is a seam of
-            the whole.
+    `axes` are the normals of the planes, as of `meshes.mirrored`. If `hinged`, seams carry no
+    moment: the sheet turns freely at a cut that is a seam of the whole.
     """
     supports = Supports(_none_fixed(pattern))
     for axis in axes:
@@ -348,11 +314,7 @@ def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = Fal
 
 
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:
-    """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there.
-
-    Raises:
-        ParameterError: `vertices` does not fit, or no free edge lies between them.
-    """
+    """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there."""
     fixed = _none_fixed(pattern)
     vertices = np.asarray(vertices)
     if vertices.dtype != bool or vertices.shape != (len(pattern.points),):

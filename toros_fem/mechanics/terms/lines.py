@@ -27,11 +27,6 @@ class Courses(Term):
     """Courses of a knitted fabric, by their angle in each panel.
 
     The energy ½ k (|F d| − 1)² acts in every layer of the sheet: k h²/12 against bending.
-
-    Raises:
-        ParameterError: A panel has no grain.
-        PanelError: There is no panel of a name.
-        PatternError: The skin is moulded.
     """
 
     def __init__(self, skin: Skin, composite: Composite, knit: Knit) -> None:

@@ -67,7 +67,7 @@ class PrintedSheet:
             for k in range(2)
         ]
         for model in (self._base, *self._other):
-            model.set_density(model.check(density))
+            model.set_density(model.design.check(density))
         self._clamp = np.zeros(self._base.size_local)
         self._base.positions(self._clamp)[machine.far[skin.owned_vertices], axis] = 1.0
         self._mean = np.zeros(self._base.size_local)
