@@ -70,8 +70,8 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.assembly.make_model import make_model
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.friction import Coulomb
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.sliding import Coulomb
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.load_path import LoadPath

@@ -27,33 +27,13 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 
 # Columns of the history and entries of the summary that a metric's key could hide.
-RESERVED = frozenset(
-    (
-        "arc_length",
-        "g_r",
-        "g_t",
-        "gradient_norm",
-        "gradient_norm_first",
-        "gradient_norm_last",
-        "grey_level",
-        "kkt_residual",
-        "length_scale",
-        "linear_solver",
-        "load_factor",
-        "negative_eigenvalues",
-        "newton_steps",
-        "objective_first",
-        "objective_last",
-        "parts_by_symmetry",
-        "perimeter_m",
-        "pressure_pa",
-        "printed_failure",
-        "printed_objective",
-        "stretch_use",
-        "volume_fraction",
-        "volume_m3",
-    )
-)
+RESERVED = frozenset((
+    "arc_length", "g_r", "g_t", "gradient_norm", "gradient_norm_first",
+    "gradient_norm_last", "grey_level", "kkt_residual", "length_scale", "linear_solver",
+    "load_factor", "negative_eigenvalues", "newton_steps", "objective_first",
+    "objective_last", "parts_by_symmetry", "perimeter_m", "pressure_pa", "printed_failure",
+    "printed_objective", "stretch_use", "volume_fraction", "volume_m3",
+))  # fmt: skip
 
 # Size of a metric whose target is 0 and that has no scale, by unit: a right angle, and the whole.
 # A length has none: it depends on the skin.

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from toros_fem.mechanics.contact.friction import Coulomb
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground, Pads
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import Coulomb, Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
 ONE = np.ones(1, dtype=bool)

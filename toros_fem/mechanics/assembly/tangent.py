@@ -124,12 +124,6 @@ class UpperTangent:
             blocks.places(final[np.append(place, -1)]),
             final[np.searchsorted(entry, keys)].astype(np.int32),
         )
-        # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
-        self._twice = blocks.twice
-        if self.periodic is not None:
-            periodic = self._own + np.flatnonzero(self.periodic.weights == 2)
-            self._twice = np.append(self._twice, periodic)
-
         first, last = index_map.local_range
         self.indptr = np.searchsorted(merged, np.arange(first, last + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
@@ -167,7 +161,8 @@ class UpperTangent:
         self.triangles.compute(state, self._entries, geometric)
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
-        self._entries[self._twice] *= 2
+        # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
+        self._entries[self._blocks.twice] *= 2
         self._add_up(out)
 
     def convexity_gap(self, state: Floats, out: Floats) -> bool:
@@ -233,85 +228,68 @@ class PeriodicTangent:
     """Tangent entries at the columns of F̄, from the matrices of triangles that see images.
 
     A triangle's matrix A belongs to the places where it sees its nodes, x + a F̄n + b F̄t. The
-    matrix of the unknowns is EᵀAE with E = (1, a, b) for each node. The part of the 1 is that of
-    all triangles and is not repeated here.
+    matrix of the unknowns is EᵀAE with E = (1, S), S by the factors a, b of each node. The part of
+    the 1 is that of all triangles; A S and SᵀA S are added here.
 
     Attributes:
         keys: Entry row · size + column of each number, row ≤ column.
-        weights: Factor of each number: 2 on the diagonal, where (i, j) and (j, i) coincide.
     """
 
     def __init__(self, model: SkinModel, images: Images, triangles: TriangleMatrices) -> None:
-        self._model, self._images = model, images
+        self._images, self._vector = images, work_vector(model.space)
+        self._cells = cells = np.flatnonzero(images.images.any(axis=1))
+        self._dofs, self._present = triangles.dofs[cells], triangles.present[cells]
+        count = self._dofs.shape[1]
+        self._pairs = np.triu_indices(count)
+        first = triangles.rows[cells].astype(np.int64) * len(self._pairs[0])
+        self._entries = first[:, None] + np.arange(len(self._pairs[0]))
+        # A S of each triangle has rows of its unknowns and columns of F̄; SᵀA S is symmetric.
         index_map = model.space.dofmap.index_map
-        size = index_map.size_global
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
         number = np.where(model.fixed, -1, index_map.local_to_global(local))
-        place, dofs, present = triangles.rows, triangles.dofs, triangles.present
-        self._cells = cells = np.flatnonzero(self._images.images.any(axis=1))
-        self._count = dofs.shape[1]
-        entries = self._count * (self._count + 1) // 2
-        self._first = place[cells].astype(np.int64) * entries
-        self._present, self._dofs = present[cells], dofs[cells]
-        # For each component of each node: its own number, that of F̄n and that of F̄t.
-        nodes = self._count // 3
-        moved = np.zeros((len(cells), nodes), dtype=bool)
-        moved[:, : self._images.images.shape[1]] = self._images.images[cells]
-        targets = np.full((len(cells), nodes, 3, 3), -1, dtype=np.int64)
-        targets[:, :, 0] = number[self._dofs].reshape(len(cells), nodes, 3)
-        columns = number[self._images.dofs]
-        targets[:, :, 1:] = np.where(moved[:, :, None, None], columns, -1)
-        targets[~self._present.reshape(len(cells), nodes, 3)[:, :, 0]] = -1
-        parts: list[Ints] = [np.zeros((5, 0), dtype=np.int64)]
-        for n, (i, j) in enumerate(zip(*np.triu_indices(self._count), strict=True)):
-            (u, k), (v, m) = divmod(i, 3), divmod(j, 3)
-            for a in range(3):
-                for b in range(a if i == j else 0, 3):
-                    p, q = targets[:, u, a, k], targets[:, v, b, m]
-                    c = np.flatnonzero((p >= 0) & (q >= 0))
-                    if a == b == 0 or len(c) == 0:
-                        continue
-                    low, high = np.minimum(p, q)[c], np.maximum(p, q)[c]
-                    count = np.where((low == high) & (i != j), 2, 1)
-                    one, two = (c * nodes + u) * 3 + a, (c * nodes + v) * 3 + b
-                    parts.append(np.stack([low * size + high, self._first[c] + n, one, two, count]))
-        self.keys, self._sources, self._one, self._two, count = np.concatenate(parts, axis=1)
-        self.weights = count.astype(np.float64)
-        self._vector = work_vector(model.space)
+        own = np.where(self._present, number[self._dofs], -1)
+        columns = number[images.dofs].ravel()
+        self._upper = np.triu_indices(len(columns))
+        rows = np.append(np.repeat(own, len(columns)), np.tile(columns[self._upper[0]], len(cells)))
+        others = np.append(np.tile(columns, own.size), np.tile(columns[self._upper[1]], len(cells)))
+        self._kept = np.flatnonzero((rows >= 0) & (others >= 0))
+        pairs = rows[self._kept], others[self._kept]
+        self.keys: Ints = np.minimum(*pairs) * np.int64(index_map.size_global) + np.maximum(*pairs)
 
-    def _factors(self) -> Floats:
-        """1, a, b of each node of the triangles that see images, (cells, nodes, 3)."""
+    def _products(self, entries: Floats) -> tuple[Floats, Floats]:
+        """A S, (cells, n, 6), and SᵀA S, (cells, 6, 6), from the entries of the triangles."""
+        row, column = self._pairs
+        count = self._dofs.shape[1]
+        matrix = np.zeros((len(self._cells), count, count))
+        matrix[:, row, column] = matrix[:, column, row] = entries[self._entries]
+        matrix *= self._present[:, :, None] & self._present[:, None, :]
         shifts = self._images.shifts[self._cells]
-        factors = np.zeros((len(self._cells), self._count // 3, 3))
-        factors[:, :, 0] = 1.0
-        factors[:, : shifts.shape[1], 1:] = shifts
-        return factors
+        S = np.zeros((len(self._cells), count // 3, 3, 2, 3))
+        for k in range(3):
+            S[:, : shifts.shape[1], k, :, k] = shifts
+        S = S.reshape(len(S), count, 6)
+        product = matrix @ S
+        return product, S.transpose(0, 2, 1) @ product
 
     def values(self, entries: Floats) -> Floats:
         """Return the numbers that belong to `keys`, from the entries of the triangles."""
-        factors = self._factors().ravel()
-        return np.asarray(entries[self._sources] * factors[self._one] * factors[self._two])
+        product, square = self._products(entries)
+        upper = square[:, self._upper[0], self._upper[1]]
+        return np.append(product, upper)[self._kept]
 
     def force(self, entries: Floats, change: Floats) -> Floats:
         """Return the change of the first variation, at all owned unknowns, by F̄ alone (collective).
 
         `entries` are those of the triangles, and `change` is that of F̄, (3, 2).
         """
-        model, count = self._model, self._count
-        row, column = np.triu_indices(count)
-        matrix = np.zeros((len(self._cells), count, count))
-        matrix[:, row, column] = entries[self._first[:, None] + np.arange(len(row))]
-        matrix[:, column, row] = matrix[:, row, column]
-        matrix *= self._present[:, :, None] & self._present[:, None, :]
-        factors = self._factors()
-        moves = self._images.periodic.length * factors[:, :, 1:] @ np.asarray(change).T
-        forces = (matrix @ moves.reshape(len(moves), count, 1)).reshape(moves.shape)
+        along = self._images.periodic.length * np.asarray(change).T.ravel()
+        product, square = self._products(entries)
         out = self._vector.array
         out[:] = 0
-        np.add.at(out, self._dofs.ravel(), forces.ravel())
-        np.add.at(out, self._images.dofs, np.einsum("cua,cuk->ak", factors[:, :, 1:], forces))
+        np.add.at(out, self._dofs, product @ along)
+        np.add.at(out, self._images.dofs.ravel(), (square @ along).sum(axis=0))
         self._vector.scatter_reverse(la.InsertMode.add)
-        return np.array(out[: model.size_local])
+        return np.array(out[: self._vector.index_map.size_local])
 
 
 class BlockPairs:

@@ -75,7 +75,7 @@ def too_little_memory(size: int) -> TorosError:
 
 
 class CvxoptCholmod:
-    """CHOLMOD by cvxopt, see `Cholmod`, and the library METIS with integers of 32 bits."""
+    """CHOLMOD by cvxopt, see `CompiledCholmod`, and the library METIS with integers of 32 bits."""
 
     source, threads = "cvxopt", False
 
@@ -114,7 +114,7 @@ class CvxoptCholmod:
 
 
 class CvxoptFactor:
-    """Factor of one symmetric matrix by cvxopt; see `Factor`.
+    """Factor of one symmetric matrix by cvxopt; see `Cholesky`.
 
     With `postorder` CHOLMOD may change the order to an equivalent one, of larger supernodes.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot, norm, smallest
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
-from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.equilibrium.shift import ShiftLadder
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftLadder, TangentFactor
 
 # PETSc's reason where a residual is not finite; its name is another one from 3.25.
 NO_NUMBER = -4
@@ -136,7 +135,7 @@ class Iteration:
 
         Where rounding hides it, it is the work of the mean force.
         """
-        change = self.points.energy(state) - self.base.energy
+        change = self.points.near(state).energy - self.base.energy
         return sum(self._work(state)) / 2 if abs(change) <= self.rounding else change
 
     def merit(self, state: Floats) -> float:
@@ -145,7 +144,7 @@ class Iteration:
         Where rounding hides it, Armijo's rule must hold, or the step must flatten the slope: else
         one that moves nothing would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
         """
-        change = self.points.energy(state) - self.base.energy
+        change = self.points.near(state).energy - self.base.energy
         if not abs(change) <= self.rounding:
             return change
         before, after = self._work(state)
@@ -157,7 +156,7 @@ class Iteration:
     def _work(self, state: Floats) -> tuple[float, float]:
         """Return the work in J of the forces at the begin and at a state, on the way to it."""
         moved = state - self.base.state
-        residual = self.points.residual(state)
+        residual = self.points.near(state).residual
         return dot(self.comm, self.base.residual, moved), dot(self.comm, residual, moved)
 
     def cap_of(self, state: Floats, step: Floats) -> float:
@@ -193,29 +192,34 @@ class Iteration:
         return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
 
-@dataclass(frozen=True, eq=False)
 class Point:
-    """A state, its energy in J, and its residual in N with its norm."""
+    """A state with its energy in J, its residual in N, and its norm, each evaluated once."""
 
-    state: Floats
-    energy: float
-    residual: Floats
-    size: float
+    def __init__(self, model: SkinModel, state: Floats) -> None:
+        self._model, self.state = model, np.array(state)
 
+    @cached_property
+    def energy(self) -> float:
+        """Energy, infinite outside the stretch bounds."""
+        return self._model.energy(self.state)
 
-@dataclass(eq=False)
-class _Known:
-    state: Floats
-    energy: float | None = None
-    residual: Floats | None = None
+    @cached_property
+    def residual(self) -> Floats:
+        """First variation, zero at fixed components."""
+        return self._model.residual(self.state)
+
+    @cached_property
+    def size(self) -> float:
+        """Norm of the residual."""
+        return norm(self._model.skin.comm, self.residual)
 
 
 class Points:
-    """Energy and residual of a model, evaluated once at each of the last states (collective)."""
+    """The last states of a model (collective)."""
 
     def __init__(self, model: SkinModel) -> None:
         self._model = model
-        self._known: list[_Known] = []
+        self._known: list[Point] = []
 
     def forget(self) -> None:
         """Forget all: the model has another load, design or friction now."""
@@ -225,31 +229,19 @@ class Points:
         """Return whether two states are equal to the last bit, on all ranks."""
         return smallest(self._model.skin.comm, np.array_equal(one, two)) > 0
 
-    def energy(self, state: Floats) -> float:
-        """Return the energy, infinite outside the stretch bounds."""
-        known = self._find(state)
-        if known.energy is None:
-            known.energy = self._model.energy(known.state)
-        return known.energy
-
-    def residual(self, state: Floats) -> Floats:
-        """Return the first variation, zero at fixed components."""
-        known = self._find(state)
-        if known.residual is None:
-            known.residual = self._model.residual(known.state)
-        return known.residual
-
-    def at(self, state: Floats) -> Point:
-        """Return both."""
-        energy, residual = self.energy(state), self.residual(state)
-        known = self._known[-1]
-        return Point(known.state, energy, residual, norm(self._model.skin.comm, residual))
-
-    def _find(self, state: Floats) -> _Known:
+    def near(self, state: Floats) -> Point:
+        """Return a point, of which what is asked for is evaluated while the model is as it is."""
         for place, known in enumerate(reversed(self._known), start=1):
             if self.same(known.state, state):
                 self._known.append(self._known.pop(-place))
                 return known
-        self._known.append(_Known(np.array(state)))
+        self._known.append(Point(self._model, state))
         del self._known[:-KEPT]
         return self._known[-1]
+
+    def at(self, state: Floats) -> Point:
+        """Return a point that stays as it is, whatever becomes of the model."""
+        found = self.near(state)
+        assert found.energy is not None
+        assert found.size is not None
+        return found

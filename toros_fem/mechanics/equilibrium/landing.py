@@ -192,7 +192,7 @@ class Landing:
             if at.model.contact is not None and at.cap_of(new.state, change) < 1:
                 break
             state = new.state + change
-            if not at.points.energy(state) < new.energy:
+            if not at.points.near(state).energy < new.energy:
                 break
             new = at.points.at(state)
         return new
@@ -207,7 +207,7 @@ class Landing:
         fraction = at.cap_of(saddle.state, mode)
         while fraction > SMALLEST_ESCAPE:
             state = saddle.state + fraction * mode
-            if at.points.energy(state) - saddle.energy < -at.rounding:
+            if at.points.near(state).energy - saddle.energy < -at.rounding:
                 at.record("escape", fraction)
                 return at.points.at(state)
             fraction /= 2

@@ -20,6 +20,7 @@ from toros_fem.mechanics.equilibrium.direction import (
 )
 from toros_fem.mechanics.equilibrium.iteration import Iteration
 from toros_fem.mechanics.equilibrium.landing import Landing
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.petsc_options import (
     PREFIX,
@@ -27,7 +28,6 @@ from toros_fem.mechanics.equilibrium.petsc_options import (
     tell_unused,
     with_defaults,
 )
-from toros_fem.mechanics.equilibrium.shift import ShiftedCholesky
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
 
 # Residual over the applied load at which a trial's objective is known well enough.
@@ -50,7 +50,7 @@ class Newton:
     SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
     until the energy falls. The hooks hold what PETSc has not:
 
-    - **Shift** (`shift.py`). The preconditioner factorises K + τM with the smallest τ of a ladder
+    - **Shift** (`ShiftLadder`). The preconditioner factorises K + τM with the smallest τ of a ladder
       that leaves no negative pivot. M is K's material part: it resists strains, not the large
       rotations by which slender skins snap. Where no step lowers the energy, τ grows.
     - **Older factors** (`direction.py`) precondition CG; K is factorised only where few iterations
@@ -197,7 +197,7 @@ class Newton:
         return self._at.stable(state)
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array_w[:] = self._at.points.residual(x.array_r)
+        f.array_w[:] = self._at.points.near(x.array_r).residual
 
     def _merit(self, _: PETSc.SNES, x: PETSc.Vec) -> float:
         """Return the energy in J less that at the begin of the step."""

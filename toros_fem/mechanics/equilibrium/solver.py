@@ -31,10 +31,9 @@ from toros_fem.mechanics.equilibrium.equilibrium import (
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.equilibrium.settle import residual_at, settle, sliding_at
 from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
 from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
-from toros_fem.mechanics.equilibrium.ways import Search
+from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin, sew

@@ -15,9 +15,9 @@ from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.shift import ShiftedCholesky
 from toros_fem.mechanics.skin.load import Load
 
 # Less of the smoothing of strains is not taken away, where more is not possible.
