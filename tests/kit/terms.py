@@ -11,8 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers

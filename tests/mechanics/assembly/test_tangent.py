@@ -3,7 +3,7 @@
 import numpy as np
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin

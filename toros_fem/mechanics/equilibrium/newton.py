@@ -50,9 +50,9 @@ class Newton:
     SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
     until the energy falls. The hooks hold what PETSc has not:
 
-    - **Shift** (`ShiftLadder`). The preconditioner factorises K + τM with the smallest τ of a ladder
-      that leaves no negative pivot. M is K's material part: it resists strains, not the large
-      rotations by which slender skins snap. Where no step lowers the energy, τ grows.
+    - **Shift** (`ShiftLadder`). The preconditioner factorises K + τM with the smallest τ of a
+      ladder that leaves no negative pivot. M is K's material part: it resists strains, not the
+      large rotations by which slender skins snap. Where no step lowers the energy, τ grows.
     - **Older factors** (`direction.py`) precondition CG; K is factorised only where few iterations
       are not enough. Near the end, and at the start with the factors of a neighbouring
       equilibrium, modified steps reuse K too. With friction GMRES takes the place of CG, and near

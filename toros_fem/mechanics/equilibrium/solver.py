@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
     require_kind,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import Further, make_model
+from toros_fem.mechanics.assembly.model import Further, make_model
 from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (

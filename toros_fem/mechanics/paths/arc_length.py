@@ -17,7 +17,7 @@ from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
 from toros_fem.mechanics.equilibrium.iteration import RESOLVED, STAGNATED, STUCK, UNRESOLVED
-from toros_fem.mechanics.equilibrium.mumps import MumpsFactor
+from toros_fem.mechanics.equilibrium.linear_solver import MumpsFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load

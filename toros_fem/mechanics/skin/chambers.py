@@ -10,7 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_names, require_kind, require_names, whole_numbers
-from toros_fem.mechanics.skin.planes import Planes
+from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
 from toros_fem.meshes.triangles import between, half_edges

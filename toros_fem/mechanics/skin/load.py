@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
-from toros_fem.mechanics.skin.planes import Planes
+from toros_fem.mechanics.skin.supports import Planes
 
 if TYPE_CHECKING:
     from toros_fem.mechanics.assembly.model import SkinModel

@@ -15,9 +15,8 @@ from toros_fem.forms.energy import LoadForms, SkinForms
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
+from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
 from toros_fem.forms.smoothing import Smoothing, likeness
-from toros_fem.forms.tension_field import relaxed
 from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.mechanics.skin.coefficients import (
     cell_function,
