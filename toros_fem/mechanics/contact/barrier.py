@@ -64,11 +64,7 @@ class Barrier:
         if contact.self_contact:
             near = neighbours(pattern, sizes)
         every = collision_filter(
-            self._count,
-            prescribed=prescribed,
-            bodies=bodies.counts,
-            free_bodies=contact.free_bodies,
-            self_contact=contact.self_contact,
+            prescribed, bodies.counts, contact.free_bodies, self_contact=contact.self_contact
         )
         self._may_touch = every & leaving_out(near)
         self._apart = list(self.sides if by_side else self._grounds)

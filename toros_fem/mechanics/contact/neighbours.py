@@ -28,12 +28,7 @@ VIEW = 1e-6
 
 
 def collision_filter(
-    count: int,
-    *,
-    prescribed: Bools | None = None,
-    bodies: Sequence[int] = (),
-    free_bodies: Sequence[int] = (),
-    self_contact: bool = True,
+    prescribed: Bools, bodies: Sequence[int], free_bodies: Sequence[int], *, self_contact: bool
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
@@ -41,9 +36,9 @@ def collision_filter(
     that are held with each other. `bodies` are the bodies' numbers of vertices, `free_bodies` the
     numbers of those that move freely.
     """
-    own, held = np.arange(count), count + len(bodies)
-    if prescribed is not None:
-        own[prescribed] = held + 1
+    count = len(prescribed)
+    held = count + len(bodies)
+    own = np.where(prescribed, held + 1, np.arange(count))
     numbers = [count + k if k in free_bodies else held for k in range(len(bodies))]
     of_bodies = np.repeat(np.array(numbers, dtype=np.int64), list(bodies))
     found = patches_apart(np.append(own, of_bodies))

@@ -105,26 +105,20 @@ class CondensedFactor:
         mine = at[begin : begin + size]
         self._own = np.flatnonzero(mine >= 0), mine[mine >= 0]
         keep = np.flatnonzero(~on)
-        all_rows = np.concatenate([rows[keep], shared[:, 0]])
-        all_columns = np.concatenate([columns[keep], shared[:, 1]])
-        source = np.concatenate([keep, len(rows) + np.arange(len(shared))])
-        # The last number stands for the zeros of the dense corner.
-        self._values = np.zeros(len(rows) + len(shared) + 1)
+        own = np.stack([rows[keep], columns[keep], keep])
+        others = np.stack([*shared.T, len(rows) + np.arange(len(shared))])
+        entries, zero = np.hstack([own, others]), len(rows) + len(shared)
+        self._values = np.zeros(zero + 1)
         with together(comm):
             self._parts = [
-                _Part(cholmod, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
-                      source, len(self._values) - 1, begin)
+                _Part(cholmod, np.flatnonzero((part == p) & (at < 0)), at, entries, zero, begin)
                 for p in numbers
-            ]  # fmt: skip
+            ]
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self._schur: Floats = np.zeros((count, count))
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the entries of the owned rows; return whether all is positive definite.
-
-        Raises:
-            TorosError: Too little memory, on any rank.
-        """
+        """Factorise for the entries of the owned rows; return whether all is positive definite."""
         comm, count = self._comm, len(self.interface)
         self._values[: len(values)] = values
         shared = self._values[len(values) : -1]
@@ -182,24 +176,18 @@ class CondensedFactor:
 class _Part:
     """Inner unknowns of one part, with its interface behind them in reversed order.
 
+    `inner` are their global numbers, `begin` the first one of this rank, and `at` the place of each
+    global number in the interface, −1 for none. Entries have global rows and columns, and the
+    place of their value, (3, k); `zero` is that of a zero.
+
     Attributes:
         place: Places in the interface that the part touches.
-
-    Args:
-        cholmod: Calls of CHOLMOD.
-        inner: Global numbers of the inner unknowns.
-        at: Place of each global number in the interface, −1 for none.
-        rows, columns: Global places of entries.
-        source: Where their values will lie.
-        zero: Where a zero will lie.
-        begin: First global number of this rank.
     """
 
     def __init__(
-        self, cholmod: Cholmod, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
-        zero: int, begin: int,
-    ) -> None:  # fmt: skip
-        size = len(inner)
+        self, cholmod: Cholmod, inner: Ints, at: Ints, entries: Ints, zero: int, begin: int
+    ) -> None:
+        size, (rows, columns, source) = len(inner), entries
         number: Ints = np.full(len(at), -1, dtype=np.int64)
         number[inner] = np.arange(size)
         # Only what the part touches of the interface.

@@ -90,19 +90,18 @@ class ContinuationResult:
 def run_continuation(
     attempt: Callable[[Floats, float], Attempt],
     start: ContinuationResult,
-    top: float,
     increment: float,
     least: float,
 ) -> ContinuationResult:
-    """Raise a load factor to the top, by solves from a state at a level.
+    """Raise a load factor to 1, by solves from a state at a level.
 
     `start` holds a state, its level and outcome; `least` is the smallest increment, over the level
     reached or the first increment, whichever is larger.
     """
     state, load_factor, outcome = start.state, start.load_factor, start.outcome
     first, fastest = increment, 4
-    while load_factor is None or load_factor < top:
-        level = min(top, (load_factor or 0.0) + increment)
+    while load_factor is None or load_factor < 1.0:
+        level = min(1.0, (load_factor or 0.0) + increment)
         found = attempt(state, level)
         outcome = found.outcome
         if found.converged:

@@ -32,10 +32,8 @@ class Equilibrium:
         complete: Whether the state was proven stable; `EquilibriumSolver.finish` completes a trial.
         load_factor: Fraction of the requested load that acts on `state`.
         reason: Why the solve ended, as a sentence.
-        pressure: Pressure of `state` in Pa, the largest of all chambers.
         pressures: Pressure of each chamber in Pa.
         energy: Energy of eq. (8) in J, less the work of dead forces from the assembled positions.
-        volume: Enclosed volume in m³.
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
@@ -64,10 +62,8 @@ class Equilibrium:
     complete: bool
     load_factor: float
     reason: str
-    pressure: float
     pressures: tuple[float, ...]
     energy: float
-    volume: float
     volumes: tuple[float, ...]
     stretch_use: float
     residual: float
@@ -82,6 +78,16 @@ class Equilibrium:
     sliding: Sliding | None = None
     before: PathPoint | None = None
     definite: bool = True
+
+    @property
+    def pressure(self) -> float:
+        """Pressure of `state` in Pa, the largest of all chambers."""
+        return max(self.pressures)
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume in m³."""
+        return sum(self.volumes)
 
     @property
     def point(self) -> PathPoint:
@@ -112,10 +118,8 @@ def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
     return {
         "state": state,
         "positions": model.positions(state),
-        "pressure": model.load.largest,
         "pressures": tuple(float(p) for p in model.load.pressures),
         "energy": model.energy(state),
-        "volume": sum(volumes),
         "volumes": volumes,
         "stretch_use": model.bounds.worst(model.corners(state)),
         "smallest_distance": None if contact is None else contact.gap(state),

@@ -221,13 +221,11 @@ class _Matrix:
     """
 
     def __init__(self, factor: TangentFactor) -> None:
-        self._factor = weakref.ref(factor)
+        self._factor = weakref.proxy(factor)
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply."""
-        factor = self._factor()
-        assert factor is not None
-        y.array_w[:] = factor.multiply_filled(x.array_r)
+        y.array_w[:] = self._factor.multiply_filled(x.array_r)
 
     # The matrix is symmetric; line searches ask for this.
     multTranspose = mult  # noqa: N815
@@ -326,16 +324,11 @@ class ShiftedCholesky:
     """
 
     def __init__(self, ladder: ShiftLadder) -> None:
-        self._held = weakref.ref(ladder)
-
-    def _ladder(self) -> ShiftLadder:
-        found = self._held()
-        assert found is not None
-        return found
+        self._ladder = weakref.proxy(ladder)
 
     def setUp(self, pc: PETSc.PC) -> None:
         """Factorise, unless older factors are to serve."""
-        ladder = self._ladder()
+        ladder = self._ladder
         if ladder.renew:
             ladder.renew = False  # PETSc asks again, as a shift changes the matrix
             reasons = PETSc.PC.FailedReason
@@ -344,11 +337,11 @@ class ShiftedCholesky:
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Solve."""
-        y.array_w[:] = self._ladder().factor.solve(x.array_r)
+        y.array_w[:] = self._ladder.factor.solve(x.array_r)
 
     def view(self, _: PETSc.PC, viewer: PETSc.Viewer) -> None:
         """Say what factorises."""
-        ladder = self._ladder()
+        ladder = self._ladder
         viewer.printfASCII(f"    {ladder.factor.describe()}, last shift {ladder.shift:g}\n")
 
 

@@ -106,7 +106,6 @@ class Search:
         return run_continuation(
             lambda x, f: self.attempt(x, *at(f)),
             ContinuationResult(begin, factor, self.cold_end.outcome),
-            1.0,
             FIRST_INCREMENT if factor is not None else self.increment,
             self.newton.least_increment,
         )

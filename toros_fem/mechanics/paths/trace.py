@@ -167,7 +167,7 @@ def _continue(
         return Attempt(last.state, 1 if last.converged else -1, steps)
 
     start = ContinuationResult(before.state, 0.0, 1)
-    done = run_continuation(attempt, start, 1.0, 1.0, LEAST_INCREMENT)
+    done = run_continuation(attempt, start, 1.0, LEAST_INCREMENT)
     if done.load_factor != 1.0:
         raise EquilibriumError(
             f"the path ends between {begin} and {load}, after "

@@ -40,9 +40,11 @@ class Chambers:
             raise ParameterError("names = () must name each chamber, and at least one.")
         last = len(names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
+            found = np.unique(of_cell)
+            listed = ", ".join(map(str, found[:6])) + (", …" if len(found) > 6 else "")
             raise ParameterError(
-                f"of_cell contains the chambers {_listed(np.unique(of_cell))}; it must have one "
-                f"number for each triangle, and each of 0 to {last} at least once."
+                f"of_cell contains the chambers {listed}; it must have one number for each "
+                f"triangle, and each of 0 to {last} at least once."
             )
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "of_cell", of_cell)
@@ -55,11 +57,6 @@ class Chambers:
     def refined(self, finer: Refinement) -> Chambers:
         """Return the chambers of a refined pattern."""
         return Chambers(self.names, self.of_cell[finer.cell])
-
-
-def _listed(numbers: Ints) -> str:
-    """Return the first numbers as text."""
-    return ", ".join(str(number) for number in numbers[:6]) + (", …" if len(numbers) > 6 else "")
 
 
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:

@@ -73,7 +73,9 @@ def find_hinges(
     if bending.curvature == "midedge":
         first, second = np.moveaxis(opposite_edges(skin.vertex[corner]), -1, 0)
         turning = (has_moment | alone if turn_free else has_moment) & ~mirrored
-        factor = np.where(first < second, 2.0, -2.0) / _rotation_length(skin)
+        # Rotations become lengths by about that of an edge.
+        length = float(np.sqrt(2 * skin.pattern.areas.mean()))
+        factor = np.where(first < second, 2.0, -2.0) / length
         rotation = np.where(turning, factor, 0.0)
     rest: Floats = np.zeros(alone.shape)
     if bending.rest == "assembled":
@@ -112,11 +114,6 @@ def _require_unfolded(skin: Skin, rest: Floats) -> None:
             f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
             "take the flat rest shape."
         )
-
-
-def _rotation_length(skin: Skin) -> float:
-    """Length in m by which rotations of edges become lengths: about that of an edge."""
-    return float(np.sqrt(2 * skin.pattern.areas.mean()))
 
 
 def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:

@@ -31,14 +31,6 @@ from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposit
 SQUARE = 1e-3
 
 
-def _no_edges() -> Ints:
-    return np.zeros((0, 2), dtype=np.int64)
-
-
-def _no_normals() -> Floats:
-    return np.zeros((0, 3))
-
-
 @dataclass(frozen=True, eq=False)
 class Supports:
     """Fixed position components, and free edges at which the sheet keeps its direction.
@@ -57,8 +49,8 @@ class Supports:
     """
 
     fixed: Bools
-    guided: Ints = field(default_factory=_no_edges)
-    normals: Floats = field(default_factory=_no_normals)
+    guided: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     displacement: Floats | None = None
     planes: tuple[tuple[int, float], ...] = ()
 

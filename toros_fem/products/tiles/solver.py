@@ -165,7 +165,7 @@ class TileSolver:
         found, reached = first.state, first.outcome > 0
         if not reached and allow_continuation:
             nothing, from_flat = ContinuationResult(flat, 0.0, 1), partial(attempt, FLAT)
-            done = run_continuation(from_flat, nothing, 1.0, FIRST_STEP, SMALLEST_STEP)
+            done = run_continuation(from_flat, nothing, FIRST_STEP, SMALLEST_STEP)
             found, reached = done.state, done.load_factor == 1.0 and done.outcome > 0
         if not reached:
             raise NoEquilibriumError(
