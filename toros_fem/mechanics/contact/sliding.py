@@ -192,26 +192,20 @@ class SlidingFriction:
 
 @dataclass(frozen=True, eq=False)
 class Coulomb:
-    """Coulomb's friction of one side of a contact, at n vertices at once.
+    """Coulomb's friction of one side of a contact, at n vertices at once (docs/theory/friction.md).
 
-    A vertex has the normal force N, a vector, and the motion u away from its anchor, the point of
-    the other side at which it sticks. With P = I − n nᵀ and n = N/|N| the friction is
+    A vertex has the normal force N, a vector, and the motion u away from its anchor. With P = I − n
+    nᵀ and n = N/|N| the friction is
 
         F = μ |N| φ(g) m,   φ(g) = (2 − g/s)/s for g < s, and 1/g beyond,
 
-    directed against the motion, with m = P u and g = |P u| where the coefficient is the same in
-    all directions. s is the `slip`: below it the contact sticks elastically, beyond it slides
-    under μ |N|. F is the gradient by u of μ |N| f(g), for a normal force that is held (Li et al.
-    2020, eqs. 13-15, with the anchor in the place of the last positions).
+    directed against the motion, with m = P u and g = |P u| where the coefficient is the same in all
+    directions. F is the gradient by u of μ |N| f(g), for a normal force that is held.
 
-    Where sliding is easier along a direction d in the ground, by a < 1, the gauge of a motion is
-    g = √(|P u|² − (1 − a²) v²), v = d·u where that is positive, else 0, and m = P u − (1 − a²) v d.
-    F is then still the gradient of a convex function (Goyal, Ruina & Papadopoulos 1991). The
+    Where sliding is easier along a direction d in the ground, by a < 1, the gauge of a motion is g
+    = √(|P u|² − (1 − a²) v²), v = d·u where that is positive, else 0, and m = P u − (1 − a²) v d. F
+    is then still the gradient of a convex function (Goyal, Ruina & Papadopoulos 1991). The
     stiffness jumps where d·u changes its sign; n is the ground's, so that N changes its size alone.
-
-    The elastic part of the slip, at most s long, is what a step leaves to the next: the anchor
-    follows a sliding vertex at the distance s (the return mapping of plasticity; Wriggers 2006,
-    section 5.2.3). A held load therefore does not creep.
 
     Attributes:
         friction: Coefficient μ, one or one for each vertex.

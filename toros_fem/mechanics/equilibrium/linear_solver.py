@@ -42,11 +42,11 @@ class TangentFactor:
     """Factorised K + τ M, which exists only where that is positive definite.
 
     M is the tangent's material part: the resistance of strains and curvatures, made positive where
-    stress bends or turns a triangle, without the pressure. For modes that no strain resists, M
-    contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number. A τ of
-    about 1 makes K + τ M positive definite in most states, whatever the contrast, but there is no
-    bound: assembled tubes of 146 to 250 thousand unknowns need 10. Where contact is indefinite, τ
-    also takes a positive semidefinite part of it in its place.
+    stress bends or turns a triangle, without the pressure, and the fraction LEAST of the mean
+    diagonal of each vertex, for modes that no strain resists. τ is a pure number: about 1 is enough
+    in most states, whatever the contrast, but there is no bound; assembled tubes of 146 to 250
+    thousand unknowns need 10. Where contact is indefinite, τ also takes a positive semidefinite
+    part of it in its place.
 
     CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
     (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many

@@ -48,26 +48,11 @@ class Newton:
     """Newton's method on E from a start, at the load and density set in the model.
 
     SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
-    until the energy falls. The hooks hold what PETSc has not:
-
-    - **Shift** (`ShiftLadder`). The preconditioner factorises K + τM with the smallest τ of a
-      ladder that leaves no negative pivot. M is K's material part: it resists strains, not the
-      large rotations by which slender skins snap. Where no step lowers the energy, τ grows.
-    - **Older factors** (`direction.py`) precondition CG; K is factorised only where few iterations
-      are not enough. Near the end, and at the start with the factors of a neighbouring
-      equilibrium, modified steps reuse K too. With friction GMRES takes the place of CG, and near
-      the end K has the derivative by normal forces, which is not symmetric.
-    - **Step limit**, in the pre-check of the line search: a step uses up a part of the distance to
-      the stretch bounds, and nothing passes through anything.
-    - **Correction** (`landing.py`). A long step stretches the triangles that it turns. A second
-      solve with the same factors mends that (the second-order correction of constrained
-      optimisation).
-    - **Rounding.** Where energies differ by less than their rounding, the work of the mean force
-      tells the difference.
-    - **Proof**, in the convergence test: a state is an equilibrium where K is positive definite and
-      the residual is below the tolerance times the applied load, or below the rounding of the
-      positions. A saddle is left along its softest mode. Where rounding keeps the residual from
-      falling further, STAGNATED is enough, or UNRESOLVED where Newton's step is negligible.
+    until the energy falls. The hooks hold what PETSc has not, as docs/theory/equilibrium.md lists
+    them. A state is an equilibrium where K is positive definite and the residual is below the
+    tolerance times the applied load, or below the rounding of the positions. Where rounding keeps
+    the residual from falling further, STAGNATED is enough, or UNRESOLVED where Newton's step is
+    negligible.
 
     Attributes:
         factor: The factorised tangent; after success it is that at the equilibrium.

@@ -104,11 +104,10 @@ class EquilibriumSolver(TangentSolver):
                 rows of a relaxed design.
             load: What acts; a number is a pressure in Pa, several are those of the chambers.
             start: Where the iteration starts: an equilibrium of a neighbouring design or load;
-                owned unknowns; or positions of the owned nodes, (n, 3), for example of a solver
-                with another bending term. Where triangles leave the stretch bounds it is relaxed
-                until they are inside. Fixed components are moved to their prescribed positions.
-                None starts from the assembled positions; with contact, layers that touch there are
-                moved apart first, and displacements count from where they then are.
+                owned unknowns; or positions of the owned nodes, (n, 3). Where triangles leave the
+                stretch bounds it is relaxed until they are inside. Fixed components are moved to
+                their prescribed positions. None starts from the assembled positions; with contact,
+                layers that touch there are moved apart first.
             after: The step before this one on a path: friction goes on from it, and so does the
                 iteration if there is no start.
             sliding: Where the skin sticks at the begin of the step; None takes that of `after`,
@@ -117,14 +116,11 @@ class EquilibriumSolver(TangentSolver):
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
-                and a large tolerance, and without proof that the state is stable. `finish`
-                completes it.
+                and a large tolerance, and without proof that the state is stable; see `finish`.
 
         Raises:
-            ParameterError: The load does not fit, the start leaves the stretch bounds (of two
-                materials the wider ones) and cannot be relaxed into them, or surfaces overlap or
-                cross there that may touch.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
+                the wider ones), or surfaces overlap or cross there that may touch.
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
@@ -212,15 +208,8 @@ class EquilibriumSolver(TangentSolver):
 
         On as many ranks as before, all that follows is the same to the last bit: what one solve
         leaves to the next is the tangent at its end, factorised again here, and its first shift.
-
-        Args:
-            density: As of `solve`.
-            unknowns, numbers: As of `save`; the numbers may have been written as JSON.
-            load: Forces and displacement of the load, which the numbers do not hold; None for none.
-
-        Raises:
-            ParameterError: The unknowns are those of another skin.
-            EquilibriumError: It is no equilibrium any more, and there is none near.
+        Unknowns and numbers, which may have been written as JSON, are those of `save`; forces and
+        displacement are of the load. Where it is no equilibrium any more one near is solved for.
         """
         model, newton = self.model, self._newton
         given = replace(

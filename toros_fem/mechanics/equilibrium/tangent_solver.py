@@ -77,14 +77,9 @@ class TangentSolver:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
 
         This is the adjoint solve of eq. (19). Without friction K is symmetric. With friction GMRES
-        solves, with the factors of the symmetric part.
-
-        Args:
-            rhs: Owned unknowns.
-            at: An equilibrium of this solver; its tangent is factorised again if another solve came
-                between.
-            adjoint: Whether to solve with the transpose, which differs with friction: normal forces
-                change it, and it does not change them.
+        solves, with the factors of the symmetric part; `adjoint` solves with the transpose, since
+        normal forces change friction, and friction does not change them. The tangent is factorised
+        again if another solve came between.
 
         Raises:
             ParameterError: As of `tangent_at`; or an adjoint through friction on free bodies is

@@ -140,12 +140,10 @@ def times(factor: float, load: Load) -> Load:
 class _ArcLength:
     """Pseudo-arc-length continuation of the equilibria r(x, λ) = 0 (Riks 1979; Keller 1977).
 
-    From a point, a step ds along the tangent predicts the next one. Newton's method corrects it in
-    the plane across the tangent. Each Newton step has the matrix [K, −q; c, d], bordered by the
-    force q of the loads and by the plane's normal (c, d). It is solved by two solves with K, which
-    is indefinite beyond a limit point: MUMPS factorises it as LDLᵀ, and counts the negative pivots,
-    by Sylvester's law of inertia the negative eigenvalues of K. The length is ds² = |dx|²/S² + dλ²,
-    with S = |dx/dλ| at the first point.
+    From a point, a step ds along the tangent predicts the next one, ds² = |dx|²/S² + dλ² with S =
+    |dx/dλ| at the first point. Newton's method corrects it in the plane across the tangent, by two
+    solves with K, which is indefinite beyond a limit point. MUMPS factorises it as LDLᵀ: by
+    Sylvester's law of inertia its negative pivots are as many as the negative eigenvalues of K.
 
     Attributes:
         point: The last point.

@@ -159,7 +159,7 @@ def guided_edges(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Flo
 
 
 def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
-    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as of `forms.bending`.
+    """Return the angles at edges of triangles in space, (cells, 3) in rad, as of `forms.bending`.
 
     They lie between corners and the flaps across the edges, which planes with the unit normals
     `mirror` reflect, all (cells, 3, 3); zero is no mirror.
