@@ -165,24 +165,18 @@ class UpperTangent:
         self._entries[self._blocks.twice] *= 2
         self._add_up(out)
 
-    def convexity_gap(self, state: Floats, out: Floats) -> bool:
-        """Write what makes the contact's part positive semidefinite, as `assemble` (collective).
+    def assemble_convex(self, state: Floats, out: Floats) -> None:
+        """Write K as last assembled, at this state, with the contact's positive semidefinite part.
 
-        Returned is whether anything is in contact; nothing is written if not.
+        That is as near to K as a part of it can be (collective).
         """
-        contact = self._model.contact
-        gap = None if contact is None else contact.convexity_gap(state)
-        if gap is None:
-            return False
-        assert contact is not None
-        before = self._model.terms[: self._model.terms.index(contact)]
-        begin = self.triangles.count + sum(term.pairs.shape[1] for term in before)
-        kept = self._entries.copy()
-        self._entries[:] = 0
-        self._entries[begin : begin + len(gap)] = gap
+        contact, terms = self._model.contact, self._model.terms
+        if contact is not None:
+            before = terms[: terms.index(contact)]
+            begin = self.triangles.count + sum(term.pairs.shape[1] for term in before)
+            convex = contact.entries(state, definite=True)
+            self._entries[begin : begin + len(convex)] = convex
         self._add_up(out)
-        self._entries[:] = kept
-        return True
 
     def _add_up(self, out: Floats) -> None:
         """Sum the entries into `out`, those of other ranks included (collective)."""

@@ -96,11 +96,6 @@ class ContactCore:
         places = np.searchsorted(self.keys, keys)
         return np.bincount(places, values, len(self.keys)).astype(np.float64)
 
-    def convexity_gap(self, x: Floats, poses: Floats) -> Floats:
-        """Return the semidefinite `entries` less the exact ones."""
-        definite = self.entries(x, poses, definite=True)
-        return np.asarray(definite - self.entries(x, poses, definite=False))
-
     def grow(self, x: Floats, poses: Floats) -> bool:
         """Let `keys` cover all that is in contact; return whether they have changed."""
         keys = np.unique(self._second_upper(x, poses, definite=False)[0])

@@ -178,13 +178,6 @@ class SkinContact(Term):
         at = self._at(x)
         return self._core.alone(lambda core: core.entries(*at, definite=definite), NOTHING)
 
-    def convexity_gap(self, x: Floats) -> Floats | None:
-        """Return the semidefinite `entries` less the exact ones; None if nothing touches."""
-        at = self._at(x)
-        if not self._core(lambda core: core.barrier.count(at[0])):
-            return None
-        return self._core.alone(lambda core: core.convexity_gap(*at), NOTHING)
-
     @override
     def grow(self, x: Floats) -> None:
         at = self._at(x)

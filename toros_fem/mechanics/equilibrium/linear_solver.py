@@ -84,10 +84,9 @@ class TangentFactor:
         self.matrix.setUp()
 
     def _make_entries(self) -> None:
-        self._exact, self._material, self._data, self._convexity = (
+        self._exact, self._material, self._data, self._convex = (
             np.zeros(len(self._tangent.columns)) for _ in range(4)
         )
-        self._touches = False
         self.values: Floats = self._exact
 
     def _choose(self) -> CondensedFactor | MumpsFactor:
@@ -145,18 +144,17 @@ class TangentFactor:
 
         With a shift, the contact's part of K is a positive semidefinite one: less is left for M.
         """
-        self.values = self._exact
+        self.values, contact = self._exact, self._model.contact
         if shift:
             if not self._has_material:
+                if contact is not None:
+                    self._tangent.assemble_convex(self._state, self._convex)
                 self._tangent.assemble(self._state, self._material, geometric=0.0)
                 self._material[self._tangent.diagonal] += LEAST * self.scale
                 self._has_material = True
-                self._touches = self._tangent.convexity_gap(self._state, self._convexity)
             self.values = self._data
             np.multiply(self._material, shift, out=self.values)
-            self.values += self._exact
-            if self._touches:
-                self.values += self._convexity
+            self.values += self._exact if contact is None else self._convex
         if diagonal:
             if not shift:
                 self._data[:] = self._exact
