@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.models import automatic_tangent, bent_tube, drawn, pressurize
+from kit.terms import TERMS, model_of
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -72,6 +73,22 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     material = diagonals[2] - diagonals[0]
     assert material.min() >= 0
     assert material[model.free].min() > 0
+
+
+def test_with_a_shift_contact_is_semidefinite() -> None:
+    """What K + τ M gains beyond τ M is what the contact's part gains."""
+    pytest.importorskip("ipctk")
+    state, model = model_of(TERMS["the skin itself"])
+    factor = TangentFactor(model)
+    factor.assemble(state)
+    filled = []
+    for shift in (0.0, 1.0, 2.0):
+        factor.fill(shift)
+        filled.append(factor.values.copy())
+    gained = 2 * filled[1] - filled[2] - filled[0]
+    more, less = (model.contact.entries(state, definite=part) for part in (True, False))
+    assert np.abs(more - less).max() > 1e-3 * np.abs(less).max()
+    assert gained.sum() == pytest.approx((more - less).sum(), rel=1e-6)
 
 
 def test_the_scale_is_one_of_free_components(alone: MPI.Comm) -> None:

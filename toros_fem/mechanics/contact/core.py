@@ -9,7 +9,7 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
 from toros_fem.mechanics.contact.settings import ContactSizes
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import SlidingFriction
 
 # Entries of the tangent are kept until they are this many times those that are needed.
 STALE = 2.0
@@ -197,7 +197,7 @@ class ContactCore:
         self._known_at = None
         self._friction.lag(self.barrier.normals(x), x[: self._count], poses)
 
-    def end(self, x: Floats, poses: Floats) -> Sliding:
+    def end(self, x: Floats, poses: Floats) -> Floats:
         """Return where the vertices stick at the end of a step, by the normal forces there."""
         assert self._friction is not None
         self.lag(x, poses)

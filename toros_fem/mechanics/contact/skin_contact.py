@@ -14,7 +14,7 @@ from toros_fem.mechanics.contact.core import ContactCore
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import SlidingFriction
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank, positions
 from toros_fem.mechanics.terms.term import Term
@@ -252,7 +252,7 @@ class SkinContact(Term):
         """Whether there is friction, by which the residual has no potential."""
         return self.friction is not None
 
-    def begin_step(self, sliding: Sliding | None, load: Load) -> None:
+    def begin_step(self, sliding: Floats | None, load: Load) -> None:
         """Begin a step of a path with friction; without friction nothing is done.
 
         It goes on from the end of the step before; None stands for a skin at rest at its assembled
@@ -273,7 +273,7 @@ class SkinContact(Term):
             at = self._at(x)
             self._core(lambda core: core.lag(*at))
 
-    def end_step(self, x: Floats) -> Sliding | None:
+    def end_step(self, x: Floats) -> Floats | None:
         """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:
             return None

@@ -13,19 +13,6 @@ from toros_fem.mechanics.contact.motion import pose_curvature, pose_jacobian, ro
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 
 
-@dataclass(frozen=True, eq=False)
-class Sliding:
-    """What friction hands from one step of a path to the next.
-
-    Attributes:
-        anchors: Point in m at which each vertex sticks to each half-space and each body, in this
-            order, (sides, n, 3); on a body where that was made, so that they move with it. Where a
-            vertex touches nothing it is its own position.
-    """
-
-    anchors: Floats
-
-
 class SlidingFriction:
     """Friction of all n vertices on all half-spaces and bodies, the sides of their contact.
 
@@ -35,12 +22,14 @@ class SlidingFriction:
     and body turn together.
 
     A state is the points of all vertices in m, (n, 3), and the poses of all bodies, (bodies, 6).
-    Forces, anchors and their derivatives are (sides, n, 3).
+    Forces, anchors and their derivatives are (sides, n, 3). Anchors are the points at which each
+    vertex sticks to each side, on a body where that was made, so that they move with it; where a
+    vertex touches nothing its own position. They are what one step of a path hands to the next.
 
     Attributes:
         grounds: Number of half-spaces, which are the first sides.
         friction, slip: μ of all but pads on the ground, and the slip in m.
-        sliding: Anchors at the begin of the step.
+        anchors: Anchors at the begin of the step.
         normals: Normal force in N on each vertex from each side, as of `lag`.
     """
 
@@ -50,22 +39,21 @@ class SlidingFriction:
         self.grounds, self._pads = len(contact.grounds), contact.pads
         centres = [np.zeros(3)] * self.grounds + [body.centre for body in contact.bodies]
         self._centres: Floats = np.reshape(centres, (-1, 1, 3))
-        self.sliding = self._settled = Sliding(np.zeros((self.sides, 0, 3)))
-        self.normals: Floats = np.zeros((self.sides, 0, 3))
+        self.anchors = self._settled = self.normals = np.zeros((self.sides, 0, 3))
 
     @property
     def sides(self) -> int:
         """Number of half-spaces and bodies."""
         return len(self._centres)
 
-    def at_rest(self, points: Floats, poses: Floats) -> Sliding:
+    def at_rest(self, points: Floats, poses: Floats) -> Floats:
         """Return the anchors of vertices that stick where they are."""
-        return Sliding(self._brought_back(np.repeat(points[None], self.sides, axis=0), poses))
+        return self._brought_back(np.repeat(points[None], self.sides, axis=0), poses)
 
-    def begin(self, sliding: Sliding) -> None:
+    def begin(self, anchors: Floats) -> None:
         """Begin a step from the anchors of the last one, without any normal force."""
-        self.sliding, self._settled = sliding, sliding
-        self.normals = np.zeros_like(sliding.anchors)
+        self.anchors = self._settled = anchors
+        self.normals = np.zeros_like(anchors)
 
     def lag(self, normals: Floats, points: Floats, poses: Floats) -> None:
         """Take over the normal forces of a state, and move the anchors along them to its vertices.
@@ -73,10 +61,10 @@ class SlidingFriction:
         So friction and its counterpart on a body act along one line: they turn nothing together.
         """
         self.normals = normals
-        carried = self.carried(self.sliding, poses)
+        carried = self.carried(self.anchors, poses)
         unit = normals / np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[:, :, None]
         carried += np.einsum("sni,sni->sn", unit, points - carried)[:, :, None] * unit
-        self._settled = Sliding(self._brought_back(carried, poses))
+        self._settled = self._brought_back(carried, poses)
 
     def energy(self, points: Floats, poses: Floats) -> float:
         """Return the potential in J of the lagged normal forces."""
@@ -93,32 +81,32 @@ class SlidingFriction:
     def by_pose(self, body: int, poses: Floats) -> Floats:
         """Return the derivative by a body's pose of the anchors on it, (3 n, 6)."""
         side = self.grounds + body
-        return pose_jacobian(self._settled.anchors[side], self._centres[side, 0], poses[body])
+        return pose_jacobian(self._settled[side], self._centres[side, 0], poses[body])
 
     def pose_curvature(self, body: int, poses: Floats, force: Floats) -> Floats:
         """Return the second derivative by a body's pose of Σ force · anchors, forces held."""
         side = self.grounds + body
-        anchors, centre = self._settled.anchors[side], self._centres[side, 0]
+        anchors, centre = self._settled[side], self._centres[side, 0]
         return pose_curvature(anchors, centre, poses[body], force[side])
 
-    def end(self, points: Floats, poses: Floats) -> Sliding:
+    def end(self, points: Floats, poses: Floats) -> Floats:
         """Return the anchors at the end of the step: each at the elastic slip from its vertex.
 
         The normal forces must be those of the state itself.
         """
         slip = self._of_law("elastic", points, poses)
-        return Sliding(self._brought_back(points - slip, poses))
+        return self._brought_back(points - slip, poses)
 
     def force_change(self, points: Floats, poses: Floats, change: Floats) -> Floats:
         """Return the change of `force` in N by one of the normal forces."""
-        by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
+        by_normal = self._of_law("force_by_normal", points, poses, self.anchors)
         return np.einsum("snij,snj->sni", by_normal, change)
 
     def force_backward(
         self, points: Floats, poses: Floats, adjoint: Floats
     ) -> tuple[Floats, Floats]:
         """Return the derivatives of Σ adjoint · `force` by normal forces and by anchors."""
-        by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
+        by_normal = self._of_law("force_by_normal", points, poses, self.anchors)
         by_motion = self._of_law("stiffness", points, poses)
         return (
             np.einsum("snij,sni->snj", by_normal, adjoint),
@@ -132,7 +120,7 @@ class SlidingFriction:
         turns = self._turns(poses)
         slope = slope @ turns.transpose(0, 2, 1)
         by_motion = self._of_law("elastic_by_motion", points, poses)
-        by_normal = self._of_law("elastic_by_normal", points, poses, self.sliding)
+        by_normal = self._of_law("elastic_by_normal", points, poses, self.anchors)
         followed = np.einsum("snij,sni->snj", by_motion, slope)
         return (
             (slope - followed).sum(axis=0),
@@ -141,15 +129,16 @@ class SlidingFriction:
         )
 
     def _of_law(
-        self, quantity: str, points: Floats, poses: Floats, anchors: Sliding | None = None
+        self, quantity: str, points: Floats, poses: Floats, anchors: Floats | None = None
     ) -> Floats:
         """Return a quantity of the law at all vertices on all sides, zero without normal force.
 
-        Where normal forces change, motions count from the anchors of the begin (`sliding`): their
+        Where normal forces change, motions count from the anchors of the begin (`anchors`): their
         normal part then matters. Else from those of `lag`, by default.
         """
         active = np.asarray(self.normals.any(axis=2))
-        motion = (points - self.carried(anchors or self._settled, poses))[active]
+        anchors = self._settled if anchors is None else anchors
+        motion = (points - self.carried(anchors, poses))[active]
         values = getattr(self._law(active).at(self.normals[active], motion), quantity)()
         out: Floats = np.zeros((*active.shape, *values.shape[1:]))
         out[active] = values
@@ -179,9 +168,9 @@ class SlidingFriction:
         moved[self.grounds :, 0] += poses[:, :3]
         return moved
 
-    def carried(self, sliding: Sliding, poses: Floats) -> Floats:
+    def carried(self, anchors: Floats, poses: Floats) -> Floats:
         """Return anchors where the bodies are now."""
-        arms = (sliding.anchors - self._centres) @ self._turns(poses).transpose(0, 2, 1)
+        arms = (anchors - self._centres) @ self._turns(poses).transpose(0, 2, 1)
         return np.asarray(arms + self._moved_centres(poses))
 
     def _brought_back(self, points: Floats, poses: Floats) -> Floats:

@@ -11,7 +11,6 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
 from toros_fem.mechanics.equilibrium.path import PathPoint
@@ -74,8 +73,8 @@ class Equilibrium:
     modified_steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
-    begin: Sliding | None = None
-    sliding: Sliding | None = None
+    begin: Floats | None = None
+    sliding: Floats | None = None
     before: PathPoint | None = None
     definite: bool = True
 
@@ -104,7 +103,7 @@ class Equilibrium:
         found = {name: getattr(self, name) for name in SAVED}
         found["condition"] = asdict(self.condition)
         found["history"] = [asdict(row) for row in self.history]
-        found["begin"] = None if self.begin is None else self.begin.anchors.tolist()
+        found["begin"] = None if self.begin is None else self.begin.tolist()
         found["weight_fraction"] = self.load.weight_fraction
         found["bodies_fraction"] = self.load.bodies_fraction
         return found
@@ -145,7 +144,7 @@ def numbers_read(numbers: Mapping[str, Any]) -> dict[str, Any]:
     found["condition"] = Condition(**numbers["condition"])
     found["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
     anchors = numbers["begin"]
-    found["begin"] = None if anchors is None else Sliding(np.array(anchors))
+    found["begin"] = None if anchors is None else np.array(anchors)
     return found
 
 

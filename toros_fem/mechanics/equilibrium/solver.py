@@ -21,7 +21,6 @@ from toros_fem.base.validation import (
 )
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import Further, make_model
-from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
@@ -91,7 +90,7 @@ class EquilibriumSolver(TangentSolver):
         start: Floats | Equilibrium | None = None,
         *,
         after: Equilibrium | None = None,
-        sliding: Sliding | None = None,
+        sliding: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
     ) -> Equilibrium:
@@ -269,7 +268,7 @@ class EquilibriumSolver(TangentSolver):
             changes["supports"] = self.model.supports.refined(finer)
         return self.like(**{**own, **changes})
 
-    def _solve(self, search: Search, begin: Sliding | None) -> Equilibrium:
+    def _solve(self, search: Search, begin: Floats | None) -> Equilibrium:
         """Solve for an equilibrium (collective)."""
         self.forget()
         found = settle(search, begin, self.log)

@@ -12,7 +12,6 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import norm, together
 from toros_fem.base.validation import require_kind
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
@@ -156,7 +155,7 @@ class TangentSolver:
         self.tangent_at(at)
         return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
 
-    def _set(self, density: Floats, load: Load, begin: Sliding | None, state: Floats) -> None:
+    def _set(self, density: Floats, load: Load, begin: Floats | None, state: Floats) -> None:
         """Let the model have density, load and friction of a state."""
         self.forget()
         self.model.set_density(density)

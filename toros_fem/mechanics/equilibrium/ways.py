@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.sliding import Sliding
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
@@ -306,7 +305,7 @@ def search_equilibrium(search: Search) -> ContinuationResult:
 
 
 def settle(
-    search: Search, begin: Sliding | None, log: Callable[[NewtonStep | str], None] | None
+    search: Search, begin: Floats | None, log: Callable[[NewtonStep | str], None] | None
 ) -> Equilibrium:
     """Search for an equilibrium, and read off what it is (collective).
 
@@ -350,7 +349,7 @@ def residual_at(model: SkinModel, newton: Newton, state: Floats) -> float:
     return norm(model.skin.comm, model.residual(state)) / newton.reference(state)
 
 
-def sliding_at(model: SkinModel, state: Floats) -> Sliding | None:
+def sliding_at(model: SkinModel, state: Floats) -> Floats | None:
     """Return where the skin sticks at the end of a step; None without friction."""
     return None if model.contact is None else model.contact.end_step(state)
 

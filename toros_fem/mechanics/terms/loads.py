@@ -10,9 +10,8 @@ from dolfinx import fem
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.forms.interpolation import interpolate
-from toros_fem.forms.jets import Jet
+from toros_fem.forms.jets import Jet, cross, dot
 from toros_fem.forms.kinematics import Triangle, flat_area
-from toros_fem.forms.loads import enclosed_volume, weight_potential
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
 from toros_fem.mechanics.skin.coefficients import constants
 from toros_fem.mechanics.skin.dead_loads import Weight
@@ -33,7 +32,10 @@ class OwnWeight(PotentialTerm):
 
     @override
     def of_place(self, t: Triangle) -> Jet | None:
-        return weight_potential(t.corners, interpolate(t.printed, *self._masses), self._gravity)
+        a, b, c = t.corners
+        middle = [(a[k] + b[k] + c[k]) * (1 / 3) for k in range(3)]
+        potential: Jet = dot(middle, [self._gravity[k] for k in range(3)])
+        return potential * (-interpolate(t.printed, *self._masses))
 
     @override
     def set_load(self, load: Load) -> None:
@@ -122,7 +124,9 @@ class Pressure(PotentialTerm):
         arms, point = t.corners, self._point
         if point is not None:
             arms = [(at[0] - point[0], at[1] - point[1], at[2] - point[2]) for at in arms]
-        return enclosed_volume(arms) * (-self._pressure / flat_area(t.jacobian))
+        # The sum of x₀·(x₁ × x₂)/6 over a closed skin oriented outwards is its volume, eq. (7).
+        six: Jet = dot(arms[0], cross(arms[1], arms[2]))
+        return six * (1 / 6) * (-self._pressure / flat_area(t.jacobian))
 
     @override
     def number(self, patch: Patch, dofs: LocalInts) -> None:
