@@ -55,7 +55,6 @@ class TangentFactor:
     Attributes:
         matrix: The matrix of `fill` for PETSc, by its products.
         usable: Whether there are factors, of a state that is not far.
-        package: "cholmod" or "mumps".
         ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
         values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
         count: Numeric factorisations so far, failed ones included.
@@ -98,7 +97,6 @@ class TangentFactor:
                 f"-{PREFIX}pc_factor_mat_solver_type {wanted} does not factorise K + τM here: take "
                 f"one of {', '.join(PACKAGES)}, or another preconditioner by -{PREFIX}pc_type."
             )
-        self.package = "cholmod"
         calls = None if wanted == "mumps" else cholmod.library(comm)
         if calls is not None:
             threads = _threads() if comm.size == 1 and calls.threads else 1
@@ -109,7 +107,6 @@ class TangentFactor:
             if len(partition.interface) <= LARGEST_INTERFACE:
                 self._source = calls.source
                 return CondensedFactor(comm, calls, *pattern, partition)
-        self.package = "mumps"
         return MumpsFactor(comm, *pattern)
 
     def describe(self) -> str:

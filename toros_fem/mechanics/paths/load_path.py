@@ -41,21 +41,14 @@ class LoadPath:
     Attributes:
         solver: As given.
         steps: Loads in the order in which they act; numbers are pressures in Pa.
-        start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
-            first step starts; None starts at the assembled positions.
     """
 
-    @collective("solver.skin.comm", owned=("start",))
-    def __init__(
-        self,
-        solver: EquilibriumSolver,
-        steps: Sequence[Load | Pressure],
-        start: Floats | None = None,
-    ) -> None:
+    @collective("solver.skin.comm")
+    def __init__(self, solver: EquilibriumSolver, steps: Sequence[Load | Pressure]) -> None:
         require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
         if not isinstance(steps, list | tuple) or not steps:
             raise ParameterError(f"steps = {steps!r} must be a list of loads, at least one.")
-        self.solver, self.start = solver, start
+        self.solver = solver
         self.steps = tuple(load_of(step).on(solver.model) for step in steps)
 
     def solve(
@@ -80,8 +73,7 @@ class LoadPath:
         found: list[Equilibrium] = []
         for number, load in enumerate(self._loads(pressures)):
             after = found[-1] if found else None
-            first = self.start if after is None else None
-            start = first if near is None else near[number]
+            start = None if near is None else near[number]
             found.append(self.solver.solve(density, load, start, after=after))
         return tuple(found)
 
