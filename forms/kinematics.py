@@ -74,7 +74,7 @@ class Triangle:
     def plain(self) -> Any:
         """Factor on what only the plain fabric has, and only the gaps between lines stretch."""
         value = interpolate(self.density, 1, 0)
-        return value if self.lines is None else value * self.lines.gap_factor
+        return value if self.lines is None else value * (1 / (1 - self.lines.cover))
 
     @property
     def printed(self) -> Any:

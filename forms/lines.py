@@ -67,11 +67,6 @@ class Lines:
         """Factor on the stiffness of the fabric between the lines."""
         return fabric_factor(*self.parts, self.crossing)
 
-    @property
-    def gap_factor(self) -> Any:
-        """Its part that is due to the gaps alone: they take all of the stretch."""
-        return 1 / (1 - self.cover)
-
     def families(self, stretching: Any, bending: Any, twisting: Any) -> list[Family]:
         """Return the families, each with its share of a stiffness; see `Family`."""
         return [

@@ -177,14 +177,10 @@ class TangentFactor:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
         self.count += 1
-        self._analyse()
+        if self._outgrown:  # contact has changed the pattern since it was analysed
+            self._factors, self._outgrown = self._choose(), False
         self.usable = self._factors.factorise(self.values)
         return self.usable
-
-    def _analyse(self) -> None:
-        """Analyse the pattern anew where contact has changed it since."""
-        if self._outgrown:
-            self._factors, self._outgrown = self._choose(), False
 
     def multiply(self, x: Floats) -> Floats:
         """Return K x with the last assembled K, without shift, zero at fixed components."""
