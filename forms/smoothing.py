@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Jet, Vector, minus
-from toros_fem.forms.kinematics import Triangle, edge_products
+from toros_fem.forms.kinematics import Triangle, edge_products, interpolate
 
 # Power of what two stiffnesses have in common: triangles of print and fabric share next to nothing.
 SHARPNESS = 2

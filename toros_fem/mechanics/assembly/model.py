@@ -29,11 +29,17 @@ from toros_fem.mechanics.skin.patch_space import make_patch, positions
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
 from toros_fem.mechanics.skin.supports import Planes, Supports
-from toros_fem.mechanics.terms.bend import Bend, OffsetPrint
 from toros_fem.mechanics.terms.images import Images
-from toros_fem.mechanics.terms.lines import Courses, LineFamilies
 from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure
-from toros_fem.mechanics.terms.sheet import RubberLayer, Sheet, TensionSheet
+from toros_fem.mechanics.terms.sheet import (
+    Bend,
+    Courses,
+    LineFamilies,
+    OffsetPrint,
+    RubberLayer,
+    Sheet,
+    TensionSheet,
+)
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 

@@ -258,10 +258,10 @@ class PeriodicTangent:
         matrix[:, row, column] = matrix[:, column, row] = entries[self._entries]
         matrix *= self._present[:, :, None] & self._present[:, None, :]
         shifts = self._images.shifts[self._cells]
-        S = np.zeros((len(self._cells), count // 3, 3, 2, 3))
+        by_node = np.zeros((len(self._cells), count // 3, 3, 2, 3))
         for k in range(3):
-            S[:, : shifts.shape[1], k, :, k] = shifts
-        S = S.reshape(len(S), count, 6)
+            by_node[:, : shifts.shape[1], k, :, k] = shifts
+        S = by_node.reshape(len(by_node), count, 6)
         product = matrix @ S
         return product, S.transpose(0, 2, 1) @ product
 

@@ -39,7 +39,7 @@ class SlidingFriction:
         self.grounds, self._pads = len(contact.grounds), contact.pads
         centres = [np.zeros(3)] * self.grounds + [body.centre for body in contact.bodies]
         self._centres: Floats = np.reshape(centres, (-1, 1, 3))
-        self.anchors = self._settled = self.normals = np.zeros((self.sides, 0, 3))
+        self.begin(np.zeros((self.sides, 0, 3)))
 
     @property
     def sides(self) -> int:
@@ -53,7 +53,7 @@ class SlidingFriction:
     def begin(self, anchors: Floats) -> None:
         """Begin a step from the anchors of the last one, without any normal force."""
         self.anchors = self._settled = anchors
-        self.normals = np.zeros_like(anchors)
+        self.normals: Floats = np.zeros_like(anchors)
 
     def lag(self, normals: Floats, points: Floats, poses: Floats) -> None:
         """Take over the normal forces of a state, and move the anchors along them to its vertices.

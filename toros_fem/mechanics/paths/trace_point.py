@@ -15,7 +15,7 @@ from toros_fem.base.validation import require_kind, shown
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.mechanics.readings.error_estimate import limit_shape
 
 P = TypeVar("P")
 

@@ -17,7 +17,7 @@ from toros_fem.base.validation import (
     require_count,
     require_positive,
 )
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.coefficients import cell_space, set_cells

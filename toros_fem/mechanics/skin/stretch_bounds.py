@@ -15,7 +15,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled
 from toros_fem.base.mpi import largest, smallest
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.hinges import Flaps
 

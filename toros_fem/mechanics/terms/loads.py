@@ -9,9 +9,8 @@ from dolfinx import fem
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
-from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Jet, cross, dot
-from toros_fem.forms.kinematics import Triangle, flat_area
+from toros_fem.forms.kinematics import Triangle, flat_area, interpolate
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
 from toros_fem.mechanics.skin.coefficients import constants
 from toros_fem.mechanics.skin.dead_loads import Weight
