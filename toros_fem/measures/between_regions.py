@@ -114,7 +114,6 @@ def tip_frame(
 
 
 def _turn(pattern: Pattern, positions: Floats, of: Bools, against: Bools | None) -> Floats:
-    """Return Q, (3, 3)."""
     turn = _rotation(pattern, positions, of)
     return turn if against is None else _rotation(pattern, positions, against).T @ turn
 

@@ -191,7 +191,6 @@ class CrossSectionObjective:
 
 
 def _relative_rotations(rotations: Floats) -> Floats:
-    """Return the rotation of each section relative to the one before."""
     return np.concatenate([rotations[:1], np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]])
 
 

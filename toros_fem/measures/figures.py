@@ -255,7 +255,6 @@ def worst_of(figures: Sequence[Figure]) -> Figure | None:
 
 
 def _badness(figure: Figure) -> float:
-    """Return how far a figure is off, over its tolerance."""
     if figure.miss is None:
         return np.inf
     return abs(figure.miss) / (figure.tolerance or 1.0)

@@ -249,7 +249,6 @@ def turn_about(
 
 
 def _rotations(pattern: Pattern, positions: Floats, sections: Sequence[Ints]) -> list[Floats]:
-    """Return the best rigid rotation of each cross-section, (3, 3)."""
     return [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
 
 

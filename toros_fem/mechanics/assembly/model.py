@@ -442,7 +442,6 @@ def make_model(
 
 
 def _require_known(composite: Composite, contact: Contact | None) -> None:
-    """Check that relaxed designs know what the skin has."""
     if contact is not None:
         raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
     if composite.membrane.smoothed:

@@ -357,7 +357,6 @@ class SurfacePairs(PairSet):
         self._exact: csc_matrix | None = None  # second variation there
 
     def _place(self, x: Floats) -> None:
-        """Find the pairs in contact."""
         if self._at is not None and np.array_equal(self._at, x):
             return
         self._at, self._exact = x.copy(), None

@@ -118,7 +118,6 @@ class RigidBody:
         return np.asarray(inner)
 
     def _crosses(self, points: Floats) -> bool:
-        """Return whether the surface crosses itself where its vertices are at given points."""
         mesh = collision_mesh(points, self.triangles)
         return bool(ipctk().has_intersections(mesh, np.asfortranarray(points)))
 
@@ -131,7 +130,6 @@ class RigidBody:
 
 
 def _closed(points: Floats, triangles: Ints) -> Surface:
-    """Return a closed surface that faces outwards."""
     points = checked_floats(
         "points", points, "(n, 3), in m", lambda s: len(s) == 2 and s[1] == 3, failure=SurfaceError
     )

@@ -186,7 +186,6 @@ def check_start(
 
 
 def _crossing(mesh: Any, positions: Floats) -> tuple[int, ...]:
-    """Return vertices of an edge and a triangle that cross."""
     library = ipctk()
     phase = library.LBVH()
     phase.can_vertices_collide = mesh.can_collide

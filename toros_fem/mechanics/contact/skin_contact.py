@@ -141,7 +141,6 @@ class SkinContact(Term):
         return np.asfortranarray(np.concatenate([skin, self._bodies.vertices(poses)]))
 
     def _of_barrier(self, x: Floats, ask: Callable[[Barrier, Floats], T]) -> T:
-        """Return what the barrier answers about all vertices."""
         vertices, _ = self._at(x)
         return self._core(lambda core: ask(core.barrier, vertices))
 

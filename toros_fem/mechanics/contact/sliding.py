@@ -299,7 +299,6 @@ class FrictionAt:
 
 
 def _times(factor: Floats, parts: Floats) -> Floats:
-    """Return 3×3 matrices times a factor each."""
     return np.asarray(factor[:, None, None] * parts)
 
 

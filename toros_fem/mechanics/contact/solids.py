@@ -190,7 +190,6 @@ def rigid_mesh(
 def _made(
     name: str, points: Floats, triangles: Ints, centre: Sequence[float] | Floats, mass: float | None
 ) -> RigidBody:
-    """Return a body around the origin moved to its centre."""
     place = checked_floats("centre", centre, "a finite point of three, in m", (3,))
     return RigidBody(name, points + place, triangles, mass)
 

@@ -119,7 +119,6 @@ def _folds(model: SkinModel, state: Floats) -> int:
 
 
 def _inside_out(model: SkinModel, volumes: Floats) -> str:
-    """Return what encloses a negative volume, in words; empty if nothing does."""
     if model.pressure is None or not len(volumes) or volumes.min() >= 0:
         return ""
     chambers, least = model.pressure.chambers, f"{volumes.min():.3g} m³"

@@ -98,7 +98,6 @@ class Landing:
         return None, new
 
     def _part(self, found: Point) -> float:
-        """Return the part of the allowed step that the line search took."""
         at = self.at
         if at.points.same(found.state, at.base.state - at.step):
             return 1.0  # the difference of two states may have no digits left

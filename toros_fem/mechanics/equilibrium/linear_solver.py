@@ -215,7 +215,6 @@ class _Matrix:
         self._factor = weakref.proxy(factor)
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Multiply."""
         y.array_w[:] = self._factor.multiply_filled(x.array_r)
 
     # The matrix is symmetric; line searches ask for this.
@@ -223,7 +222,6 @@ class _Matrix:
 
 
 def _threads() -> int:
-    """Return the number of threads that the user allows."""
     text = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
     return int(text) if text.isdigit() and int(text) > 0 else 1
 

@@ -278,7 +278,6 @@ def into_bounds(newton: Newton, start: Floats, max_steps: int, *, near: bool) ->
 
 
 def _narrowed(newton: Newton, state: Floats, bounds: MixedBounds) -> Floats:
-    """Narrow loosened bounds, and return the state that goes with them."""
     model = newton.model
     if not newton.stable(state):
         bounds.narrow(model.corners(state), None)

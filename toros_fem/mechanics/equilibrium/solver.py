@@ -269,7 +269,6 @@ class EquilibriumSolver(TangentSolver):
         return self.like(**{**own, **changes})
 
     def _solve(self, search: Search, begin: Floats | None) -> Equilibrium:
-        """Solve for an equilibrium (collective)."""
         self.forget()
         found = settle(search, begin, self.log)
         if found.complete:

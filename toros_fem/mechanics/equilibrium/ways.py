@@ -365,7 +365,6 @@ def _read(
     critical: float | None,
     log: Callable[[NewtonStep | str], None] | None,
 ) -> Equilibrium:
-    """Return the result at the last state, under its fraction of the load (collective)."""
     model, state, load, attempts = search.model, end.state, search.load, search.attempts
     load_factor = end.load_factor or 0.0
     reached = load_factor == 1.0

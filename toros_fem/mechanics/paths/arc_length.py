@@ -80,7 +80,6 @@ class _Point:
         return _Point(self.state + times * change.state, self.factor + times * change.factor)
 
     def minus(self, other: _Point) -> _Point:
-        """Return the change from another point to this one."""
         return self.plus(other, -1.0)
 
 
@@ -315,11 +314,9 @@ class _ArcLength:
         raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
 
     def _allowed(self, state: Floats, change: Floats) -> float:
-        """Return the fraction of a change that stretch bounds and contact allow."""
         return self._model.largest_step(state, change, self._solver.options.fraction_to_barrier)
 
     def _make_factors(self) -> None:
-        """Make factors for the pairs in contact."""
         self._entries: Floats = np.zeros(len(self._tangent.columns))
         pattern = self._tangent.indptr, self._tangent.columns
         self._factors = MumpsFactor(self._comm, *pattern)

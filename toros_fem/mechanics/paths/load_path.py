@@ -121,7 +121,6 @@ class LoadPath:
         return PathGradient(by_density, by_pressure)
 
     def _loads(self, pressures: Floats | None) -> Sequence[Load]:
-        """Return the loads of all steps, with other pressures if they are given."""
         if pressures is None:
             return self.steps
         chambers = self.solver.model.chamber_count

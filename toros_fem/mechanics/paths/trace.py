@@ -149,7 +149,6 @@ def follow_pressures(
 def _continue(
     solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
 ) -> Equilibrium:
-    """Find the equilibrium under a load by continuation from another one."""
     begin = before.load
     last = reached = before
 

@@ -82,7 +82,6 @@ class HoldingObjective:
         return max(0.0, 1 - force / self._force)
 
     def _vertices(self, positions: Floats) -> Floats:
-        """Return all vertices of skin and bodies."""
         skin = self._skin
         count = len(skin.pattern.points)
         whole = gather_by_index(skin.comm, skin.owned_vertices, positions, count)

@@ -133,7 +133,6 @@ def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
 
 
 def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
-    """Whether each edge of each local triangle is a seam."""
     pattern = skin.pattern
     original = skin.cell[skin.density_space.dofmap.list[:, 0]]
     vertex = skin.vertex[corner]

@@ -78,7 +78,6 @@ class Sheet(Term):
             self._limits = self.bounds.coefficients
 
     def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
-        """Return the constants of the flaps as coefficients."""
         both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
         self._stiffnesses, space = both, cell_space(skin, 4)
         self._shares = cell_function(cell_space(skin, 3), flaps.share)
@@ -87,7 +86,6 @@ class Sheet(Term):
         return Smoothing(self._charts, self._shares, self._design.around, constants(skin, *both))
 
     def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
-        """Stiffnesses and bounds of a triangle."""
         return t.mix(*self._mu), t.mix(*self._lam), *self._limits
 
     @override
