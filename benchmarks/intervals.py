@@ -25,7 +25,7 @@ from toros_fem.making.print.printability import printed_fractions
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.limit_shape import LimitShape, limit_shape
+from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped

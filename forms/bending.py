@@ -1,4 +1,4 @@
-"""Discrete-shell bending: curvature from the angles at a triangle's edges, eqs. (4-6)."""
+"""Discrete-shell bending, eqs. (4-6), and its coupling to stretch by a print on one face."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, cross, dot, minus, total
-from toros_fem.forms.kinematics import Triangle
+from toros_fem.forms.kinematics import Strain, Triangle
+from toros_fem.forms.lines import Family, stretch_along
 
 # Angle in rad from which on a fold resists closing more than a bend does.
 STEEP = math.radians(150)
@@ -116,11 +117,34 @@ def reflected(at: Vector, through: Vector, normal: Any) -> Vector:
 def bending_energy(Lambda: Sequence[Scalar], mu: Any, lam: Any) -> Any:
     """Return ½ Λ:D:Λ per flat area, plane-stress Hooke, eqs. (5, 6), in J/m².
 
-    With mu and lam times h³/12 it is the integral of ½ ε·D·ε over the thickness, ε = −z Λ.
-
-    Args:
-        Lambda: Curvature (xx, yy, xy) in 1/m.
-        mu, lam: Plane-stress Lamé parameters times h³/12, in N m.
+    With Lamé parameters times h³/12, in N m, it is the integral of ½ ε·D·ε over the thickness, ε =
+    −z Λ.
     """
     xx, yy, xy = Lambda
     return lam / 2 * (xx + yy) ** 2 + mu * (xx**2 + yy**2 + 2 * xy**2)
+
+
+def coupling_energy(e: Strain, Lambda: Sequence[Scalar], mu: Any, lam: Any) -> Any:
+    """Return E:B:Λ per flat area in J/m², plane-stress Hooke.
+
+    E = U − 1 is the Biot strain of the fabric's mid-surface; U = (C + p I)/s. At the distance z
+    along the normal the strain is E + zΛ, as in eq. (5) with z against the normal. Lamé parameters
+    are times thickness and offset, in N.
+    """
+    xx, yy, xy = Lambda
+    E = [(e.C[0] + e.p) / e.s - 1, (e.C[1] + e.p) / e.s - 1, e.C[2] / e.s]
+    return lam * e.total * (xx + yy) + 2 * mu * (E[0] * xx + E[1] * yy + 2 * E[2] * xy)
+
+
+def coupling_of_lines(families: Sequence[Family], e: Strain, Lambda: Sequence[Scalar]) -> Any:
+    """Return the same of lines, whose strain is |F d| − 1 + z d·Λ d.
+
+    Their `stretching` is times the offset, in N.
+    """
+    xx, yy, xy = Lambda
+    return total(
+        f.stretching
+        * (stretch_along(f, e.C) - 1)
+        * ((1 + f.cosine) / 2 * xx + (1 - f.cosine) / 2 * yy + f.sine * xy)
+        for f in families
+    )

@@ -154,7 +154,6 @@ def skin_forms(
 
 
 def _first(jet: Jet, variation: Sequence[Any]) -> Any:
-    """Return the first variation of a jet."""
     return total(slope * variation[i // 3][i % 3] for i, slope in jet.gradient.items())
 
 

@@ -116,13 +116,10 @@ def compose(
     inputs: Sequence[Jet],
     stress: Callable[[list[Scalar]], Sequence[Scalar]] = lambda first: first,
 ) -> Jet:
-    """Return a law of jets as a jet; `ufl.diff` differentiates the law.
+    """Return a law of jets as a jet; `ufl.diff` differentiates the law, a function of scalars.
 
-    Args:
-        law: Scalar function of scalars.
-        inputs: Its arguments.
-        stress: What stands for the law's first derivatives in front of the second ones of the
-            inputs; the derivatives themselves give the exact Hessian.
+    `stress` makes what stands for the law's first derivatives in front of the second ones of the
+    inputs; the derivatives themselves give the exact Hessian.
     """
     given = [ufl.variable(jet.value) for jet in inputs]
     value = law(*given)

@@ -7,7 +7,6 @@ from typing import Any
 
 import ufl
 
-from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Jet, Scalar, Vector, dot, minus
 from toros_fem.forms.lines import Lines
 
@@ -74,7 +73,7 @@ class Triangle:
     def plain(self) -> Any:
         """Factor on what only the plain fabric has, and only the gaps between lines stretch."""
         value = interpolate(self.density, 1, 0)
-        return value if self.lines is None else value * self.lines.gap_factor
+        return value if self.lines is None else value * (1 / (1 - self.lines.cover))
 
     @property
     def printed(self) -> Any:
@@ -112,3 +111,11 @@ def edge_products(edges: tuple[Vector, Vector]) -> list[Jet]:
 
 def _node(n: int, at: Any) -> Vector:
     return Jet(at[0], {3 * n: 1}), Jet(at[1], {3 * n + 1: 1}), Jet(at[2], {3 * n + 2: 1})
+
+
+def interpolate(density: Any, fabric: Any, reinforcement: Any) -> Any:
+    """Return the linear mix (1 − ρ̄) fabric + ρ̄ reinforcement, eqs. (2, 3).
+
+    Linear as in the paper: the projection, not a penalty exponent, drives ρ̄ to 0 and 1.
+    """
+    return fabric + density * (reinforcement - fabric)

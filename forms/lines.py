@@ -67,11 +67,6 @@ class Lines:
         """Factor on the stiffness of the fabric between the lines."""
         return fabric_factor(*self.parts, self.crossing)
 
-    @property
-    def gap_factor(self) -> Any:
-        """Its part that is due to the gaps alone: they take all of the stretch."""
-        return 1 / (1 - self.cover)
-
     def families(self, stretching: Any, bending: Any, twisting: Any) -> list[Family]:
         """Return the families, each with its share of a stiffness; see `Family`."""
         return [
@@ -87,15 +82,11 @@ def fabric_factor(
 
     It is 1/(1 − S) + c S Σ sⱼ sₖ sin⁴(tⱼ − tₖ), summed over the pairs j < k, with S = Σ sₖ < 1: the
     fabric stretches in the gaps alone, and lines that shear against each other bend between their
-    bonded crossings, which parallel lines do not have. Of two families the second term is
-    c (s₁² s₂ + s₂² s₁) sin⁴(t₁ − t₂). It does not change where a family is divided into two with
-    the same direction. By 8 sin⁴ t = 3 − 4 cos 2t + cos 4t the double sum costs as much as a single
-    one. docs/discovery.md compares it with simulated nets. The arguments may also be arrays.
-
-    Args:
-        shares: sₖ.
-        cosines, sines: Cosines and sines of twice the angles tₖ.
-        crossing: c, with the ratio of the moduli of print and fabric in it.
+    bonded crossings, which parallel lines do not have. Of two families the second term is c (s₁² s₂
+    + s₂² s₁) sin⁴(t₁ − t₂). It does not change where a family is divided into two with the same
+    direction. By 8 sin⁴ t = 3 − 4 cos 2t + cos 4t the double sum costs as much as a single one.
+    docs/discovery.md compares it with simulated nets. The arguments may also be arrays; c has the
+    ratio of the moduli of print and fabric in it.
     """
     cover = sum(shares)
 

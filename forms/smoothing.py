@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Jet, Vector, minus
-from toros_fem.forms.kinematics import Triangle, edge_products
+from toros_fem.forms.kinematics import Triangle, edge_products, interpolate
 
 # Power of what two stiffnesses have in common: triangles of print and fabric share next to nothing.
 SHARPNESS = 2
@@ -39,10 +38,8 @@ class Smoothing:
     def metric(self, t: Triangle, k: int, one: Vector, two: Vector, flap: Vector) -> list[Jet]:
         """Return the mean (e₁·e₁, e₂·e₂, e₁·e₂) in m² around edge k, in the triangle's own chart.
 
-        Args:
-            t: The triangle.
-            k: The edge, opposite corner k.
-            one, two, flap: Vectors from the first corner to the others, and to flap k.
+        The edge is opposite corner k; vectors are those from the first corner to the others, and to
+        flap k.
         """
         zero = Jet(0.0), Jet(0.0), Jet(0.0)
         corners = zero, one, two

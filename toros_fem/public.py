@@ -30,8 +30,8 @@ from toros_fem.measures.shape import ShapePart
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.limit_points import limit_points
 from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import limit_points
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight

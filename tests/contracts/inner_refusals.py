@@ -67,12 +67,10 @@ from toros_fem.measures.cross_sections import (
 )
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import ShapeObjective
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.friction import Coulomb
-from toros_fem.mechanics.contact.pads import Pads
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.sliding import Coulomb
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.load_path import LoadPath
@@ -84,8 +82,7 @@ from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
 from toros_fem.mechanics.skin.designs import LineDesign, crossing_of_widths
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
-from toros_fem.mechanics.skin.planes import Planes
-from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.following import border_motion, snapped
 from toros_fem.meshes.makers.tile import check_symmetry

@@ -181,7 +181,7 @@ def test_part_is_whole(scene: Scene, comm: MPI.Comm) -> None:
         (part, scene.planes, density), (images.pattern, (), images.at_cells(density))
     ):  # fmt: skip
         solver = scene.solver(comm, pattern, planes)
-        rest = solver.model.volume(solver.model.assembled)
+        rest = solver.model.volumes(solver.model.assembled).sum()
         start = None
         if scene.many and not planes:
             start = images.at_vertices(shapes[0])[solver.skin.owned_vertices]

@@ -1,6 +1,6 @@
 """Stiffness between fabric and reinforcement."""
 
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 
 
 def test_stiffness_is_mixed_linearly() -> None:

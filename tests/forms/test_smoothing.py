@@ -7,10 +7,9 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite, Membrane
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.optimize import minimize_scalar
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.forms.tension_field import natural_narrowing
+from toros_fem.forms.membrane import natural_narrowing
 from toros_fem.materials.sheet import Bladder, Composite, Knit, Membrane
 from toros_fem.mechanics.assembly.model import SkinModel
 

@@ -12,8 +12,7 @@ from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign

@@ -42,10 +42,9 @@ from toros_fem.design.relaxed.families import Families, FixedDirections, FreeDir
 from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.design.relaxed.smoothing import smoothing
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSectionObjective
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere

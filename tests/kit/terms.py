@@ -11,10 +11,8 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.pads import Pads
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
+from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
@@ -264,7 +262,8 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
     if model.contact is not None:
         model.contact.begin_step(None, term.load)
         model.contact.lag_friction(start)
-    model.grow_pairs(state)
+    for each in model.terms:
+        each.grow(state)
     return state, model
 
 

@@ -5,14 +5,13 @@ import pytest
 from helpers.objectives import LENGTH
 from mpi4py import MPI
 
-from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,
     label_cross_sections,
 )
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
 

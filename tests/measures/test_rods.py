@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.measures.cross_sections import label_cross_sections
-from toros_fem.measures.rods import rod_of
+from toros_fem.measures.cross_sections import label_cross_sections, rod_of
 from toros_fem.meshes import bend, compose, cylinder, twist
 
 LENGTH, COUNT = 0.06, 6

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.design.loop.options import Iteration
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.results.console import ProgressBar, duration, header, line, print_step
 
 

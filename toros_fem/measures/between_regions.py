@@ -50,15 +50,12 @@ def bend_between(
     Args:
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        of: Whether each vertex belongs to the region, (n,).
+        of: Whether each vertex belongs to the region, (n,); on a line its rotation is not known.
         against: The same of the region that it is seen from; None: it is seen from space.
         along: Direction of the assembled region, (3,), a unit vector.
         toward: Direction of the bend, (3,), a unit vector perpendicular to `along`. The angle is
             atan2(Qa·toward, Qa·along), within ±π. None: the angle of the rotation Q itself, from 0
             to π, whatever its axis.
-
-    Raises:
-        MetricError: The vertices of a region lie on a line, so that its rotation is not known.
     """
     turn = _turn(pattern, positions, of, against)
     if toward is None:
@@ -75,14 +72,10 @@ def twist_between(
     *,
     along: npt.ArrayLike = UP,
 ) -> float:
-    """Return the angle in rad by which a region has turned about an axis, within ±π.
+    """Return the angle in rad by which a region has turned about an axis `along`, within ±π.
 
     It is the twist of Q = swing · twist, as of `twist_angle`: the swing, which tilts the axis, does
-    not count.
-
-    Args:
-        pattern, positions, of, against: As of `bend_between`.
-        along: The axis, (3,), a unit vector.
+    not count. The arguments are of `bend_between`.
     """
     axis = np.asarray(along, dtype=np.float64)
     angle = 2 * np.arctan2(*swing_free(_turn(pattern, positions, of, against), axis))
@@ -90,11 +83,7 @@ def twist_between(
 
 
 def length_between(pattern: Pattern, positions: Floats, of: Bools, against: Bools) -> float:
-    """Return the distance between the means of two regions over the assembled one.
-
-    Args:
-        pattern, positions, of, against: As of `bend_between`.
-    """
+    """Return the distance between the means of two regions over the assembled one."""
     ends, roots = (_means(pattern, positions, region) for region in (of, against))
     before, after = (float(np.linalg.norm(a - b)) for a, b in zip(ends, roots, strict=True))
     if before <= 1e-9 * pattern.size:
@@ -110,11 +99,9 @@ def tip_frame(
     *,
     along: npt.ArrayLike = UP,
 ) -> TipFrame:
-    """Return where a region's mean has moved, and where its axis points to.
+    """Return where a region's mean has moved, and where its axis `along` points to.
 
-    Args:
-        pattern, positions, of, against: As of `bend_between`.
-        along: The axis of the assembled region, (3,), a unit vector.
+    The arguments are of `bend_between`.
     """
     axis = np.asarray(along, dtype=np.float64)
     before, after = _means(pattern, positions, of)
@@ -127,7 +114,6 @@ def tip_frame(
 
 
 def _turn(pattern: Pattern, positions: Floats, of: Bools, against: Bools | None) -> Floats:
-    """Return Q, (3, 3)."""
     turn = _rotation(pattern, positions, of)
     return turn if against is None else _rotation(pattern, positions, against).T @ turn
 

@@ -145,7 +145,7 @@ class Figure:
         """Return it as summaries hold it."""
         return {**asdict(self), "state": self.state, "reached": self.reached}
 
-    def rounded(self, value: float, *, sign: bool = False, unit: bool = True) -> str:
+    def rounded(self, value: float, *, unit: bool = True) -> str:
         """Return a value, or a change of it, with no more digits than the error supports.
 
         Where the error is unknown, they are those that the tolerance needs.
@@ -154,10 +154,10 @@ class Figure:
         if width is None:
             if self.tolerance is not None:
                 value = round(factor * value, _digits(factor * self.tolerance)) / factor
-            return formatted(value, self.unit, sign=sign)
+            return formatted(value, self.unit)
         digits = _digits(factor * width)
-        text = f"{round(factor * value, digits) + 0.0:{'+' * sign}.{digits}f}"
-        return f"{text}{unit_of(self.unit).sign * unit}".replace("-", "−" if sign else "-")
+        text = f"{round(factor * value, digits) + 0.0:.{digits}f}"
+        return f"{text}{unit_of(self.unit).sign * unit}"
 
     @property
     def shown(self) -> str:
@@ -255,7 +255,6 @@ def worst_of(figures: Sequence[Figure]) -> Figure | None:
 
 
 def _badness(figure: Figure) -> float:
-    """Return how far a figure is off, over its tolerance."""
     if figure.miss is None:
         return np.inf
     return abs(figure.miss) / (figure.tolerance or 1.0)

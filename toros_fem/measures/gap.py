@@ -72,26 +72,20 @@ class Body:
 
 
 def mean_gap(body: Body, pattern: Pattern, positions: Floats, touching: Bools) -> float:
-    """Return the mean distance in m of vertices from a body, inside counted as outside.
+    """Return the mean distance in m of touching vertices, (n,), from a body, inside as outside.
 
-    Those of all vertices at `positions`, (n, 3), in m, that are `touching`, (n,), count by their
-    flat areas.
+    They count by their flat areas; the positions are those of all vertices, (n, 3), in m.
     """
     distance, _ = body.distance(positions[touching])
     return float(np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
 
 
 class GapObjective:
-    """T = ½ Σᵥ wᵥ dᵥ² / (L² Σᵥ wᵥ), d the distance from a body's surface.
+    """T = ½ w Σᵥ wᵥ dᵥ² / (L² Σᵥ wᵥ), d the distance from a body's surface.
 
-    L is the diagonal of the assembled skin's bounding box. Distances inside the body count as much
-    as those outside, since contact is not modelled: a vertex inside would press on the body.
-
-    Args:
-        skin: The sewn skin.
-        body: The body to be gripped.
-        weights: Factor on each vertex's flat area, (n,), ≥ 0.
-        factor: Factor on T.
+    wᵥ is a weight ≥ 0 times the flat area of a vertex, w the factor, and L the diagonal of the
+    assembled skin's bounding box. Distances inside the body count as much as those outside, since
+    contact is not modelled: a vertex inside would press on the body.
     """
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:

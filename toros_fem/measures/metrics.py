@@ -27,33 +27,13 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 
 # Columns of the history and entries of the summary that a metric's key could hide.
-RESERVED = frozenset(
-    (
-        "arc_length",
-        "g_r",
-        "g_t",
-        "gradient_norm",
-        "gradient_norm_first",
-        "gradient_norm_last",
-        "grey_level",
-        "kkt_residual",
-        "length_scale",
-        "linear_solver",
-        "load_factor",
-        "negative_eigenvalues",
-        "newton_steps",
-        "objective_first",
-        "objective_last",
-        "parts_by_symmetry",
-        "perimeter_m",
-        "pressure_pa",
-        "printed_failure",
-        "printed_objective",
-        "stretch_use",
-        "volume_fraction",
-        "volume_m3",
-    )
-)
+RESERVED = frozenset((
+    "arc_length", "g_r", "g_t", "gradient_norm", "gradient_norm_first",
+    "gradient_norm_last", "grey_level", "kkt_residual", "length_scale", "linear_solver",
+    "load_factor", "negative_eigenvalues", "newton_steps", "objective_first",
+    "objective_last", "parts_by_symmetry", "perimeter_m", "pressure_pa", "printed_failure",
+    "printed_objective", "stretch_use", "volume_fraction", "volume_m3",
+))  # fmt: skip
 
 # Size of a metric whose target is 0 and that has no scale, by unit: a right angle, and the whole.
 # A length has none: it depends on the skin.
@@ -104,11 +84,7 @@ class Metric:
         return f"{self.name}_{self.unit}"
 
     def value(self, pattern: Pattern, positions: Floats) -> float:
-        """Return the value at deformed positions of all vertices, (n, 3), in m.
-
-        Raises:
-            MetricError: The function returns no finite number.
-        """
+        """Return the value at deformed positions of all vertices, (n, 3), in m."""
         found = self.measure(pattern, positions)
         if isinstance(found, np.ndarray) and found.ndim == 0:
             found = found[()]
@@ -145,13 +121,10 @@ class Metric:
     def figure(
         self, value: float | None, interval: float | None = None, tolerance: float = TOLERANCE
     ) -> Figure:
-        """Return the figure of a value.
+        """Return the figure of a value and the half-width of its interval, None where unknown.
 
-        Args:
-            value: In the metric's unit; None without an equilibrium.
-            interval: Half-width of its interval; None if it is unknown.
-            tolerance: Part of the target that counts as reached. Where the target is 0, or less
-                than `TINY` of the scale, it is that part of the scale.
+        `tolerance` is the part of the target that counts as reached. Where the target is 0, or less
+        than `TINY` of the scale, it is that part of the scale.
         """
         allowed = None
         if self.target is not None:
@@ -235,14 +208,10 @@ def bend_angle(
 ) -> float:
     """Return the angle in rad by which a tube along z bends in the x-z plane towards +x.
 
-    It is the `turn_angle` of the ring at the tip, where the wall is cut into slabs of equal length
-    along the assembled z. This is the angle of `meshes.bend`.
-
-    Args:
-        pattern: The pattern, assembled along z from z = 0.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        panel: Name of the wall's panel.
-        sections: Number of slabs; each should contain at least one ring of vertices.
+    It is the `turn_angle` of the ring at the tip, where the wall, a panel, is cut into slabs of
+    equal length along the assembled z from z = 0; each should contain at least one ring of
+    vertices. This is the angle of `meshes.bend`. Positions are those of all assembled vertices, (n,
+    3), in m.
     """
     positions = _checked(pattern, positions)
     rings = _rings(pattern, panel, sections)
@@ -255,16 +224,11 @@ def twist_angle(
     """Return the angle in rad by which a tube along z is twisted about its axis, counter-clockwise.
 
     The relative rotation RₖᵀRₖ₊₁ between two sections is the product of a swing, which bends the
-    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q. The twists are summed. The
-    first section is compared with its assembled state, so the base must be fixed: a rotation of
-    the whole tube would count as twist. For a straight tube the result is the angle by which the
-    tip has turned, as in `meshes.twist`. Bending does not count as twist.
-
-    Args:
-        pattern: The pattern, assembled along z.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        panel: Name of the wall's panel.
-        sections: Number of cross-sections; between neighbours the twist must stay under 180°.
+    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q. The twists are summed;
+    between neighbours they must stay under 180°. The first section is compared with its assembled
+    state, so the base must be fixed: a rotation of the whole tube would count as twist. For a
+    straight tube the result is the angle by which the tip has turned, as in `meshes.twist`. Bending
+    does not count as twist. The arguments are of `bend_angle`.
     """
     positions = _checked(pattern, positions)
     return turn_about(pattern, positions, _rings(pattern, panel, sections), (0, 0, 1))
@@ -285,19 +249,13 @@ def turn_about(
 
 
 def _rotations(pattern: Pattern, positions: Floats, sections: Sequence[Ints]) -> list[Floats]:
-    """Return the best rigid rotation of each cross-section, (3, 3)."""
     return [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
 
 
 def length_ratio(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
     """Return the straight distance between a tube's two ends over the assembled one.
 
-    The ends are the means of the panel's two borders across z.
-
-    Args:
-        pattern: The pattern, assembled along z.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        panel: Name of the wall's panel.
+    The ends are the means of the wall's two borders across z. The arguments are of `bend_angle`.
     """
     positions = _checked(pattern, positions)
     wall = pattern.vertices_of(panel)
@@ -318,12 +276,7 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
     """Return the radius of the middle third of a tube along z, over its assembled radius.
 
     The radius is the mean distance of the vertices from the line through the means of the third's
-    two ends.
-
-    Args:
-        pattern: The pattern, assembled along z.
-        positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        panel: Name of the wall's panel.
+    two ends. The arguments are of `bend_angle`.
     """
     positions = _checked(pattern, positions)
     slab = label_cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), 12)

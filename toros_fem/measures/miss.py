@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     label_cross_sections,
     section_vertices,
 )
 from toros_fem.measures.figures import DEFAULT, Figure, Tolerances
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.rotation import best_rotation
 from toros_fem.measures.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.meshes.pattern import Pattern
@@ -132,15 +131,10 @@ def shape_figures(
     intervals: Mapping[str, float] | None = None,
     tolerances: Tolerances = DEFAULT,
 ) -> tuple[Figure, ...]:
-    """Return the figures of a shape, whose targets are 0.
+    """Return the figures of a shape, of values and half-widths of intervals by `Miss.values`' keys.
 
-    The root mean square distance over the length and the direction of the tip have a tolerance:
-    they decide. The others tell more.
-
-    Args:
-        values: As of `Miss.values`; empty for none.
-        intervals: Half-width of the interval of each, by key, as far as they are known.
-        tolerances: Of the scene.
+    Their targets are 0. The root mean square distance over the length and the direction of the tip
+    have a tolerance: they decide. The others tell more.
     """
     known = {DISTANCE: 100 * tolerances.shape, DIRECTION: tolerances.direction}
     return tuple(
@@ -161,13 +155,10 @@ def miss_of(
     target: Floats,
     compared: tuple[bool, bool, bool] = (True, True, True),
 ) -> Miss:
-    """Return how far a shape is from its target.
+    """Return how far positions of all vertices, (n, 3) in m, are from their target.
 
-    Args:
-        pattern: The whole pattern.
-        positions, target: Positions of all vertices, (n, 3), in m, in the same place.
-        compared: Whether distances along x, y and z count. Along others the target moves with the
-            shape: a skin that is to twist may lengthen.
+    `compared` tells whether distances along x, y and z count. Along others the target moves with
+    the shape: a skin that is to twist may lengthen.
     """
     extents = np.ptp(pattern.points, axis=0)
     axis = int(np.argmax(extents))
@@ -223,14 +214,9 @@ def _along(height: Floats, at: Floats, values: Floats) -> Floats:
 def _tip(
     pattern: Pattern, positions: Floats, asked: Floats, axis: int, line: Floats, last: Ints
 ) -> Tip:
-    """Return the far end of a slender body: the border of a flat end, else its last section.
+    """Return the far end of a slender body: the border of a flat end, else the last section.
 
-    Args:
-        pattern: The whole pattern.
-        positions, asked: Positions of all vertices, and those of the target, (n, 3), in m.
-        axis: Axis that the assembled body is longest along.
-        line: Centres of the target's cross-sections, (12, 3), in m.
-        last: Vertices of the last cross-section.
+    `line` are the centres of the target's cross-sections, (12, 3), in m.
     """
     height, along = pattern.points[:, axis], np.eye(3)[axis]
     end = height[last] > height.max() - END * float(np.ptp(height))

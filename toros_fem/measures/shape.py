@@ -55,11 +55,7 @@ def require_objective(name: str, value: Any) -> None:
 
 
 class SumObjective:
-    """Sum of several objectives.
-
-    Attributes:
-        parts: The objectives.
-    """
+    """Sum of several objectives, its `parts`."""
 
     def __init__(self, *parts: Objective) -> None:
         for number, part in enumerate(parts):
@@ -146,11 +142,7 @@ Part: TypeAlias = Callable[[Nodes, Floats], Objective]
 
 @dataclass(frozen=True, eq=False)
 class ShapePart:
-    """The distance of the whole shape from its target, by `ShapeObjective`.
-
-    Attributes:
-        weights, relative: Factors on each vertex, as of `ShapeObjective`.
-    """
+    """The distance of the whole shape from its target, by `ShapeObjective` with its factors."""
 
     weights: Floats | None = None
     relative: Floats | None = None

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from tqdm import tqdm
 
 from toros_fem.design.loop.options import Iteration
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 
 # Least width of a column that holds a metric.
 METRIC_WIDTH = 12

@@ -5,19 +5,18 @@ import pytest
 from kit.terms import FOUR
 
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.assembly.block_pairs import BlockPairs
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
+from toros_fem.mechanics.assembly.tangent import BlockPairs, TriangleMatrices
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin
 
 
-def plain(model: SkinModel) -> tuple[np.ndarray, np.ndarray]:
+def plain(model: SkinModel, triangles: TriangleMatrices) -> tuple[np.ndarray, np.ndarray]:
     """Key and weight of every number of the triangles; −1 where a component is fixed or absent."""
     index_map = model.space.dofmap.index_map
     local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     number = index_map.local_to_global(local)
-    row, dofs, present = model.tangent_layout
+    row, dofs, present = triangles.rows, triangles.dofs, triangles.present
     one, two = np.triu_indices(dofs.shape[1])
     i, j = dofs[:, one], dofs[:, two]
     low, high = np.minimum(number[i], number[j]), np.maximum(number[i], number[j])
@@ -39,9 +38,10 @@ def test_same_entries_as_over_all_pairs_of_unknowns(
     fixed = np.random.default_rng(3).random(skin.pattern.points.shape) < 0.5  # many in part
     fixed[0] = True
     model = make_model(skin, Composite(bending=bending), Supports(fixed))
-    pairs = BlockPairs(model)
-    keys, weights = plain(model)
-    assert pairs.count == len(keys)
+    triangles = TriangleMatrices(model)
+    pairs = BlockPairs(model, triangles)
+    keys, weights = plain(model, triangles)
+    assert triangles.count == len(keys)
     assert np.array_equal(pairs.keys, np.unique(keys[keys >= 0]))
     found = pairs.places(np.arange(len(pairs.keys) + 1))
     assert np.array_equal(np.append(pairs.keys, -1)[found], keys)

@@ -7,7 +7,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew

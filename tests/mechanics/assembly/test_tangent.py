@@ -3,7 +3,7 @@
 import numpy as np
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
@@ -12,7 +12,7 @@ from toros_fem.meshes import Skin
 def test_rows_are_sorted_and_start_with_the_diagonal(short_tube: Skin) -> None:
     model = make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     model.set_density(np.full(len(short_tube.owned_cells), 0.3))
-    assert model._entry_space.dofmap.bs == 21 * 22 // 2, "the entries that a triangle is given"
+    assert model.entry_space.dofmap.bs == 21 * 22 // 2, "the entries that a triangle is given"
     tangent = UpperTangent(model)
     values = np.zeros(len(tangent.columns))
     tangent.assemble(model.assembled, values)

@@ -5,9 +5,8 @@ import pytest
 from helpers.scenes import square
 from kit.slopes import slope
 
-from toros_fem.mechanics.contact.barrier import Barrier
+from toros_fem.mechanics.contact.barrier import Barrier, HalfSpacePairs
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
-from toros_fem.mechanics.contact.half_space import HalfSpacePairs
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.mechanics.contact.solids import rigid_box
 

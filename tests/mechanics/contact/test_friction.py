@@ -5,7 +5,7 @@ import pytest
 from kit.slopes import slope
 
 from toros_fem.base.array_types import Floats
-from toros_fem.mechanics.contact.friction import Coulomb
+from toros_fem.mechanics.contact.sliding import Coulomb
 
 LAW = Coulomb(0.6, 1e-4)
 PADS = Coulomb(0.8, 1e-4, 0.25, (1.0, 0.4, 0.2))

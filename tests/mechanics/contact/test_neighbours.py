@@ -111,12 +111,8 @@ def test_filter_of_bodies_mounts_and_skins_without_self_contact() -> None:
     assert len(edges_of(pattern.triangles).ends) == 16
     prescribed = np.arange(9) < 2
     held, moved, free, other = 9, 11, 13, 15
-    given: dict[str, Any] = {
-        "prescribed": prescribed,
-        "bodies": (2, 2, 2, 2),
-        "free_bodies": (2, 3),
-    }
-    touch = collision_filter(9, **given)
+    given: Any = prescribed, (2, 2, 2, 2), (2, 3)
+    touch = collision_filter(*given, self_contact=True)
     assert touch(4, 8)
     assert touch(0, 8)
     assert touch(4, held)
@@ -128,7 +124,7 @@ def test_filter_of_bodies_mounts_and_skins_without_self_contact() -> None:
     assert not touch(held, moved)
     assert not touch(free, free + 1)
     assert not touch(held, held + 1)
-    touch = collision_filter(9, self_contact=False, **given)
+    touch = collision_filter(*given, self_contact=False)
     assert touch(4, held)
     assert touch(4, free)
     assert touch(held, free)

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.mechanics.contact.half_space import HalfSpacePairs
+from toros_fem.mechanics.contact.barrier import HalfSpacePairs
 from toros_fem.mechanics.contact.opening import check_start, opened, skin_mesh
 from toros_fem.mechanics.contact.settings import ContactSizes, Ground
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, walker

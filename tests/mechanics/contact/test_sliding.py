@@ -7,7 +7,7 @@ from kit.slopes import slope
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.motion import placed
 from toros_fem.mechanics.contact.settings import Contact, Ground
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
 COUNT, SLIP = 8, 1e-4
@@ -25,13 +25,13 @@ def friction() -> SlidingFriction:
     """Anchors from a fraction of the slip to several times of it away."""
     contact = Contact(Ground(), [BOX], friction=0.5, slip=SLIP)
     found = SlidingFriction(contact, contact.sizes(Composite()))
-    rest = found.at_rest(POINTS, POSES).anchors
+    rest = found.at_rest(POINTS, POSES)
     away = (
         np.random.default_rng(2).standard_normal(rest.shape)
         * SLIP
         * np.linspace(0.2, 3, COUNT)[:, None]
     )
-    found.begin(Sliding(rest + away))
+    found.begin(rest + away)
     found.lag(NORMALS, POINTS, POSES)
     return found
 
@@ -45,7 +45,7 @@ def test_at_rest_nothing_pulls(friction: SlidingFriction) -> None:
 
 def test_nothing_slides_where_skin_and_body_turn_together(friction: SlidingFriction) -> None:
     centre = BOX.centre
-    where_made = friction.at_rest(POINTS, POSES).anchors[1]
+    where_made = friction.at_rest(POINTS, POSES)[1]
     friction.begin(friction.at_rest(POINTS, POSES))
     normals = NORMALS.copy()
     normals[0] = 0
@@ -56,7 +56,7 @@ def test_nothing_slides_where_skin_and_body_turn_together(friction: SlidingFrict
 
 
 def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
-    anchors = friction.sliding.anchors
+    anchors = friction.anchors
     rng = np.random.default_rng(3)
     move, shifted = (
         1e-9 * rng.standard_normal(POINTS.shape),
@@ -66,7 +66,7 @@ def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
     adjoint, weights = rng.standard_normal((2, *anchors.shape))
 
     def at(s: float) -> SlidingFriction:
-        friction.begin(Sliding(anchors + s * shifted))
+        friction.begin(anchors + s * shifted)
         friction.lag(NORMALS + s * pushed, POINTS, POSES)
         return friction
 
@@ -77,7 +77,7 @@ def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
     at(0.0)
     by_point, by_normal, by_anchor = friction.end_backward(POINTS, POSES, weights)
     parts = [(by_point * move).sum(), (by_normal * pushed).sum(), (by_anchor * shifted).sum()]
-    found = slope(lambda h: (at(h).end(POINTS + h * move, POSES).anchors * weights).sum())
+    found = slope(lambda h: (at(h).end(POINTS + h * move, POSES) * weights).sum())
     assert sum(parts) == pytest.approx(found, abs=1e-6 * np.abs(parts).min())
 
 
@@ -86,8 +86,8 @@ def test_a_step_ends_at_the_elastic_slip(friction: SlidingFriction) -> None:
     friction.begin(friction.end(POINTS, POSES))
     friction.lag(NORMALS, POINTS, POSES)
     assert friction.force(POINTS, POSES) == pytest.approx(force, abs=1e-9 * np.abs(force).max())
-    again = friction.end(POINTS, POSES).anchors
-    assert again == pytest.approx(friction.sliding.anchors, abs=1e-12)
+    again = friction.end(POINTS, POSES)
+    assert again == pytest.approx(friction.anchors, abs=1e-12)
     free = ~NORMALS[0].any(axis=1)
     assert again[0, free] == pytest.approx(POINTS[free], abs=0)
 
@@ -95,9 +95,9 @@ def test_a_step_ends_at_the_elastic_slip(friction: SlidingFriction) -> None:
 def test_friction_turns_nothing_together(friction: SlidingFriction) -> None:
     """On skin and body it acts along one line, however far the anchor lies off the surface."""
     poses = POSES * [[1, 1, 1, 0, 0, 0]]
-    anchors = friction.at_rest(POINTS, poses).anchors
+    anchors = friction.at_rest(POINTS, poses)
     anchors[1] += SLIP * POINTS / 1e-2 + 5e-3 * NORMALS[1]
-    friction.begin(Sliding(anchors))
+    friction.begin(anchors)
     friction.lag(NORMALS, POINTS, poses)
     force = friction.force(POINTS, poses)
     wrench = -force[1].ravel() @ friction.by_pose(0, poses)

@@ -7,8 +7,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.mechanics.skin.chambers import Chambers

@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.models import automatic_tangent, bent_tube, drawn, pressurize
+from kit.terms import TERMS, model_of
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.cholmod import library
 from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
@@ -38,7 +39,8 @@ def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
     by_mumps = TangentFactor(model)
     PETSc.Options("toros_").delValue("pc_factor_mat_solver_type")
     by_cholmod = TangentFactor(model)
-    assert (by_mumps.package, by_cholmod.package) == ("mumps", "cholmod")
+    told = by_mumps.describe(), by_cholmod.describe()
+    assert [one.split()[0] for one in told] == ["MUMPS", "CHOLMOD"]
     rhs = model.residual(model.assembled)
     solutions = []
     for factor in (by_mumps, by_cholmod):
@@ -72,6 +74,22 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     material = diagonals[2] - diagonals[0]
     assert material.min() >= 0
     assert material[model.free].min() > 0
+
+
+def test_with_a_shift_contact_is_semidefinite() -> None:
+    """What K + τ M gains beyond τ M is what the contact's part gains."""
+    pytest.importorskip("ipctk")
+    state, model = model_of(TERMS["the skin itself"])
+    factor = TangentFactor(model)
+    factor.assemble(state)
+    filled = []
+    for shift in (0.0, 1.0, 2.0):
+        factor.fill(shift)
+        filled.append(factor.values.copy())
+    gained = 2 * filled[1] - filled[2] - filled[0]
+    more, less = (model.contact.entries(state, definite=part) for part in (True, False))
+    assert np.abs(more - less).max() > 1e-3 * np.abs(less).max()
+    assert gained.sum() == pytest.approx((more - less).sum(), rel=1e-6)
 
 
 def test_the_scale_is_one_of_free_components(alone: MPI.Comm) -> None:

@@ -13,7 +13,7 @@ from scipy.special import ellipe, ellipk
 from benchmarks.stability.matrix import Request, Stage
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew

@@ -6,8 +6,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import sew

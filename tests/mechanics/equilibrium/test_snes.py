@@ -6,9 +6,8 @@ from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.equilibrium.attempts import Attempts
-from toros_fem.mechanics.equilibrium.newton import Newton
+from toros_fem.mechanics.assembly.model import make_model
+from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load

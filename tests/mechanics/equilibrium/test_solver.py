@@ -13,7 +13,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material, Membrane
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions

@@ -18,9 +18,8 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
-from toros_fem.mechanics.paths.limit_points import limit_points
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, clamp

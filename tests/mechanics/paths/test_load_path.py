@@ -9,8 +9,7 @@ from mpi4py import MPI
 from toros_fem.base.mpi import dot, total
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.pads import Pads
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_cylinder
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from toros_fem.forms.kinematics import Triangle, edge_products
-from toros_fem.forms.tension_field import tension_field
+from toros_fem.forms.membrane import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions

@@ -19,13 +19,11 @@ from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.shape import ShapeObjective
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, chambers_of_panels, find_walls
-from toros_fem.mechanics.skin.planes import Planes
-from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.skin.supports import Planes, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 LENGTH, RADIUS = 0.06, 0.01

@@ -8,7 +8,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.make_model import make_model
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

@@ -15,7 +15,7 @@ from toros_fem.mechanics.skin.patch_space import (
     make_patch,
 )
 from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.mechanics.terms.bend import Bend
+from toros_fem.mechanics.terms.sheet import Bend
 from toros_fem.meshes import Skin
 
 

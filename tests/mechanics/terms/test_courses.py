@@ -11,8 +11,7 @@ from scipy.optimize import minimize, root
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.load import Load

@@ -7,8 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
 from toros_fem.mechanics.skin.supports import Supports
@@ -67,10 +66,9 @@ def test_the_force_changes_with_the_mean_gradient(periodic: SkinModel) -> None:
     """With F̄ alone, as the tile's response needs it."""
     model, comm, state = periodic, periodic.skin.comm, stretched(periodic)
     change = np.random.default_rng(7).standard_normal((3, 2))
-    unknowns = model.tangent_layout[1].shape[1]
-    entries = np.zeros(len(model.skin.cell) * unknowns * (unknowns + 1) // 2)
-    model.tangent_entries(state, entries)
     tangent = UpperTangent(model)
+    entries = np.zeros(tangent.triangles.count)
+    tangent.triangles.compute(state, entries)
     by_gradient = tangent.periodic.force(entries, change) * model.free
 
     def force(h: float) -> np.ndarray:

@@ -8,8 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Bladder, Composite, Material
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import (
     CROSSING,

@@ -9,8 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

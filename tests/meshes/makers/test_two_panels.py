@@ -6,8 +6,7 @@ from helpers.outlines import check_twins, edges_on, volume
 from mpi4py import MPI
 from shapely.geometry import Polygon
 
-from toros_fem.mechanics.skin.planes import Planes
-from toros_fem.mechanics.skin.supports import symmetry_plane
+from toros_fem.mechanics.skin.supports import Planes, symmetry_plane
 from toros_fem.meshes import GRIPPER, WALKER, Star, two_panels
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])

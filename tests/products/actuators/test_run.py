@@ -20,7 +20,7 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.mechanics.readings.limit_shape import SHARE
+from toros_fem.mechanics.readings.error_estimate import SHARE
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.designer import design_actuator

@@ -10,10 +10,9 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
-from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.miss import compared_axes
 from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver

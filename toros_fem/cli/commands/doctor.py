@@ -104,7 +104,7 @@ def mumps_orderings() -> dict[str, bool]:
     from petsc4py import PETSc
     from scipy.sparse import diags
 
-    from toros_fem.mechanics.equilibrium.mumps import ORDERINGS
+    from toros_fem.mechanics.equilibrium.linear_solver import ORDERINGS
 
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return {}

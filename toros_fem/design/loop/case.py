@@ -13,8 +13,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
+from toros_fem.measures.alignment import MirroredObjective
 from toros_fem.measures.metrics import Metric, distance
-from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import (
     Nodes,
     Objective,

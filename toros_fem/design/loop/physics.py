@@ -17,7 +17,7 @@ from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.mechanics.skin.load import Load
 
 Bounds = tuple[float, float]

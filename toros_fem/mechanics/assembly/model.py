@@ -2,33 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar, Unpack
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
 
-from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled, work_vector
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot, total
+from toros_fem.base.mpi import dot, require_alike, total
+from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.skin_contact import SkinContact
-from toros_fem.mechanics.skin.designs import Densities
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.coefficients import cell_space
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.designs import Densities, LineDesign
+from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import make_patch, positions
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
-from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.bend import Bend
-from toros_fem.mechanics.terms.dead_loads import OwnWeight
+from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.mechanics.terms.images import Images
-from toros_fem.mechanics.terms.pressure import Pressure
-from toros_fem.mechanics.terms.sheet import Sheet
+from toros_fem.mechanics.terms.loads import DeadForce, OwnWeight, Pressure
+from toros_fem.mechanics.terms.sheet import (
+    Bend,
+    Courses,
+    LineFamilies,
+    OffsetPrint,
+    RubberLayer,
+    Sheet,
+    TensionSheet,
+)
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
 
@@ -37,6 +48,14 @@ from toros_fem.meshes.skin import Skin
 ENERGY_ROUNDING = 2.5e-14
 
 Kind = TypeVar("Kind", bound=Term)
+
+# Types of these, and what to say of another one.
+_KINDS = {
+    "chambers": (Chambers, "Chambers, or None for one"),
+    "weight": (Weight, "a Weight, or None for none"),
+    "contact": (Contact, "a Contact, or None for none"),
+    "periodic": (Periodic, "a Periodic, or None for a skin that does not repeat"),
+}
 
 
 class SkinModel:
@@ -48,24 +67,18 @@ class SkinModel:
     are collective. `make_model` makes the terms of a skin.
 
     Attributes:
-        skin, composite, supports, terms, design: As given.
-        contact, pressure, weight, images: The terms of these kinds; None without.
+        skin, composite, supports: As given.
+        terms: Terms of the energy, asked in this order.
+        design: What is designed.
+        sheet, bend, contact, pressure, weight, images: The terms of these kinds; None without.
         patch: The unknowns, and how triangles see them.
+        entry_space: Space of the entries of the triangles' matrices; `geometric` is 1 in these for
+            the tangent, 0 for its material part, positive semidefinite.
         bounds: Test of the stretch bounds.
         fixed: Fixed unknowns among the local ones, ghosts included.
         free: Owned unknowns that are not fixed.
         load: The load that acts; set by `set_load`.
         size_local: Number of owned unknowns.
-
-    Args:
-        skin: The sewn skin.
-        composite: The two materials and the stretch bounds.
-        supports: Fixed components and directions.
-        terms: Terms of the energy, asked in this order.
-        design: What is designed.
-
-    Raises:
-        ParameterError: Not one of the terms has stretch bounds.
     """
 
     def __init__(
@@ -80,16 +93,15 @@ class SkinModel:
         self.terms, self.design = terms, design
         self.contact, self.pressure = self._of(SkinContact), self._of(Pressure)
         self.weight, self.images = self._of(OwnWeight), self._of(Images)
-        self._bend = self._of(Bend)
+        self.sheet, self.bend = self._of(Sheet), self._of(Bend)
         bounds = [term.bounds for term in terms if term.bounds is not None]
         if len(bounds) != 1:
             raise ParameterError(f"{len(bounds)} terms have stretch bounds; a skin has one sheet.")
         self.bounds: StretchBounds = bounds[0]
 
-        sheet = self._sheet = self._of(Sheet)
-        flaps = None if self._bend is None else self._bend.hinges.flap
-        if sheet is not None and sheet.flaps is not None:
-            flaps = sheet.flaps.flap
+        flaps = None if self.bend is None else self.bend.hinges.flap
+        if self.sheet is not None and self.sheet.flaps is not None:
+            flaps = self.sheet.flaps.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
         self.patch = make_patch(skin, flaps, unknowns)
         dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
@@ -112,23 +124,21 @@ class SkinModel:
     def _make_forms(self) -> None:
         """Make and compile the forms, but those of gradients, which wait for the first one."""
         skin, size = self.skin, self.patch.components
-        domain, owned = skin.mesh, skin.mesh.topology.index_map(2).size_local
+        owned = len(skin.owned_cells)
         self.q = fem.Function(self.space, name="state")
         self._adjoint = fem.Function(self.space, name="adjoint")
-        entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
-        self._entry_space = fem.functionspace(domain, entry)
-        self._geometric = fem.Constant(domain, 1.0)
+        self.entry_space = cell_space(skin, size * (size + 1) // 2)
+        self.geometric = fem.Constant(skin.mesh, 1.0)
         self.forms: SkinForms = skin_forms(
             self.q,
             self._adjoint,
-            ufl.TestFunction(self._entry_space),
+            ufl.TestFunction(self.entry_space),
             (self.design.density, self.design.lines),
             self.terms,
-            self._geometric,
+            self.geometric,
         )
         self._energy = compiled(self.forms.energy)
         self._residual = compiled(self.forms.residual)
-        self._tangent = compiled(self.forms.tangent)
         self._buffer = work_vector(self.space)
         for term, load in zip(self.terms, self.forms.loads, strict=True):
             term.take_forms(self.forms, load, self._buffer)
@@ -163,11 +173,7 @@ class SkinModel:
         return positions(self.skin, state)
 
     def set_load(self, load: Load) -> None:
-        """Let a load act; where it moves the supports, the state must already be moved.
-
-        Raises:
-            ParameterError: The load has another number of chambers.
-        """
+        """Let a load act; where it moves the supports, the state must already be moved."""
         shape = (self.chamber_count,)
         if load.pressures.shape != shape:
             raise ParameterError(
@@ -177,14 +183,6 @@ class SkinModel:
         self.load = load
         for term in self.terms:
             term.set_load(load)
-
-    def check(self, design: Floats) -> Floats:
-        """Return an owned design as an array, with one result on all ranks.
-
-        Raises:
-            DensityError: The design does not fit, or leaves its bounds.
-        """
-        return self.design.check(design)
 
     def set_density(self, design: Floats) -> None:
         """Set the design from owned rows."""
@@ -216,7 +214,7 @@ class SkinModel:
     def count_folds(self, state: Floats, angle: float) -> int:
         """Return how many hinges of triangles fold by more than an angle in rad; see `Bend`."""
         self.set_state(state)
-        count = 0 if self._bend is None else self._bend.folds(self._seen(6), angle)
+        count = 0 if self.bend is None else self.bend.folds(self._seen(6), angle)
         return int(total(self.skin.comm, count))
 
     def energy(self, state: Floats) -> float:
@@ -241,11 +239,6 @@ class SkinModel:
         """Return the first variation of E in N, zero at fixed components."""
         return self.variation(state) * self.free
 
-    def unsmoothed(self, part: float) -> AbstractContextManager[None]:
-        """Take a part of the smoothing of strains away within a `with`."""
-        assert self._sheet is not None
-        return self._sheet.unsmoothed(part)
-
     def reaction(self, state: Floats) -> Floats:
         """Return the force in N by which the supports pull at the skin, zero at free components."""
         return self.variation(state) * ~self.free
@@ -259,12 +252,8 @@ class SkinModel:
     ) -> float:
         """Return a factor ≤ 1 on a step that keeps to the stretch bounds and meets nothing.
 
-        Args:
-            state: Owned unknowns of a feasible state.
-            step: Their change by the full step.
-            fraction: Fraction of the distance to the stretch bounds that may be used up.
-            carried: Change of the poses of held bodies by the full step, (k, 6), the same on all
-                ranks; None leaves them.
+        The state is feasible; `fraction` of its distance to the stretch bounds may be used up, and
+        `carried` is the change of the poses of held bodies by the full step, (k, 6), on all ranks.
         """
         corners = self.corners(state)
         factor = self.bounds.largest_step(corners, self.corners(step), fraction)
@@ -276,22 +265,6 @@ class SkinModel:
     def slides(self) -> bool:
         """Whether there is friction, by which the residual has no potential."""
         return self.contact is not None and self.contact.slides
-
-    def friction_coupling(
-        self, state: Floats, change: Floats, *, transposed: bool = False
-    ) -> Floats:
-        """Return the derivative of friction by its normal forces times a change of the state.
-
-        It is the part of the residual's derivative that the tangent leaves out, in N.
-
-        Args:
-            state: State of the last `SkinContact.lag_friction`.
-            change: Owned unknowns.
-            transposed: Whether to multiply by the transpose.
-        """
-        assert self.contact is not None
-        found = self.contact.coupling(state, change * self.free, transposed=transposed)
-        return found * self.free
 
     @property
     def chamber_count(self) -> int:
@@ -311,16 +284,6 @@ class SkinModel:
     def admits(self, state: Floats) -> bool:
         """Return whether a solve can start from a state: stretch bounds and contact allow it."""
         return self.bounds.worst(self.corners(state)) < 1 and self.refusal(state) is None
-
-    def grow_pairs(self, state: Floats) -> None:
-        """Let `further_pairs` cover what acts at a state."""
-        for term in self.terms:
-            term.grow(state)
-
-    @property
-    def generation(self) -> int:
-        """How often `further_pairs` has changed."""
-        return sum(term.generation for term in self.terms)
 
     def volume_gradient(self, state: Floats, chamber: int | None = None) -> Floats:
         """Return the first variation of a chamber's volume in m², zero at fixed components.
@@ -347,59 +310,10 @@ class SkinModel:
         self.set_state(state)
         return sum(term.load_energy(state) for term in self.terms)
 
-    def volume(self, state: Floats) -> float:
-        """Return the enclosed volume in m³; 0 for an open skin."""
-        return float(self.volumes(state).sum())
-
     def volumes(self, state: Floats) -> Floats:
         """Return the volume of each chamber in m³, (k,), as a closed body; 0 for an open skin."""
         self.set_state(state)
         return np.zeros(1) if self.pressure is None else self.pressure.volumes(state)
-
-    @property
-    def tangent_layout(self) -> tuple[LocalInts, LocalInts, Bools]:
-        """Meaning of the numbers that `tangent_entries` returns.
-
-        Returns:
-            For each owned triangle its row among the entries; its local dofs, shape (n, 9),
-            (n, 18) or (n, 21); and whether each of them exists (a flap may be missing).
-        """
-        owned = len(self._dofs)
-        dofs = self._dofs.reshape(owned, -1)
-        present = np.ones(dofs.shape, dtype=bool)
-        if self._bend is not None and self.design.around is None:  # smoothed: all are
-            seen = self._bend.hinges.has_moment[:owned]
-            present[:, 9:18] = np.repeat(seen, 3, axis=1)
-        return self._entry_space.dofmap.list[:owned, 0], dofs, present
-
-    def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
-        """Compute upper triangles of the element matrices of the second variation of E, in N/m.
-
-        Args:
-            state: Owned unknowns.
-            out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle;
-                those of `further_pairs` follow.
-            geometric: 1 for the tangent, 0 for its material part, positive semidefinite.
-        """
-        self.set_state(state)
-        self._geometric.value = geometric
-        begin = len(self._dofs) * self._entry_space.dofmap.bs
-        out[:begin] = 0
-        fem.assemble_vector(out, self._tangent)
-        for term in self.terms:
-            more = term.entries(state, definite=geometric == 0)
-            out[begin : begin + len(more)] = more
-            begin += len(more)
-
-    def first_entry(self, term: Term) -> int:
-        """Return the place of a term's first entry among those of `further_pairs`."""
-        before = self.terms[: self.terms.index(term)]
-        return sum(other.pairs.shape[1] for other in before)
-
-    @property
-    def further_pairs(self) -> Ints:
-        """Global rows and columns, (2, p), of entries that no triangle has."""
-        return np.hstack([term.pairs for term in self.terms])
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
         """Return ∂(residual · adjoint) by the owned design, in J.
@@ -438,3 +352,101 @@ class SkinModel:
         """Return h (2μ + λ) of the owned triangles in N/m."""
         parts = [term.moduli(self.design) for term in self.terms]
         return np.asarray(np.zeros(len(self._areas)) + sum(parts[1:], start=parts[0]))
+
+
+class Further(TypedDict, total=False):
+    """What a skin may have besides materials and supports; None, or no entry, leaves it out.
+
+    Attributes:
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight.
+        contact: What it touches: itself, the ground, bodies.
+        design: Makes of skin and composite what is designed; None for `Densities`. A
+            `functools.partial` of `LineDesign` makes line families.
+        periodic: The tile that the skin is.
+    """
+
+    chambers: Chambers | None
+    weight: Weight | None
+    contact: Contact | None
+    design: Callable[[Skin, Composite], Densities] | None
+    periodic: Periodic | None
+
+
+def make_model(
+    skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
+) -> SkinModel:
+    """Return the model of a skin with the terms that it has (collective).
+
+    The supports, with the prescribed ones of a tile's mean deformation, must leave no rigid motion.
+
+    Raises:
+        ParameterError: They leave one, or are made for another pattern; an argument is of another
+            type or differs between the ranks; the walls between the chambers cannot be found; or
+            a relaxed design is to touch something.
+        OpenSkinError: Chambers of a skin with free edges that no symmetry plane closes.
+    """
+    unknown = further.keys() - Further.__annotations__
+    if unknown:
+        raise TypeError(
+            f"there is no argument {', '.join(sorted(unknown))}; known are "
+            f"{', '.join(Further.__annotations__)}."
+        )
+    require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+    require_alike(skin.comm, composite=composite, supports=supports, **further)
+    require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
+    require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
+    for name, (kind, wanted) in _KINDS.items():
+        require_kind(name, further.get(name), (kind, type(None)), wanted)
+    chambers, weight = further.get("chambers"), further.get("weight")
+    contact, periodic = further.get("contact"), further.get("periodic")
+    make_design = further.get("design")
+    if make_design is not None:
+        require_callable("design", make_design, "a function of skin and composite, or None")
+    if make_design is None:
+        design = Densities(skin, neighbours(skin)[0] if composite.membrane.smoothed else None)
+    else:
+        design = make_design(skin, composite)
+    if isinstance(design, LineDesign):
+        _require_known(composite, contact)
+    pattern, bending = skin.pattern, composite.bending
+    if periodic is None and (contact is None or not contact.holds):
+        supports.require_no_rigid_motion(pattern, bends=bending is not None)
+    planes = Planes(pattern, supports)
+
+    sheet = TensionSheet if composite.membrane.relaxed else Sheet
+    terms: list[Term] = [sheet(skin, composite, supports, design)]
+    if composite.bladder is not None:
+        terms.append(RubberLayer(skin, composite.bladder))
+    if isinstance(design, LineDesign):
+        terms.append(LineFamilies(skin, composite, design))
+    if composite.knit is not None:
+        terms.append(Courses(skin, composite, composite.knit))
+    if bending is not None:
+        repeats = periodic is not None
+        terms.append(Bend(skin, composite, bending, supports, repeats=repeats))
+    if composite.print_side is not None:
+        terms.append(OffsetPrint(skin, composite))
+    if periodic is not None:
+        terms.append(Images(skin, periodic, bends=bending is not None))
+    if periodic is None and planes.close:  # a pressure can act
+        terms.append(Pressure(skin, supports, planes, chambers))
+    elif chambers is not None:
+        pattern.require_closed()
+    if weight is not None:
+        terms.append(OwnWeight(skin, weight))
+    terms.append(DeadForce(skin))
+    if contact is not None:
+        sizes = contact.sizes(composite)
+        terms.append(SkinContact(skin, contact, sizes, supports.fixed, planes.of_symmetry()))
+    return SkinModel(skin, composite, supports, terms, design)
+
+
+def _require_known(composite: Composite, contact: Contact | None) -> None:
+    if contact is not None:
+        raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
+    if composite.membrane.smoothed:
+        raise ParameterError(
+            "strain = 'smoothed': the lines of a relaxed design differ from triangle to triangle. "
+            'Use Membrane(strain="constant") for it, and smoothed strains for its print.'
+        )

@@ -38,8 +38,7 @@ class RigidBody:
         mass: In kg, of a body that moves freely; None for one that is held or moved with the load.
 
     Raises:
-        SurfaceError: The surface is open, not connected, or its arrays do not fit together.
-        ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
+        SurfaceError: Its surface is open, not connected, or no surface; or as of `Surface`.
     """
 
     name: str
@@ -79,11 +78,7 @@ class RigidBody:
         return float(np.linalg.norm(self.points - self.centre, axis=1).max())
 
     def moved(self, pose: Floats) -> RigidBody:
-        """Return the body made at another place.
-
-        Args:
-            pose: Translation in m and rotation vector in rad about its centre, (6,).
-        """
+        """Return the body made at another pose, (6,): translation in m, rotation vector in rad."""
         pose = checked_floats("pose", pose, "six finite numbers, in m and rad", (6,))
         points = placed(self.points, self.centre, pose)
         return RigidBody(self.name, points, self.triangles, self.mass)
@@ -123,7 +118,6 @@ class RigidBody:
         return np.asarray(inner)
 
     def _crosses(self, points: Floats) -> bool:
-        """Return whether the surface crosses itself where its vertices are at given points."""
         mesh = collision_mesh(points, self.triangles)
         return bool(ipctk().has_intersections(mesh, np.asfortranarray(points)))
 
@@ -136,7 +130,6 @@ class RigidBody:
 
 
 def _closed(points: Floats, triangles: Ints) -> Surface:
-    """Return a closed surface that faces outwards."""
     points = checked_floats(
         "points", points, "(n, 3), in m", lambda s: len(s) == 2 and s[1] == 3, failure=SurfaceError
     )

@@ -9,7 +9,7 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.free_bodies import FreeBodies, in_columns
 from toros_fem.mechanics.contact.settings import ContactSizes
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import SlidingFriction
 
 # Entries of the tangent are kept until they are this many times those that are needed.
 STALE = 2.0
@@ -21,8 +21,8 @@ class ContactCore:
     """Contact of a skin with itself, bodies and half-spaces, serial.
 
     Everywhere x are all vertices of skin and bodies in m, (v, 3), and poses those of all bodies,
-    (k, 6). Forces and motions of the unknowns are those at the vertices of the skin, (n, 3), and of
-    the free bodies, (f, 6).
+    (k, 6). Forces and motions of the unknowns are those at the n vertices of the skin, (n, 3), and
+    of the free bodies, (f, 6). With friction the barrier has sides of their own.
 
     Some motions of a free body may have no resistance, for instance the rotations of a sphere
     without friction. The tangent, and it alone, has the stiffness NEUTRAL E t for all motions of
@@ -32,13 +32,6 @@ class ContactCore:
     Attributes:
         barrier: As given.
         keys: Entries row · size + column of the tangent that are kept, in global unknowns.
-
-    Args:
-        barrier: The barrier, with sides of their own if there is friction.
-        count: Number n of vertices of the skin.
-        sizes: Numbers of the contact.
-        bodies: Its bodies.
-        friction: Its friction; None without.
     """
 
     def __init__(
@@ -102,11 +95,6 @@ class ContactCore:
             values = np.append(values[found], np.tile(np.abs(values[~found]), 2))
         places = np.searchsorted(self.keys, keys)
         return np.bincount(places, values, len(self.keys)).astype(np.float64)
-
-    def convexity_gap(self, x: Floats, poses: Floats) -> Floats:
-        """Return the semidefinite `entries` less the exact ones."""
-        definite = self.entries(x, poses, definite=True)
-        return np.asarray(definite - self.entries(x, poses, definite=False))
 
     def grow(self, x: Floats, poses: Floats) -> bool:
         """Let `keys` cover all that is in contact; return whether they have changed."""
@@ -209,7 +197,7 @@ class ContactCore:
         self._known_at = None
         self._friction.lag(self.barrier.normals(x), x[: self._count], poses)
 
-    def end(self, x: Floats, poses: Floats) -> Sliding:
+    def end(self, x: Floats, poses: Floats) -> Floats:
         """Return where the vertices stick at the end of a step, by the normal forces there."""
         assert self._friction is not None
         self.lag(x, poses)
@@ -224,10 +212,8 @@ class ContactCore:
     ) -> tuple[Floats, Floats]:
         """Return the change of friction by that of the normal forces, along the unknowns.
 
-        Args:
-            x, poses: State of the last `lag`.
-            skin, turn: Change of the unknowns.
-            transposed: Whether to multiply by the transpose.
+        x and poses are those of the last `lag`, skin and turn the change of the unknowns;
+        `transposed` multiplies by the transpose.
         """
         friction, points = self._friction, x[: self._count]
         assert friction is not None

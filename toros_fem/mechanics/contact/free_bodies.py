@@ -11,7 +11,7 @@ from scipy.sparse import coo_array, csr_array, hstack
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, shortest
 from toros_fem.mechanics.contact.settings import Contact
-from toros_fem.meshes.triangles import normals
+from toros_fem.meshes.triangles import surface_areas
 
 
 class FreeBodies:
@@ -47,8 +47,8 @@ class FreeBodies:
         self.moving: Ints = np.flatnonzero(np.isin(owner, self.free))
         shifted = [body.triangles + begin for body, begin in zip(bodies, ahead, strict=False)]
         self.triangles: Ints = np.concatenate([np.zeros((0, 3), dtype=np.int64), *shifted])
-        doubled = [np.linalg.norm(normals(body.points, body.triangles), axis=1) for body in bodies]
-        self.areas: Floats = np.concatenate([np.zeros(0), *doubled]) / 2
+        areas = [surface_areas(body.points, body.triangles) for body in bodies]
+        self.areas: Floats = np.concatenate([np.zeros(0), *areas])
         radii = [bodies[k].radius for k in self.free]
         self.scale = np.array([[1.0] * 3 + [1 / radius] * 3 for radius in radii]).reshape(-1, 6)
         self.weight: Floats = np.zeros((self.count, 6))

@@ -28,28 +28,17 @@ VIEW = 1e-6
 
 
 def collision_filter(
-    count: int,
-    *,
-    prescribed: Bools | None = None,
-    bodies: Sequence[int] = (),
-    free_bodies: Sequence[int] = (),
-    self_contact: bool = True,
+    prescribed: Bools, bodies: Sequence[int], free_bodies: Sequence[int], *, self_contact: bool
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
-    Left out are pairs of prescribed vertices, vertices of one body, and bodies that are held with
-    each other.
-
-    Args:
-        count: Number of vertices of the skin.
-        prescribed: Whether all components of a vertex are prescribed, (n,); None for nowhere.
-        bodies: Number of vertices of each body.
-        free_bodies: Numbers of the bodies that move freely.
-        self_contact: Whether the skin touches itself.
+    Left out are pairs of prescribed vertices of the skin, (n,), vertices of one body, and bodies
+    that are held with each other. `bodies` are the bodies' numbers of vertices, `free_bodies` the
+    numbers of those that move freely.
     """
-    own, held = np.arange(count), count + len(bodies)
-    if prescribed is not None:
-        own[prescribed] = held + 1
+    count = len(prescribed)
+    held = count + len(bodies)
+    own = np.where(prescribed, held + 1, np.arange(count))
     numbers = [count + k if k in free_bodies else held for k in range(len(bodies))]
     of_bodies = np.repeat(np.array(numbers, dtype=np.int64), list(bodies))
     found = patches_apart(np.append(own, of_bodies))
@@ -103,11 +92,7 @@ def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSi
 def paths(count: int, one: Ints, two: Ints, length: Floats, limit: float) -> Ints:
     """Return pairs of nodes, (k, 2) in both orders, that paths shorter than a limit join.
 
-    Args:
-        count: Number of nodes.
-        one, two: Ends of the links, (e,).
-        length: Their lengths, (e,).
-        limit: Largest length of a path.
+    The links between nodes `one` and `two`, (e,), have the given lengths.
     """
     kept = length <= limit
     one, two, length = one[kept], two[kept], length[kept]

@@ -40,13 +40,10 @@ def opened(pattern: Pattern, sizes: ContactSizes, in_planes: Bools | None = None
     """Return positions of all vertices, (n, 3), in m, from which contact can act.
 
     Layers that lie on each other are moved apart along their normals, by a parabola of the distance
-    from the folds between them, until the reach of contact is between their middle surfaces. A
-    skin whose layers are apart as assembled keeps its positions.
-
-    Vertices stay `in_planes`, (n, 3), the symmetry planes across x, y or z in which they lie.
-
-    Raises:
-        ParameterError: The layers could not be moved apart.
+    from the folds between them, until the reach of contact is between their middle surfaces; a
+    ParameterError is raised if they cannot be. A skin whose layers are apart as assembled keeps its
+    positions. Vertices stay `in_planes`, (n, 3), the symmetry planes across x, y or z in which they
+    lie.
     """
     mesh = skin_mesh(pattern, sizes)
     directions = _vertex_normals(pattern)
@@ -163,13 +160,10 @@ class StartCheck:
 def check_start(
     mesh: Any, positions: Floats, thickness: float, *, distance: float = 0.0
 ) -> StartCheck:
-    """Return whether contact can act on given positions, and the worst place where it cannot.
+    """Return whether contact can act on positions of a mesh, and the worst place where it cannot.
 
-    Args:
-        mesh: `ipctk.CollisionMesh`, with its filter.
-        positions: Of all its vertices in m, (n, 3).
-        thickness: Distance of middle surfaces in m that they must exceed.
-        distance: Distance of faces in m up to which the smallest is found.
+    Middle surfaces must be more than the thickness apart. The smallest distance of faces is found
+    up to the given one.
     """
     library = ipctk()
     positions = np.asfortranarray(positions, dtype=np.float64)
@@ -192,7 +186,6 @@ def check_start(
 
 
 def _crossing(mesh: Any, positions: Floats) -> tuple[int, ...]:
-    """Return vertices of an edge and a triangle that cross."""
     library = ipctk()
     phase = library.LBVH()
     phase.can_vertices_collide = mesh.can_collide

@@ -14,7 +14,7 @@ from toros_fem.mechanics.contact.core import ContactCore
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import Contact, ContactSizes
-from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.mechanics.contact.sliding import SlidingFriction
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank, positions
 from toros_fem.mechanics.terms.term import Term
@@ -38,7 +38,7 @@ class SkinContact(Term):
     Positions are gathered, and the first rank computes (`ContactCore`), so that results do not
     depend on the number of ranks. Middle surfaces stay a thickness apart: the surfaces of bodies
     and ground are moved inwards by half of it. All methods are collective; x are the owned unknowns
-    of a state.
+    of a state. Fixed components and symmetry planes are those of all vertices, (n, 3).
 
     Attributes:
         contact, sizes: As given.
@@ -46,10 +46,6 @@ class SkinContact(Term):
         friction: Friction of the skin on ground and bodies; None without.
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
             are moved apart.
-
-    Args:
-        fixed: Fixed components of all vertices, (n, 3).
-        in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
     """
 
     def __init__(
@@ -145,7 +141,6 @@ class SkinContact(Term):
         return np.asfortranarray(np.concatenate([skin, self._bodies.vertices(poses)]))
 
     def _of_barrier(self, x: Floats, ask: Callable[[Barrier, Floats], T]) -> T:
-        """Return what the barrier answers about all vertices."""
         vertices, _ = self._at(x)
         return self._core(lambda core: ask(core.barrier, vertices))
 
@@ -181,13 +176,6 @@ class SkinContact(Term):
     def entries(self, x: Floats, *, definite: bool) -> Floats:
         at = self._at(x)
         return self._core.alone(lambda core: core.entries(*at, definite=definite), NOTHING)
-
-    def convexity_gap(self, x: Floats) -> Floats | None:
-        """Return the semidefinite `entries` less the exact ones; None if nothing touches."""
-        at = self._at(x)
-        if not self._core(lambda core: core.barrier.count(at[0])):
-            return None
-        return self._core.alone(lambda core: core.convexity_gap(*at), NOTHING)
 
     @override
     def grow(self, x: Floats) -> None:
@@ -263,7 +251,7 @@ class SkinContact(Term):
         """Whether there is friction, by which the residual has no potential."""
         return self.friction is not None
 
-    def begin_step(self, sliding: Sliding | None, load: Load) -> None:
+    def begin_step(self, sliding: Floats | None, load: Load) -> None:
         """Begin a step of a path with friction; without friction nothing is done.
 
         It goes on from the end of the step before; None stands for a skin at rest at its assembled
@@ -284,7 +272,7 @@ class SkinContact(Term):
             at = self._at(x)
             self._core(lambda core: core.lag(*at))
 
-    def end_step(self, x: Floats) -> Sliding | None:
+    def end_step(self, x: Floats) -> Floats | None:
         """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:
             return None

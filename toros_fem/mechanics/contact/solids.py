@@ -38,14 +38,8 @@ def rigid_sphere(
     """Return a sphere, an evenly subdivided icosahedron with the sphere's volume.
 
     So its vertices lie a little outside of the radius, the middles of its facets a little inside.
-
-    Args:
-        name: Its name.
-        radius: In m.
-        centre: In m, (3,).
-        mass: In kg, if it is free; None for a held or moved one.
-        edge_length: Length of the triangles' edges in m; None takes one with facets within 1 % of
-            the radius and 0.05 mm, but at most some 4000 triangles.
+    Without an edge length facets lie within 1 % of the radius and 0.05 mm, but are at most some
+    4000.
     """
     require_positive(radius=radius)
     area = 4 * np.pi * radius**2
@@ -84,15 +78,10 @@ def rigid_box(
     mass: float | None = None,
     edge_length: float | None = None,
 ) -> RigidBody:
-    """Return a box along the axes; `RigidBody.moved` turns it.
+    """Return a box along the axes with given sides; `RigidBody.moved` turns it.
 
-    Args:
-        name: Its name.
-        size: Its sides in m, (3,).
-        centre: In m, (3,).
-        mass: In kg, if it is free; None for a held or moved one.
-        edge_length: Length of the triangles' edges along the sides in m; None takes one for some
-            1000 triangles of even size, or one a side where that is shorter.
+    Without an edge length there are some 1000 triangles of even size, or one a side where that is
+    shorter.
     """
     sides = checked_floats("size", size, "three finite lengths, in m", (3,))
     require_positive(**{f"size[{k}]": float(side) for k, side in enumerate(sides)})
@@ -125,19 +114,9 @@ def rigid_cylinder(
     mass: float | None = None,
     edge_length: float | None = None,
 ) -> RigidBody:
-    """Return a cylinder with flat ends, a prism with the cylinder's volume.
+    """Return a cylinder with flat ends, a prism with the cylinder's volume, as of `rigid_sphere`.
 
-    So its vertices lie a little outside of the radius, the middles of its facets a little inside.
-
-    Args:
-        name: Its name.
-        radius: In m.
-        length: In m.
-        axis: Its direction, (3,); the length of the vector does not matter.
-        centre: In m, (3,).
-        mass: In kg, if it is free; None for a held or moved one.
-        edge_length: Length of the triangles' edges in m; None takes one with facets within 1 % of
-            the radius and 0.05 mm, but at most some 4000 triangles.
+    Of the axis the length does not matter.
     """
     require_positive(radius=radius, length=length)
     given = checked_floats("axis", axis, "a finite vector, (3,)", (3,))
@@ -195,12 +174,11 @@ def rigid_mesh(
         scale: Length of the file's unit in m, 1e-3 for mm.
         component: Connected component to read, 0 for the one of largest area. None: the file must
             have a single one.
-        centre: Where its centre of mass shall be, in m, (3,); None leaves it as in the file.
-        mass: In kg, if it is free; None for a held or moved one.
+        centre: Where its centre of mass shall be; None leaves it as in the file.
+        mass: As of the other bodies.
 
     Raises:
-        SurfaceError, UnitError, ManifoldError, OrientationError, DegenerateTriangleError: As of
-            `read_surface` and `RigidBody`.
+        SurfaceError, UnitError: As of `read_surface` and `RigidBody`.
     """
     surface = read_surface(comm, path, scale, component)
     body = RigidBody(name, surface.points, surface.triangles, mass)
@@ -212,7 +190,6 @@ def rigid_mesh(
 def _made(
     name: str, points: Floats, triangles: Ints, centre: Sequence[float] | Floats, mass: float | None
 ) -> RigidBody:
-    """Return a body around the origin moved to its centre."""
     place = checked_floats("centre", centre, "a finite point of three, in m", (3,))
     return RigidBody(name, points + place, triangles, mass)
 

@@ -13,7 +13,7 @@ import sys
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from cffi import FFI, VerificationError
@@ -228,30 +228,8 @@ def _load(path: Path) -> Any | None:
     return module
 
 
-class Factor(Protocol):
-    """Factor of one symmetric matrix, L Lᵀ, in the order of its rows; not collective."""
-
-    def factorise(self, values: Floats) -> bool:
-        """Factorise for the values of the lower triangle; return whether it is positive definite.
-
-        CHOLMOD stops at the first pivot that is not positive; there are no factors then.
-
-        Raises:
-            TorosError: Too little memory.
-        """
-
-    def forward(self, x: Floats) -> None:
-        """Replace x by L⁻¹ x."""
-
-    def backward(self, x: Floats) -> None:
-        """Replace x by L⁻ᵀ x."""
-
-    def corner(self, count: int) -> Floats:
-        """Return the block of L of the last rows and columns, both reversed: upper triangular."""
-
-
-class Cholmod(Protocol):
-    """Calls of CHOLMOD.
+class CompiledCholmod:
+    """CHOLMOD by the compiled calls.
 
     A pattern is given by `pointers, rows`: the lower triangle in compressed columns, rows sorted,
     the diagonal first.
@@ -261,32 +239,12 @@ class Cholmod(Protocol):
         threads: Whether several threads factorise at the same time.
     """
 
-    source: str
-    threads: bool
-
-    def factor(self, pointers: LocalInts, rows: LocalInts) -> Factor:
-        """Analyse a pattern, which is kept."""
-
-    def order(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-        """Return a fill-reducing order of elimination."""
-
-    def bisect(self, pointers: LocalInts, rows: LocalInts) -> LocalInts:
-        """Return the half 0 or 1 of each row, 2 on the separator."""
-
-
-class CompiledCholmod:
-    """CHOLMOD by the compiled calls; see `Cholmod`.
-
-    Args:
-        module: The compiled calls.
-    """
-
     source, threads = "its header", True
 
     def __init__(self, module: Any) -> None:
         self._module = module
 
-    def factor(self, pointers: LocalInts, rows: LocalInts) -> Factor:
+    def factor(self, pointers: LocalInts, rows: LocalInts) -> Cholesky:
         """Analyse a pattern, which is kept."""
         return Cholesky(self._module, pointers, rows)
 
@@ -308,14 +266,9 @@ class CompiledCholmod:
 
 
 class Cholesky:
-    """Factor of one symmetric matrix by the compiled calls; see `Factor`.
+    """Factor L Lᵀ of one symmetric matrix, in the order of its rows, by the compiled calls.
 
-    Args:
-        module: The compiled calls.
-        pointers, rows: Pattern, see `Cholmod`. Both are kept.
-
-    Raises:
-        TorosError: Too little memory.
+    Too little memory is a TorosError.
     """
 
     def __init__(self, module: Any, pointers: LocalInts, rows: LocalInts) -> None:
@@ -328,7 +281,10 @@ class Cholesky:
         _check(status[0], self.size)
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the values of the lower triangle; return whether that works."""
+        """Factorise for the values of the lower triangle; return whether it is positive definite.
+
+        CHOLMOD stops at the first pivot that is not positive; there are no factors then.
+        """
         status = self._lib.toros_factorise(self._factor, self._numbers(values))
         _check(status, self.size)
         return bool(status == OK)
@@ -363,3 +319,7 @@ def _check(status: int, size: int) -> None:
             f"CHOLMOD failed on the tangent of {size} unknowns with status {status}. Take MUMPS "
             "by -toros_pc_factor_mat_solver_type mumps."
         )
+
+
+Factor = Cholesky | cvxopt_cholmod.CvxoptFactor
+Cholmod = CompiledCholmod | cvxopt_cholmod.CvxoptCholmod

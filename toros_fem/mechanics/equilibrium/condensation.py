@@ -45,12 +45,7 @@ class Partition:
 def find_partition(
     comm: MPI.Comm, cholmod: Cholmod, indptr: LocalInts, columns: LocalInts, *, threads: int
 ) -> Partition:
-    """Find the parts of a matrix, for each rank one, or one for each thread of one rank.
-
-    Args:
-        comm, cholmod, indptr, columns: As for `CondensedFactor` (collective).
-        threads: Number of threads of one rank; it has no effect where there are several ranks.
-    """
+    """Find the parts of a matrix of `CondensedFactor`: one for each rank, or thread of one rank."""
     sizes = np.array(comm.allgather(len(indptr) - 1), dtype=np.int64)
     if comm.size > 1:
         part, parts = np.repeat(np.arange(comm.size), sizes), comm.size
@@ -64,7 +59,7 @@ def find_partition(
 
 
 class CondensedFactor:
-    """Factors of a symmetric matrix whose rows are distributed.
+    """Factors of a symmetric matrix whose rows are distributed; all methods are collective.
 
     With I the inner unknowns of a part and B those of the interface that it touches, the part
     factorises the principal submatrix of I and B. B comes last, so that its corner of L holds
@@ -72,16 +67,12 @@ class CondensedFactor:
     K_BI K_II⁻¹ K_IB of all parts; each rank factorises it. The whole matrix is positive definite
     if and only if all of these are.
 
+    The matrix is given by the upper triangle of the owned rows: `indptr` and global `columns`,
+    sorted, the diagonal first.
+
     Attributes:
         parts: Number of parts on all ranks.
         interface: Global numbers of the interface's unknowns.
-
-    Args:
-        comm: Communicator; all methods are collective.
-        cholmod: Calls of CHOLMOD.
-        indptr, columns: Upper triangle of the owned rows: global columns, sorted, the diagonal
-            first.
-        partition: The parts, of which each rank factorises its own.
     """
 
     def __init__(
@@ -114,26 +105,20 @@ class CondensedFactor:
         mine = at[begin : begin + size]
         self._own = np.flatnonzero(mine >= 0), mine[mine >= 0]
         keep = np.flatnonzero(~on)
-        all_rows = np.concatenate([rows[keep], shared[:, 0]])
-        all_columns = np.concatenate([columns[keep], shared[:, 1]])
-        source = np.concatenate([keep, len(rows) + np.arange(len(shared))])
-        # The last number stands for the zeros of the dense corner.
-        self._values = np.zeros(len(rows) + len(shared) + 1)
+        own = np.stack([rows[keep], columns[keep], keep])
+        others = np.stack([*shared.T, len(rows) + np.arange(len(shared))])
+        entries, zero = np.hstack([own, others]), len(rows) + len(shared)
+        self._values = np.zeros(zero + 1)
         with together(comm):
             self._parts = [
-                _Part(cholmod, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
-                      source, len(self._values) - 1, begin)
+                _Part(cholmod, np.flatnonzero((part == p) & (at < 0)), at, entries, zero, begin)
                 for p in numbers
-            ]  # fmt: skip
+            ]
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self._schur: Floats = np.zeros((count, count))
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the entries of the owned rows; return whether all is positive definite.
-
-        Raises:
-            TorosError: Too little memory, on any rank.
-        """
+        """Factorise for the entries of the owned rows; return whether all is positive definite."""
         comm, count = self._comm, len(self.interface)
         self._values[: len(values)] = values
         shared = self._values[len(values) : -1]
@@ -191,24 +176,18 @@ class CondensedFactor:
 class _Part:
     """Inner unknowns of one part, with its interface behind them in reversed order.
 
+    `inner` are their global numbers, `begin` the first one of this rank, and `at` the place of each
+    global number in the interface, −1 for none. Entries have global rows and columns, and the
+    place of their value, (3, k); `zero` is that of a zero.
+
     Attributes:
         place: Places in the interface that the part touches.
-
-    Args:
-        cholmod: Calls of CHOLMOD.
-        inner: Global numbers of the inner unknowns.
-        at: Place of each global number in the interface, −1 for none.
-        rows, columns: Global places of entries.
-        source: Where their values will lie.
-        zero: Where a zero will lie.
-        begin: First global number of this rank.
     """
 
     def __init__(
-        self, cholmod: Cholmod, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
-        zero: int, begin: int,
-    ) -> None:  # fmt: skip
-        size = len(inner)
+        self, cholmod: Cholmod, inner: Ints, at: Ints, entries: Ints, zero: int, begin: int
+    ) -> None:
+        size, (rows, columns, source) = len(inner), entries
         number: Ints = np.full(len(at), -1, dtype=np.int64)
         number[inner] = np.arange(size)
         # Only what the part touches of the interface.
@@ -270,14 +249,9 @@ class _Part:
 
 
 def _lower(rows: Ints, columns: Ints, size: int) -> tuple[LocalInts, LocalInts, Ints]:
-    """Return the first columns of a lower triangle in compressed form, from one half of it.
+    """Return pointers and rows of the first columns of a lower triangle, and their entries.
 
-    Args:
-        rows, columns: Places of its entries or of their mirror images, each once.
-        size: Number of the columns.
-
-    Returns:
-        Pointers and rows; and for each of these the number of its entry.
+    Rows and columns are places of its entries or of their mirror images, each once.
     """
     first, second = np.minimum(rows, columns), np.maximum(rows, columns)
     shape = (size, int(second.max(initial=-1)) + 1)

@@ -75,11 +75,7 @@ def too_little_memory(size: int) -> TorosError:
 
 
 class CvxoptCholmod:
-    """CHOLMOD by cvxopt; see `Cholmod`.
-
-    Args:
-        metis: File of the library METIS, with integers of 32 bits.
-    """
+    """CHOLMOD by cvxopt, see `CompiledCholmod`, and the library METIS with integers of 32 bits."""
 
     source, threads = "cvxopt", False
 
@@ -118,15 +114,9 @@ class CvxoptCholmod:
 
 
 class CvxoptFactor:
-    """Factor of one symmetric matrix by cvxopt; see `Factor`.
+    """Factor of one symmetric matrix by cvxopt; see `Cholesky`.
 
-    Args:
-        pointers, rows: Pattern, see `Cholmod`.
-        order: Order of elimination.
-        postorder: Whether CHOLMOD may change it to an equivalent one, of larger supernodes.
-
-    Raises:
-        TorosError: Too little memory.
+    With `postorder` CHOLMOD may change the order to an equivalent one, of larger supernodes.
     """
 
     def __init__(

@@ -119,7 +119,6 @@ def _folds(model: SkinModel, state: Floats) -> int:
 
 
 def _inside_out(model: SkinModel, volumes: Floats) -> str:
-    """Return what encloses a negative volume, in words; empty if nothing does."""
     if model.pressure is None or not len(volumes) or volumes.min() >= 0:
         return ""
     chambers, least = model.pressure.chambers, f"{volumes.min():.3g} m³"
@@ -156,13 +155,8 @@ def failure(
 ) -> str:
     """Return the sentence for a failure: why, how far the load came, the remedy (collective).
 
-    Args:
-        model: The skin's model.
-        end: Last equilibrium, its load factor, and outcome of the last attempt.
-        load: The requested load.
-        tried: State where the last attempt ended.
-        max_steps: Largest number of steps of an attempt.
-        once: Whether there was one attempt at the full load and no continuation.
+    `end` is the last equilibrium, and `tried` the state where the last attempt ended; `once` tells
+    that there was one attempt at the full load, without continuation.
     """
     if end.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
         return (

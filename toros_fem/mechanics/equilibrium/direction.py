@@ -27,14 +27,9 @@ class Direction:
     """Hooks of the SNES, its KSP and its line search that make Newton's step.
 
     Attributes:
-        at: The solve.
         newton, own_factors: Whether SNES and preconditioner are those of this package, and no
             option chooses others.
         reuses: Whether both are, so that older factors may serve.
-
-    Args:
-        at: The solve.
-        snes: With its options.
     """
 
     def __init__(self, at: Iteration, snes: PETSc.SNES) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.contact.sliding import Sliding
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.skin.load import Load
 
@@ -32,10 +31,8 @@ class Equilibrium:
         complete: Whether the state was proven stable; `EquilibriumSolver.finish` completes a trial.
         load_factor: Fraction of the requested load that acts on `state`.
         reason: Why the solve ended, as a sentence.
-        pressure: Pressure of `state` in Pa, the largest of all chambers.
         pressures: Pressure of each chamber in Pa.
         energy: Energy of eq. (8) in J, less the work of dead forces from the assembled positions.
-        volume: Enclosed volume in m³.
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
@@ -64,10 +61,8 @@ class Equilibrium:
     complete: bool
     load_factor: float
     reason: str
-    pressure: float
     pressures: tuple[float, ...]
     energy: float
-    volume: float
     volumes: tuple[float, ...]
     stretch_use: float
     residual: float
@@ -78,10 +73,20 @@ class Equilibrium:
     modified_steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
-    begin: Sliding | None = None
-    sliding: Sliding | None = None
+    begin: Floats | None = None
+    sliding: Floats | None = None
     before: PathPoint | None = None
     definite: bool = True
+
+    @property
+    def pressure(self) -> float:
+        """Pressure of `state` in Pa, the largest of all chambers."""
+        return max(self.pressures)
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume in m³."""
+        return sum(self.volumes)
 
     @property
     def point(self) -> PathPoint:
@@ -98,7 +103,7 @@ class Equilibrium:
         found = {name: getattr(self, name) for name in SAVED}
         found["condition"] = asdict(self.condition)
         found["history"] = [asdict(row) for row in self.history]
-        found["begin"] = None if self.begin is None else self.begin.anchors.tolist()
+        found["begin"] = None if self.begin is None else self.begin.tolist()
         found["weight_fraction"] = self.load.weight_fraction
         found["bodies_fraction"] = self.load.bodies_fraction
         return found
@@ -112,10 +117,8 @@ def readings(model: SkinModel, state: Floats) -> dict[str, Any]:
     return {
         "state": state,
         "positions": model.positions(state),
-        "pressure": model.load.largest,
         "pressures": tuple(float(p) for p in model.load.pressures),
         "energy": model.energy(state),
-        "volume": sum(volumes),
         "volumes": volumes,
         "stretch_use": model.bounds.worst(model.corners(state)),
         "smallest_distance": None if contact is None else contact.gap(state),
@@ -141,7 +144,7 @@ def numbers_read(numbers: Mapping[str, Any]) -> dict[str, Any]:
     found["condition"] = Condition(**numbers["condition"])
     found["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
     anchors = numbers["begin"]
-    found["begin"] = None if anchors is None else Sliding(np.array(anchors))
+    found["begin"] = None if anchors is None else np.array(anchors)
     return found
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import dot, norm
+from toros_fem.base.mpi import dot, norm, smallest
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
-from toros_fem.mechanics.equilibrium.points import Point, Points
-from toros_fem.mechanics.equilibrium.shift import ShiftLadder
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftLadder, TangentFactor
 
 # PETSc's reason where a residual is not finite; its name is another one from 3.25.
 NO_NUMBER = -4
@@ -25,6 +24,9 @@ UNRESOLVED, STUCK, RESOLVED = 1e-5, 0.5, 1e-9
 # Where rounding hides a step's gain, it must be the fraction ARMIJO of the predicted one, or leave
 # at most the fraction FLATTER of the slope.
 ARMIJO, FLATTER = 1e-4, 0.9
+
+# States that are kept: the begin of a step, and the last trials.
+KEPT = 3
 
 
 class Iteration:
@@ -40,19 +42,13 @@ class Iteration:
         rounding: Change of the energy in J that rounding may hide.
         tolerance: Residual over the load at which a state is an equilibrium.
         finish: Whether the tangent there must be positive definite; `proven` tells if it is.
-        kind: Of the step, as in `NewtonStep`.
+        kind, iterations: Of the step, as in `NewtonStep`.
         step: Newton's step as far as the bounds allow it, `cap` this part of it, and `longest` its
             largest component in m.
-        iterations: Krylov iterations of the step.
         rate: Fraction of the residual that a modified step would leave.
         predict: Whether the next step may be a modified one from the start; `first` whether this
             one is.
         escapes: Number of saddles that were left.
-
-    Args:
-        model: The skin's model.
-        fraction_to_barrier: Part of the distance to the stretch bounds that a step may use up.
-        log: Called with every row of the history as it comes.
     """
 
     def __init__(
@@ -139,7 +135,7 @@ class Iteration:
 
         Where rounding hides it, it is the work of the mean force.
         """
-        change = self.points.energy(state) - self.base.energy
+        change = self.points.near(state).energy - self.base.energy
         return sum(self._work(state)) / 2 if abs(change) <= self.rounding else change
 
     def merit(self, state: Floats) -> float:
@@ -148,7 +144,7 @@ class Iteration:
         Where rounding hides it, Armijo's rule must hold, or the step must flatten the slope: else
         one that moves nothing would do (Hager & Zhang 2005, eq. 2.4, approximate Wolfe).
         """
-        change = self.points.energy(state) - self.base.energy
+        change = self.points.near(state).energy - self.base.energy
         if not abs(change) <= self.rounding:
             return change
         before, after = self._work(state)
@@ -160,7 +156,7 @@ class Iteration:
     def _work(self, state: Floats) -> tuple[float, float]:
         """Return the work in J of the forces at the begin and at a state, on the way to it."""
         moved = state - self.base.state
-        residual = self.points.residual(state)
+        residual = self.points.near(state).residual
         return dot(self.comm, self.base.residual, moved), dot(self.comm, residual, moved)
 
     def cap_of(self, state: Floats, step: Floats) -> float:
@@ -194,3 +190,58 @@ class Iteration:
     def force_rounding(self) -> float:
         """Return the norm in N by which rounded positions may change the residual."""
         return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
+
+
+class Point:
+    """A state with its energy in J, its residual in N, and its norm, each evaluated once."""
+
+    def __init__(self, model: SkinModel, state: Floats) -> None:
+        self._model, self.state = model, np.array(state)
+
+    @cached_property
+    def energy(self) -> float:
+        """Energy, infinite outside the stretch bounds."""
+        return self._model.energy(self.state)
+
+    @cached_property
+    def residual(self) -> Floats:
+        """First variation, zero at fixed components."""
+        return self._model.residual(self.state)
+
+    @cached_property
+    def size(self) -> float:
+        """Norm of the residual."""
+        return norm(self._model.skin.comm, self.residual)
+
+
+class Points:
+    """The last states of a model (collective)."""
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model = model
+        self._known: list[Point] = []
+
+    def forget(self) -> None:
+        """Forget all: the model has another load, design or friction now."""
+        self._known.clear()
+
+    def same(self, one: Floats, two: Floats) -> bool:
+        """Return whether two states are equal to the last bit, on all ranks."""
+        return smallest(self._model.skin.comm, np.array_equal(one, two)) > 0
+
+    def near(self, state: Floats) -> Point:
+        """Return a point, of which what is asked for is evaluated while the model is as it is."""
+        for place, known in enumerate(reversed(self._known), start=1):
+            if self.same(known.state, state):
+                self._known.append(self._known.pop(-place))
+                return known
+        self._known.append(Point(self._model, state))
+        del self._known[:-KEPT]
+        return self._known[-1]
+
+    def at(self, state: Floats) -> Point:
+        """Return a point that stays as it is, whatever becomes of the model."""
+        found = self.near(state)
+        assert found.energy is not None
+        assert found.size is not None
+        return found

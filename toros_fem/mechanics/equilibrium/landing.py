@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from toros_fem.base.mpi import dot
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import dot, norm
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.direction import Direction
 from toros_fem.mechanics.equilibrium.iteration import (
     NO_NUMBER,
@@ -14,9 +16,9 @@ from toros_fem.mechanics.equilibrium.iteration import (
     STUCK,
     UNRESOLVED,
     Iteration,
+    Point,
 )
-from toros_fem.mechanics.equilibrium.points import Point
-from toros_fem.mechanics.equilibrium.saddle import softest_mode
+from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 
 # A step that leaves more of the residual than this fraction is corrected, so that the stiff parts
 # relax.
@@ -29,15 +31,15 @@ ESCAPES, SMALLEST_ESCAPE = 10, 1e-10
 
 Reason = PETSc.SNES.ConvergedReason
 
+# Part of the diagonal that makes a saddle's tangent positive definite: the first and the largest.
+FIRST_DIAGONAL, LARGEST_DIAGONAL = 1e-8, 1e6
+ITERATIONS = 20
+# Length of the mode over the skin's size.
+LENGTH = 0.01
+
 
 class Landing:
-    """The convergence test of the SNES, and what it does to the state before.
-
-    Args:
-        at: The solve.
-        direction: How its steps were found.
-        snes: With its options.
-    """
+    """The convergence test of the SNES, and what it does to the state before."""
 
     def __init__(self, at: Iteration, direction: Direction, snes: PETSc.SNES) -> None:
         self.at, self._direction, self._snes = at, direction, snes
@@ -96,7 +98,6 @@ class Landing:
         return None, new
 
     def _part(self, found: Point) -> float:
-        """Return the part of the allowed step that the line search took."""
         at = self.at
         if at.points.same(found.state, at.base.state - at.step):
             return 1.0  # the difference of two states may have no digits left
@@ -151,10 +152,8 @@ class Landing:
     def _stuck(self, size: float) -> bool:
         """Return whether rounding limits the residual: Newton's whole step is negligible.
 
-        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
-
-        Args:
-            size: Norm of the residual after the whole step; infinite if it was shortened.
+        Where stretching is far stiffer than bending, its rounding alone may exceed the load. `size`
+        is the norm after the whole step; infinite if it was shortened.
         """
         at = self.at
         if not at.exact or at.residual > UNRESOLVED or size <= STUCK * at.base.size:
@@ -192,7 +191,7 @@ class Landing:
             if at.model.contact is not None and at.cap_of(new.state, change) < 1:
                 break
             state = new.state + change
-            if not at.points.energy(state) < new.energy:
+            if not at.points.near(state).energy < new.energy:
                 break
             new = at.points.at(state)
         return new
@@ -207,7 +206,7 @@ class Landing:
         fraction = at.cap_of(saddle.state, mode)
         while fraction > SMALLEST_ESCAPE:
             state = saddle.state + fraction * mode
-            if at.points.energy(state) - saddle.energy < -at.rounding:
+            if at.points.near(state).energy - saddle.energy < -at.rounding:
                 at.record("escape", fraction)
                 return at.points.at(state)
             fraction /= 2
@@ -233,3 +232,25 @@ class Landing:
             return half
         at.lag(point.state)
         return at.points.at(point.state)
+
+
+def softest_mode(model: SkinModel, factor: TangentFactor, residual: Floats, seed: int) -> Floats:
+    """Return the mode of smallest curvature by inverse iteration, against a residual (collective).
+
+    The curvature is measured by the diagonal: the material part would hide the buckling mode. The
+    tangent must be assembled.
+    """
+    comm, diagonal = model.skin.comm, FIRST_DIAGONAL
+    while not factor.factorise(diagonal=diagonal) and diagonal < LARGEST_DIAGONAL:
+        diagonal *= 4
+    # A start that is the same on any number of ranks: drawn by assembled vertex.
+    generator = np.random.default_rng(seed)
+    drawn = generator.standard_normal(model.skin.pattern.points.shape)
+    mode = model.state_of(drawn[model.skin.owned_vertices])
+    if model.contact is not None:
+        model.contact.set_motions(mode, generator.standard_normal((model.free_bodies, 6)))
+    for _ in range(ITERATIONS):
+        mode = factor.solve(factor.scale * mode)
+        mode /= norm(comm, mode)
+    mode *= -1.0 if dot(comm, mode, residual) > 0 else 1.0
+    return LENGTH * model.skin.pattern.size * mode

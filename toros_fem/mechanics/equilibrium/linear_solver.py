@@ -6,16 +6,16 @@ import os
 import weakref
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_matrix
 
-from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.array_types import Floats, Ints, LocalInts
+from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium import cholmod
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
-from toros_fem.mechanics.equilibrium.full_tangent import FullTangent
-from toros_fem.mechanics.equilibrium.mumps import MumpsFactor
 from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
 # Fraction of the diagonal that is added to M.
@@ -24,16 +24,29 @@ PACKAGES = ("cholmod", "mumps")
 # Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
 LARGEST_INTERFACE = 4000
 
+FIRST_SHIFT, LARGEST_SHIFT, SMALLEST_SHIFT = 0.03, 1e6, 2e-3
+# Factor by which the shift falls after a success, grows where a factorisation fails, and grows
+# where no step lowers the energy.
+DECAY, GROWTH, REFUSED = 32.0, 4.0, 16.0
+
+# Codes of MUMPS' INFOG(1): a request for more working space, and a singular matrix.
+LARGEST_SPACE = 4000
+MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
+SINGULAR = -10
+# Orderings by MUMPS' INFOG(7), after a sequential and after a parallel analysis.
+ORDERINGS = {0: "AMD", 1: "user", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
+PARALLEL_ORDERINGS = {1: "PT-SCOTCH", 2: "ParMETIS"}
+
 
 class TangentFactor:
     """Factorised K + τ M, which exists only where that is positive definite.
 
     M is the tangent's material part: the resistance of strains and curvatures, made positive where
-    stress bends or turns a triangle, without the pressure. For modes that no strain resists, M
-    contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number. A τ of
-    about 1 makes K + τ M positive definite in most states, whatever the contrast, but there is no
-    bound: assembled tubes of 146 to 250 thousand unknowns need 10. Where contact is indefinite, τ
-    also takes a positive semidefinite part of it in its place.
+    stress bends or turns a triangle, without the pressure, and the fraction LEAST of the mean
+    diagonal of each vertex, for modes that no strain resists. τ is a pure number: about 1 is enough
+    in most states, whatever the contrast, but there is no bound; assembled tubes of 146 to 250
+    thousand unknowns need 10. Where contact is indefinite, τ also takes a positive semidefinite
+    part of it in its place.
 
     CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
     (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many
@@ -42,25 +55,21 @@ class TangentFactor:
     Attributes:
         matrix: The matrix of `fill` for PETSc, by its products.
         usable: Whether there are factors, of a state that is not far.
-        package: "cholmod" or "mumps".
         ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
         values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
         count: Numeric factorisations so far, failed ones included.
-        periodic: Rows of a tile's mean deformation gradient; None for a skin that does not repeat.
+        periodic, triangles: Of the `UpperTangent`.
         scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
             fixed, of the last `assemble`.
-
-    Args:
-        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
-        self.periodic = self._tangent.periodic
+        self.periodic, self.triangles = self._tangent.periodic, self._tangent.triangles
         self.count, self.usable = 0, False
-        self._coupled: Floats | None = None
+        self.couple(None)
         self._full: FullTangent | None = None
         self.scale: Floats = np.zeros(model.size_local)
         self._make_entries()
@@ -74,10 +83,9 @@ class TangentFactor:
         self.matrix.setUp()
 
     def _make_entries(self) -> None:
-        self._exact, self._material, self._data, self._convexity = (
+        self._exact, self._material, self._data, self._convex = (
             np.zeros(len(self._tangent.columns)) for _ in range(4)
         )
-        self._touches = False
         self.values: Floats = self._exact
 
     def _choose(self) -> CondensedFactor | MumpsFactor:
@@ -89,7 +97,6 @@ class TangentFactor:
                 f"-{PREFIX}pc_factor_mat_solver_type {wanted} does not factorise K + τM here: take "
                 f"one of {', '.join(PACKAGES)}, or another preconditioner by -{PREFIX}pc_type."
             )
-        self.package = "cholmod"
         calls = None if wanted == "mumps" else cholmod.library(comm)
         if calls is not None:
             threads = _threads() if comm.size == 1 and calls.threads else 1
@@ -100,7 +107,6 @@ class TangentFactor:
             if len(partition.interface) <= LARGEST_INTERFACE:
                 self._source = calls.source
                 return CondensedFactor(comm, calls, *pattern, partition)
-        self.package = "mumps"
         return MumpsFactor(comm, *pattern)
 
     def describe(self) -> str:
@@ -116,9 +122,7 @@ class TangentFactor:
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
-        self._model.grow_pairs(state)
-        if self._tangent.outgrown:
-            self._tangent = UpperTangent(self._model, self._tangent.blocks)
+        if self._tangent.grow(state):
             self._make_entries()
             self._outgrown = True
         self._tangent.assemble(state, self._exact)
@@ -137,18 +141,17 @@ class TangentFactor:
 
         With a shift, the contact's part of K is a positive semidefinite one: less is left for M.
         """
-        self.values = self._exact
+        self.values, contact = self._exact, self._model.contact
         if shift:
             if not self._has_material:
+                if contact is not None:
+                    self._tangent.assemble_convex(self._state, self._convex)
                 self._tangent.assemble(self._state, self._material, geometric=0.0)
                 self._material[self._tangent.diagonal] += LEAST * self.scale
                 self._has_material = True
-                self._touches = self._tangent.convexity_gap(self._state, self._convexity)
             self.values = self._data
             np.multiply(self._material, shift, out=self.values)
-            self.values += self._exact
-            if self._touches:
-                self.values += self._convexity
+            self.values += self._exact if contact is None else self._convex
         if diagonal:
             if not shift:
                 self._data[:] = self._exact
@@ -163,25 +166,21 @@ class TangentFactor:
         self._full = self._full or FullTangent(self._model.skin.comm, self._model.size_local)
         return self._full.matrix
 
-    def couple(self, state: Floats | None) -> None:
+    def couple(self, state: Floats | None, *, transposed: bool = False) -> None:
         """Add the derivative of friction by normal forces to `matrix`; None takes it off.
 
         It is not symmetric.
         """
-        self._coupled = state
+        self._coupled, self._transposed = state, transposed
 
     def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
         self.count += 1
-        self._analyse()
+        if self._outgrown:  # contact has changed the pattern since it was analysed
+            self._factors, self._outgrown = self._choose(), False
         self.usable = self._factors.factorise(self.values)
         return self.usable
-
-    def _analyse(self) -> None:
-        """Analyse the pattern anew where contact has changed it since."""
-        if self._outgrown:
-            self._factors, self._outgrown = self._choose(), False
 
     def multiply(self, x: Floats) -> Floats:
         """Return K x with the last assembled K, without shift, zero at fixed components."""
@@ -198,8 +197,10 @@ class TangentFactor:
     def multiply_filled(self, x: Floats) -> Floats:
         """Return the product of the matrix of `fill` with a vector."""
         product = self._tangent.multiply(self.values, x)
-        if self._coupled is not None:
-            product += self._model.friction_coupling(self._coupled, x)
+        contact, free = self._model.contact, self._model.free
+        if self._coupled is not None and contact is not None:
+            transposed = self._transposed
+            product += free * contact.coupling(self._coupled, x * free, transposed=transposed)
         return product
 
 
@@ -211,19 +212,205 @@ class _Matrix:
     """
 
     def __init__(self, factor: TangentFactor) -> None:
-        self._factor = weakref.ref(factor)
+        self._factor = weakref.proxy(factor)
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Multiply."""
-        factor = self._factor()
-        assert factor is not None
-        y.array_w[:] = factor.multiply_filled(x.array_r)
+        y.array_w[:] = self._factor.multiply_filled(x.array_r)
 
     # The matrix is symmetric; line searches ask for this.
     multTranspose = mult  # noqa: N815
 
 
 def _threads() -> int:
-    """Return the number of threads that the user allows."""
     text = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
     return int(text) if text.isdigit() and int(text) > 0 else 1
+
+
+class FullTangent:
+    """A symmetric matrix of type AIJ, for preconditioners of PETSc; its object stays the same."""
+
+    def __init__(self, comm: MPI.Comm, size: int) -> None:
+        self.matrix = PETSc.Mat().createAIJ(((size, None), (size, None)), comm=comm)
+        self.matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        self.matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.matrix.setUp()
+
+    def fill(self, indptr: LocalInts, columns: LocalInts, values: Floats) -> None:
+        """Set all entries from the upper triangle, whose pattern may have grown."""
+        matrix, (begin, end) = self.matrix, self.matrix.getOwnershipRange()
+        shape = (end - begin, matrix.getSize()[1])
+        lower = csr_matrix((values, columns, indptr), shape=shape).T.tocsr()
+        rows: Ints = np.flatnonzero(np.diff(lower.indptr))  # of any rank
+        pointers = np.append(lower.indptr[rows], lower.nnz).astype(PETSc.IntType)
+        matrix.zeroEntries()
+        matrix.setValuesCSR(indptr, columns, values)
+        matrix.setValuesIJV(
+            pointers,
+            (lower.indices + begin).astype(PETSc.IntType),
+            lower.data,
+            rowmap=rows.astype(PETSc.IntType),
+        )
+        matrix.assemble()
+
+
+class ShiftLadder:
+    """The shift of a factorisation, from which the next one begins.
+
+    Attributes:
+        shift: τ of the last factorisation.
+        first: The shift with which a solve near the last one begins: neighbouring designs need
+            like shifts in their first steps.
+        definite: Whether no shift was needed since `reset`.
+        renew: Whether the preconditioner factorises; else it keeps the factors that it has.
+    """
+
+    def __init__(self, factor: TangentFactor) -> None:
+        self.factor = factor
+        self.first, self.renew = 0.0, True
+        self.reset(near=False)
+
+    def reset(self, *, near: bool) -> None:
+        """Begin a solve, near the last one or not: that one may have failed far away."""
+        self.shift = self.first if near else 0.0
+        # A smaller shift is worth a factorisation only if the last try of one succeeded.
+        self._refused = self.shift > 0
+        self._begins = self.definite = True
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the shift cannot grow any more."""
+        return self.shift >= LARGEST_SHIFT / 8
+
+    def factorise(self) -> bool:
+        """Factorise with the smallest shift that leaves no negative pivot; return whether one does.
+
+        The tangent must be assembled (collective).
+        """
+        shift = self.shift if self._refused else self.shift / DECAY
+        shift = shift if shift >= SMALLEST_SHIFT else 0.0
+        refused, found = False, self.factor.factorise(shift)
+        while not found and shift < LARGEST_SHIFT:
+            shift = max(FIRST_SHIFT, GROWTH * shift) if shift else max(FIRST_SHIFT, self.shift)
+            refused, found = True, self.factor.factorise(shift)
+        if self._begins:
+            lower = shift / GROWTH if shift >= GROWTH * SMALLEST_SHIFT else 0.0
+            self._begins, self.first = False, shift if refused else lower
+        self._refused = refused and not self._refused
+        self.definite &= shift == 0
+        self.shift = shift
+        return found
+
+    def enlarge(self) -> None:
+        """Let the next factorisation begin with a larger shift: no step lowered the energy."""
+        self.shift, self._refused = max(FIRST_SHIFT, REFUSED * self.shift), True
+
+
+class ShiftedCholesky:
+    """Preconditioner of PETSc's type "python": factors of K + τM.
+
+    PETSc holds it out of sight of Python's garbage collector: without the weak reference no solver
+    would ever be freed.
+    """
+
+    def __init__(self, ladder: ShiftLadder) -> None:
+        self._ladder = weakref.proxy(ladder)
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        """Factorise, unless older factors are to serve."""
+        ladder = self._ladder
+        if ladder.renew:
+            ladder.renew = False  # PETSc asks again, as a shift changes the matrix
+            reasons = PETSc.PC.FailedReason
+            found = ladder.factorise()
+            pc.setFailedReason(reasons.NOERROR if found else reasons.FACTOR_NUMERIC_ZEROPIVOT)
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Solve."""
+        y.array_w[:] = self._ladder.factor.solve(x.array_r)
+
+    def view(self, _: PETSc.PC, viewer: PETSc.Viewer) -> None:
+        """Say what factorises."""
+        ladder = self._ladder
+        viewer.printfASCII(f"    {ladder.factor.describe()}, last shift {ladder.shift:g}\n")
+
+
+class MumpsFactor:
+    """Factors LDLᵀ of a symmetric matrix, as of `CondensedFactor`; all methods are collective.
+
+    Attributes:
+        ordering: Fill-reducing ordering that MUMPS used.
+    """
+
+    def __init__(self, comm: MPI.Comm, indptr: LocalInts, columns: LocalInts) -> None:
+        self._comm = comm
+        self._indptr, self._columns = indptr, columns
+        self._data: Floats = np.zeros(len(columns))
+        size = len(indptr) - 1
+        self._upper = PETSc.Mat().createAIJWithArrays(
+            ((size, None), (size, None)), (indptr, columns, self._data), comm=comm
+        )
+        self._upper.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._upper.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        self._rhs, self._solution = self._upper.createVecRight(), self._upper.createVecLeft()
+        self._pc = PETSc.PC().create(comm)
+        self._pc.setOperators(self._upper)
+        self._pc.setType(PETSc.PC.Type.CHOLESKY)
+        self._pc.setFactorSolverType("mumps")
+        self._pc.setFactorSetUpSolverType()
+        factor = self._pc.getFactorMatrix()
+        factor.setOptionsPrefix(PREFIX)
+        factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
+        self._space = 60
+        factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
+        # The analysis is done once, on the identity, where it cannot fail.
+        identity: Floats = np.zeros(len(columns))
+        identity[indptr[:-1]] = 1.0
+        self._update(identity)
+        self._pc.setUp()
+        names = PARALLEL_ORDERINGS if factor.getMumpsInfog(32) == 2 else ORDERINGS
+        code = factor.getMumpsInfog(7)
+        self.ordering = names.get(code, str(code))
+
+    def factorise(self, values: Floats) -> bool:
+        """Factorise for the entries of the owned rows; return whether all is positive definite.
+
+        Raises:
+            TorosError: MUMPS failed for another reason, such as too little memory.
+        """
+        self._update(values)
+        self._pc.setOperators(self._upper)
+        self._pc.setUp()
+        factor = self._pc.getFactorMatrix()
+        code = factor.getMumpsInfog(1)
+        if code in MORE_SPACE and self._space < LARGEST_SPACE:
+            self._space *= 4
+            factor.setMumpsIcntl(14, self._space)
+            return self.factorise(values)
+        if code < 0 and code != SINGULAR:
+            raise TorosError(
+                f"MUMPS could not factorise the tangent of {self._upper.getSize()[0]} unknowns: "
+                f"INFOG(1) = {code}, INFOG(2) = {factor.getMumpsInfog(2)}. If memory ran out "
+                "(-13), use a coarser mesh or more ranks on other machines."
+            )
+        return code != SINGULAR and factor.getMumpsInfog(12) == 0
+
+    @property
+    def negative_pivots(self) -> int | None:
+        """Number of negative pivots of MUMPS' last factors; None where the matrix is singular."""
+        factor = self._pc.getFactorMatrix()
+        singular = factor.getMumpsInfog(1) == SINGULAR
+        return None if singular else int(factor.getMumpsInfog(12))
+
+    def solve(self, rhs: Floats) -> Floats:
+        """Solve with the last factors, for and at the owned unknowns."""
+        self._rhs.array[:] = rhs
+        self._pc.getFactorMatrix().solve(self._rhs, self._solution)
+        return np.array(self._solution.array_r)
+
+    def _update(self, values: Floats) -> None:
+        if self._comm.size == 1:
+            self._data[:] = values  # the matrix reads this array itself
+            self._upper.stateIncrease()
+        else:
+            self._upper.setValuesCSR(self._indptr, self._columns, values)
+            self._upper.assemble()

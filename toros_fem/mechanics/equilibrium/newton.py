@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.equilibrium.continuation import Attempt, NewtonStep
 from toros_fem.mechanics.equilibrium.direction import (
     COUPLED_ITERATIONS,
     COUPLED_LEFT,
@@ -19,8 +20,7 @@ from toros_fem.mechanics.equilibrium.direction import (
 )
 from toros_fem.mechanics.equilibrium.iteration import Iteration
 from toros_fem.mechanics.equilibrium.landing import Landing
-from toros_fem.mechanics.equilibrium.narrowing import into_bounds
-from toros_fem.mechanics.equilibrium.newton_step import NewtonResult, NewtonStep
+from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.petsc_options import (
     PREFIX,
@@ -28,51 +28,37 @@ from toros_fem.mechanics.equilibrium.petsc_options import (
     tell_unused,
     with_defaults,
 )
-from toros_fem.mechanics.equilibrium.shift import ShiftedCholesky
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
 
 # Residual over the applied load at which a trial's objective is known well enough.
 TRIAL_TOLERANCE = 1e-6
 # PETSc's limits on failed line searches and linear solves: the hooks decide.
 UNLIMITED = 1_000_000
 
+# Kinds of steps near the end that cost little.
+OLDER = ("modified", "coupled")
+
 Reason = PETSc.SNES.ConvergedReason
+
+# Each round is solved for up to this residual over the load.
+APPROACHED, ROUNDS = 0.1, 60
 
 
 class Newton:
     """Newton's method on E from a start, at the load and density set in the model.
 
     SNES is of type "newtonls": KSP solves (K + τM) p = r, and the line search `bt` halves the step
-    until the energy falls. The hooks hold what PETSc has not:
-
-    - **Shift** (`shift.py`). The preconditioner factorises K + τM with the smallest τ of a ladder
-      that leaves no negative pivot. M is K's material part: it resists strains, not the large
-      rotations by which slender skins snap. Where no step lowers the energy, τ grows.
-    - **Older factors** (`direction.py`) precondition CG; K is factorised only where few iterations
-      are not enough. Near the end, and at the start with the factors of a neighbouring
-      equilibrium, modified steps reuse K too. With friction GMRES takes the place of CG, and near
-      the end K has the derivative by normal forces, which is not symmetric.
-    - **Step limit**, in the pre-check of the line search: a step uses up a part of the distance to
-      the stretch bounds, and nothing passes through anything.
-    - **Correction** (`landing.py`). A long step stretches the triangles that it turns. A second
-      solve with the same factors mends that (the second-order correction of constrained
-      optimisation).
-    - **Rounding.** Where energies differ by less than their rounding, the work of the mean force
-      tells the difference.
-    - **Proof**, in the convergence test: a state is an equilibrium where K is positive definite and
-      the residual is below the tolerance times the applied load, or below the rounding of the
-      positions. A saddle is left along its softest mode. Where rounding keeps the residual from
-      falling further, STAGNATED is enough, or UNRESOLVED where Newton's step is negligible.
+    until the energy falls. The hooks hold what PETSc has not, as docs/theory/equilibrium.md lists
+    them. A state is an equilibrium where K is positive definite and the residual is below the
+    tolerance times the applied load, or below the rounding of the positions. Where rounding keeps
+    the residual from falling further, STAGNATED is enough, or UNRESOLVED where Newton's step is
+    negligible.
 
     Attributes:
-        model: As given.
         factor: The factorised tangent; after success it is that at the equilibrium.
         ladder: Its shift.
         tolerance, max_steps: Those of the options, or of PETSc's options.
-
-    Args:
-        model: The skin's model.
-        options: Tolerance and limits.
-        log: Called with every row of the history as it comes, on every rank.
+        least_increment: Of a continuation.
     """
 
     def __init__(
@@ -81,7 +67,7 @@ class Newton:
         options: NewtonOptions,
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
-        self.model = model
+        self.model, self.least_increment = model, options.min_increment
         self._at = at = Iteration(model, options.fraction_to_barrier, log)
         self.factor, self.ladder = at.factor, at.ladder
         self._x, self._f = at.factor.matrix.createVecs()
@@ -143,17 +129,15 @@ class Newton:
         near: bool = False,
         max_steps: int | None = None,
         trial: bool = False,
-    ) -> NewtonResult:
-        """Find a stable equilibrium near a start (collective).
+    ) -> Attempt:
+        """Find a stable equilibrium near a start; the tangent is factorised there (collective).
 
         Args:
             start: Owned unknowns.
             near: Whether the start is the equilibrium of a neighbouring design or load.
             max_steps: Largest number of steps; None takes that of the options.
-            trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable.
-
-        Returns:
-            If it converged and is no trial, the tangent at its state is factorised.
+            trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable, and
+                without factors there.
         """
         tolerance = max(self.tolerance, TRIAL_TOLERANCE) if trial else self.tolerance
         self._at.forget(near=near)
@@ -161,7 +145,7 @@ class Newton:
         near &= begin is start
         state, outcome = self.minimise(begin, tolerance, left, near=near, finish=not trial)
         rows = tuple(self._at.history)
-        return NewtonResult(state, outcome, len(rows), rows, self.ladder.definite)
+        return Attempt(state, outcome, len(rows), rows, self.ladder.definite)
 
     def minimise(
         self, start: Floats, tolerance: float, max_steps: int, *, near: bool, finish: bool
@@ -198,7 +182,7 @@ class Newton:
         return self._at.stable(state)
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array_w[:] = self._at.points.residual(x.array_r)
+        f.array_w[:] = self._at.points.near(x.array_r).residual
 
     def _merit(self, _: PETSc.SNES, x: PETSc.Vec) -> float:
         """Return the energy in J less that at the begin of the step."""
@@ -220,3 +204,85 @@ def _weakly(method: Callable[..., Any]) -> Callable[..., Any]:
         return found(*given)
 
     return call
+
+
+class Attempts:
+    """Sequence of solves; each uses the factors of the one before if that converged.
+
+    The first start is `near` if it is the equilibrium of a neighbouring design or load.
+
+    Attributes:
+        history: Rows of all of them.
+        last: Where the last one ended.
+        definite: Whether none of them needed a shift or met a saddle.
+    """
+
+    def __init__(self, solver: Newton, *, near: bool = False) -> None:
+        self._solver, self._near = solver, near
+        self._factorisations = solver.factor.count
+        self.history: list[NewtonStep] = []
+        self.last: Floats | None = None
+        self.definite = True
+
+    def __call__(
+        self, start: Floats, max_steps: int | None = None, *, trial: bool = False
+    ) -> Attempt:
+        """Solve once more; the arguments are those of `Newton` (collective)."""
+        found = self._solver(start, near=self._near, max_steps=max_steps, trial=trial)
+        self._near = found.converged
+        self.history.extend(found.history)
+        self.definite &= found.definite
+        self.last = found.state
+        return found
+
+    @property
+    def steps(self) -> int:
+        """Number of Newton steps, each with the tangent at its state."""
+        return sum(row.step > 0 and row.kind not in OLDER for row in self.history)
+
+    @property
+    def modified_steps(self) -> int:
+        """Number of modified Newton steps, with older factors and no more than a few products."""
+        return sum(row.kind in OLDER for row in self.history)
+
+    @property
+    def factorisations(self) -> int:
+        """Number of factorisations so far, retries with a shift included."""
+        return self._solver.factor.count - self._factorisations
+
+
+def into_bounds(newton: Newton, start: Floats, max_steps: int, *, near: bool) -> tuple[Floats, int]:
+    """Return the start, or a state near it inside the bounds of the density, and the steps left.
+
+    Another density may have had wider bounds. The bounds of the triangles outside are widened,
+    then narrowed in rounds: the tangent predicts the motion by it, and Newton's steps correct
+    that, as in an interior point method. From afar (not `near`) all bounds begin wide: narrow
+    ones would cap every step of the whole skin (collective).
+    """
+    model, bounds, state = newton.model, newton.model.bounds, start
+    if not isinstance(bounds, MixedBounds):
+        return start, max_steps
+    if not bounds.loosen(model.corners(start), everywhere=not near):
+        return start, max_steps
+    for _ in range(ROUNDS):
+        if not bounds.loosened:
+            break
+        first = near and state is start
+        state, outcome = newton.minimise(state, APPROACHED, max_steps, near=first, finish=False)
+        max_steps = max(1, max_steps - newton.steps)
+        if outcome <= 0:
+            break
+        state = _narrowed(newton, state, bounds)
+    bounds.update()
+    return state, max_steps
+
+
+def _narrowed(newton: Newton, state: Floats, bounds: MixedBounds) -> Floats:
+    model = newton.model
+    if not newton.stable(state):
+        bounds.narrow(model.corners(state), None)
+        return state
+    model.set_state(state)
+    motion = -newton.factor.solve(bounds.push() * model.free)
+    fraction = bounds.narrow(model.corners(state), model.corners(motion))
+    return np.asarray(state + fraction * motion)

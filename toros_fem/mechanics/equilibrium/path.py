@@ -37,13 +37,7 @@ SMOOTH_HALVINGS, SMOOTH = 2, 0.35
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
-    """A stable equilibrium of one density and one load.
-
-    Attributes:
-        density: Projected density of the owned triangles.
-        load: The load case.
-        state: Owned unknowns.
-    """
+    """A stable equilibrium of one density and one load, by its owned unknowns."""
 
     density: Floats
     load: Load
@@ -66,12 +60,9 @@ def connect(
 ) -> tuple[bool | None, PathPoint]:
     """Return whether the path between two equilibria jumps, and its end (collective).
 
-    Args:
-        model: The model, left at the end's density and load.
-        newton: Its solver; the tangent at the end is factorised, before and after.
-        attempt: Solves from a start under a load, which the model has.
-        begin, end: The equilibria.
-        definite: Whether there was no negative curvature on the way.
+    The model is left at the end's density and load, and the tangent there is factorised, before and
+    after. `attempt` solves from a start under a load, which the model has; `definite` tells that
+    there was no negative curvature on the way.
     """
     comm, size = model.skin.comm, model.skin.pattern.size
 
@@ -106,16 +97,9 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
 
     The softest mode φ of K and the change of φ·Kφ along the path of equilibria under load give a
     linear estimate. It is exact to first order at a bifurcation. At a limit point the curvature
-    falls as a root, so that the true distance is about half of the estimated one.
-
-    Args:
-        model: The skin's model; density and load are set to those of the point.
-        factor: Factors of K there.
-        at: The equilibrium.
-
-    Returns:
-        A factor within NEAR of 1; None if it is not near, or if supports or
-        bodies move.
+    falls as a root, so that the true distance is about half of the estimated one. Factors of K and
+    the model are those of the point. The result is within NEAR of 1; None if it is not, or if
+    supports or bodies move.
     """
     if not at.load or at.load.displacement is not None or at.load.moves_bodies:
         return None
@@ -150,13 +134,8 @@ def leads_back(
 ) -> bool:
     """Return whether the tangent at the end of a path predicts its begin (collective).
 
-    Across a jump it does not: the path behind the jump leads elsewhere.
-
-    Args:
-        model: The skin's model; it is left at the density and load of the end.
-        factor: Factors of the tangent at the end.
-        begin, end: Equilibria.
-        rest: Part of the motion that the prediction may leave over.
+    Across a jump it does not: the path behind the jump leads elsewhere. The prediction may leave
+    the part `rest` of the motion over. Model and factors are those of the end, before and after.
     """
     comm = model.skin.comm
     model.set_density(begin.density)
@@ -180,12 +159,8 @@ def find_jump(
     """Return whether the state jumps on the way between two equilibria, by halving (collective).
 
     The interval in which the state moves most is halved again and again. On a smooth path the
-    motion in it halves too; at a jump it stays. Each solve starts from the equilibrium before.
-
-    Args:
-        distance: Distance of two states, equal on all ranks.
-        attempt: Solves from a state at a fraction of the way, between 0 and 1.
-        begin, end: Equilibria.
+    motion in it halves too; at a jump it stays. Each solve starts from the equilibrium before, at
+    a fraction of the way.
 
     Returns:
         Whether it jumps, None if a solve on the way fails; and the state that the path reaches at

@@ -67,12 +67,9 @@ def given_options(text: str) -> Iterator[None]:
 
 @contextmanager
 def refusals() -> Iterator[None]:
-    """Turn an error of PETSc in the block into one that names the options.
+    """Turn an error of PETSc in the block into a ParameterError that names the options.
 
     What a hook raised passes as it is.
-
-    Raises:
-        ParameterError: PETSc refused something while options with the prefix were set.
     """
     try:
         yield

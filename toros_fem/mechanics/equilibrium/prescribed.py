@@ -27,9 +27,6 @@ class PrescribedDisplacement:
     free components follow by the harmonic extension over the flat panels, each component by itself:
     on a strip that is pulled this is the exact solution. The pattern is whole on every rank, so
     that each computes the same.
-
-    Args:
-        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -39,10 +36,8 @@ class PrescribedDisplacement:
     def __call__(self, state: Floats, displacement: Floats | None) -> Floats:
         """Return the state with its fixed components in place (collective).
 
-        Args:
-            state: Owned unknowns.
-            displacement: Displacement of each assembled vertex from its assembled position in m,
-                (n, 3), read at fixed components; None leaves them there.
+        The displacement is that of each assembled vertex from its assembled position in m, (n, 3),
+        read at fixed components; None leaves them there.
         """
         model, skin = self._model, self._model.skin
         fixed = ~model.free
@@ -72,17 +67,9 @@ class PrescribedDisplacement:
     ) -> tuple[Floats, float]:
         """Return a state in which bodies and supports have moved as far as nothing meets.
 
-        They move straight. The free components follow as the tangent predicts: what is in contact
-        is pushed along (collective).
-
-        Args:
-            newton: The solver of this model.
-            state: Owned unknowns of an equilibrium under the load of the model.
-            end: Load at the end; only displacement and poses matter.
-            longest: Largest part of the way to go.
-
-        Returns:
-            Owned unknowns, and the part of the way that is gone.
+        They move straight, at most the part `longest` of the way to the load `end`; the part that
+        is gone is returned too. The free components follow as the tangent predicts: what is in
+        contact is pushed along (collective).
         """
         model = self._model
         contact, fixed = model.contact, ~model.free

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Unpack
 
-import numpy as np
-
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
@@ -22,22 +20,19 @@ from toros_fem.base.validation import (
     require_kind,
 )
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import Further, make_model
-from toros_fem.mechanics.contact.sliding import Sliding
-from toros_fem.mechanics.equilibrium.attempts import Attempts
+from toros_fem.mechanics.assembly.model import Further, make_model
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import (
     Equilibrium,
     EquilibriumError,
     numbers_read,
 )
-from toros_fem.mechanics.equilibrium.friction_solve import solve_with_friction
-from toros_fem.mechanics.equilibrium.newton import Newton
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.path import PathPoint
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
-from toros_fem.mechanics.equilibrium.settle import residual_at, settle, sliding_at
 from toros_fem.mechanics.equilibrium.start import relaxed_start, require_apart, start_state
-from toros_fem.mechanics.equilibrium.ways import Search
+from toros_fem.mechanics.equilibrium.tangent_solver import TangentSolver
+from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sliding_at
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin, sew
@@ -48,11 +43,8 @@ SAME_RESIDUAL = 10.0
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
 
-# Less of the smoothing of strains is not taken away, where more is not possible.
-LEAST_PART = 1 / 64
 
-
-class EquilibriumSolver:
+class EquilibriumSolver(TangentSolver):
     """Solver for stable equilibria of a skin, and for linear systems with the tangent there.
 
     Args:
@@ -79,19 +71,16 @@ class EquilibriumSolver:
         log: Callable[[NewtonStep | str], None] | None = None,
         **further: Unpack[Further],
     ) -> None:
-        self.model = make_model(skin, composite, supports, **further)
+        model = make_model(skin, composite, supports, **further)
         require_alike(skin.comm, options=options)
         require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
         if log is not None:
             require_callable("log", log, "a function of a Newton step, or None")
         _warn_of_odd_sheets(skin, composite)
-        self.skin, self.log, self.contact = skin, log, further.get("contact")
-        self._further = further
         self.options = options or NewtonOptions()
-        self._newton = Newton(self.model, self.options, log)
-        self._factor = self._newton.factor
-        self._prescribed = PrescribedDisplacement(self.model)
-        self._at: Equilibrium | None = None  # where the tangent is factorised
+        super().__init__(model, self.options, log)
+        self.log, self.contact, self._further = log, further.get("contact"), further
+        self._prescribed = PrescribedDisplacement(model)
 
     @collective("self.skin.comm", owned=("density", "start", "after", "sliding"))
     def solve(
@@ -101,7 +90,7 @@ class EquilibriumSolver:
         start: Floats | Equilibrium | None = None,
         *,
         after: Equilibrium | None = None,
-        sliding: Sliding | None = None,
+        sliding: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
     ) -> Equilibrium:
@@ -114,11 +103,10 @@ class EquilibriumSolver:
                 rows of a relaxed design.
             load: What acts; a number is a pressure in Pa, several are those of the chambers.
             start: Where the iteration starts: an equilibrium of a neighbouring design or load;
-                owned unknowns; or positions of the owned nodes, (n, 3), for example of a solver
-                with another bending term. Where triangles leave the stretch bounds it is relaxed
-                until they are inside. Fixed components are moved to their prescribed positions.
-                None starts from the assembled positions; with contact, layers that touch there are
-                moved apart first, and displacements count from where they then are.
+                owned unknowns; or positions of the owned nodes, (n, 3). Where triangles leave the
+                stretch bounds it is relaxed until they are inside. Fixed components are moved to
+                their prescribed positions. None starts from the assembled positions; with contact,
+                layers that touch there are moved apart first.
             after: The step before this one on a path: friction goes on from it, and so does the
                 iteration if there is no start.
             sliding: Where the skin sticks at the begin of the step; None takes that of `after`,
@@ -127,21 +115,18 @@ class EquilibriumSolver:
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
-                and a large tolerance, and without proof that the state is stable. `finish`
-                completes it.
+                and a large tolerance, and without proof that the state is stable; see `finish`.
 
         Raises:
-            ParameterError: The load does not fit, the start leaves the stretch bounds (of two
-                materials the wider ones) and cannot be relaxed into them, or surfaces overlap or
-                cross there that may touch.
-            DensityError: The density does not fit, or leaves [0, 1].
+            ParameterError: The start cannot be relaxed into the stretch bounds (of two materials
+                the wider ones), or surfaces overlap or cross there that may touch.
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         comm, model = self.skin.comm, self.model
         given = load_of(load)
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
-        acting, density = given.on(model), model.check(density)
+        acting, density = given.on(model), model.design.check(density)
         start = after if start is None else start
         if after is not None and sliding is None:
             sliding = after.sliding
@@ -158,8 +143,15 @@ class EquilibriumSolver:
                 raise ParameterError("start is an equilibrium of another skin; give its positions.")
         if near is None and not trial:  # a trial may fail
             require_apart(model, state, acting, cold=cold)
-        search = self._search(density.copy(), acting, state, near, trial=trial, direct=trial)
-        search.cold = cold
+        search = Search(
+            self._newton,
+            self._prescribed,
+            PathPoint(density.copy(), acting, state),
+            near,
+            cold=cold,
+            trial=trial,
+            direct=trial,
+        )
         result = self._solve(search, sliding)
         if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
@@ -168,13 +160,9 @@ class EquilibriumSolver:
     def start_at(self, positions: Floats) -> Floats | None:
         """Return positions of the owned nodes that a solve can start from (collective).
 
-        Args:
-            positions: Positions of all assembled vertices, (n, 3), in m, for example of a coarser
-                mesh.
-
-        Returns:
-            These positions, relaxed where they leave the stretch bounds or nearly so; None if that
-            does not help, or if surfaces overlap or cross that may touch.
+        They are the given ones of all vertices, (n, 3) in m, of a coarser mesh for example, relaxed
+        where they leave the stretch bounds or nearly so; None if that does not help, or if surfaces
+        overlap or cross that may touch.
         """
         model = self.model
         found = relaxed_start(model, positions)
@@ -187,11 +175,7 @@ class EquilibriumSolver:
     def finish(self, trial: Equilibrium) -> Equilibrium:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
 
-        Args:
-            trial: A result of this solver; one that is complete is returned as it is.
-
-        Returns:
-            The equilibrium; steps and factorisations are those of the completion alone.
+        Steps and factorisations are those of the completion alone. What is complete stays as it is.
 
         Raises:
             EquilibriumError: There is no stable equilibrium near.
@@ -199,8 +183,7 @@ class EquilibriumSolver:
         require_kind("trial", trial, Equilibrium, "an Equilibrium of this solver")
         if trial.complete:
             return trial
-        start = trial.state.copy()
-        search = self._search(trial.density, trial.load, start, trial, trial=False, direct=True)
+        search = Search(self._newton, self._prescribed, trial.point, trial, direct=True)
         found = self._solve(search, trial.begin)
         if not found.converged:
             raise EquilibriumError(found.reason, found)
@@ -209,8 +192,7 @@ class EquilibriumSolver:
     def save(self, at: Equilibrium) -> tuple[Floats, dict[str, Any]]:
         """Return what `restore` needs: all unknowns by original index, and numbers (collective).
 
-        Args:
-            at: An equilibrium of this solver; of the last one a restored run goes on to the bit.
+        From the last equilibrium of this solver a restored run goes on to the bit.
         """
         numbers = {**at.numbers(), "first_shift": self._newton.ladder.first}
         return self.model.patch.gather(at.state), numbers
@@ -227,15 +209,8 @@ class EquilibriumSolver:
 
         On as many ranks as before, all that follows is the same to the last bit: what one solve
         leaves to the next is the tangent at its end, factorised again here, and its first shift.
-
-        Args:
-            density: As of `solve`.
-            unknowns, numbers: As of `save`; the numbers may have been written as JSON.
-            load: Forces and displacement of the load, which the numbers do not hold; None for none.
-
-        Raises:
-            ParameterError: The unknowns are those of another skin.
-            EquilibriumError: It is no equilibrium any more, and there is none near.
+        Unknowns and numbers, which may have been written as JSON, are those of `save`; forces and
+        displacement are of the load. Where it is no equilibrium any more one near is solved for.
         """
         model, newton = self.model, self._newton
         given = replace(
@@ -245,12 +220,8 @@ class EquilibriumSolver:
             weight_fraction=numbers["weight_fraction"],
             bodies_fraction=numbers["bodies_fraction"],
         )
-        acting, density, state = (
-            given.on(model),
-            model.check(density),
-            model.patch.scatter(unknowns),
-        )
-        read = numbers_read(numbers)
+        acting, density = given.on(model), model.design.check(density)
+        state, read = model.patch.scatter(unknowns), numbers_read(numbers)
         self._set(density, acting, read["begin"], state)
         residual = residual_at(model, newton, state)
         # Another machine may round otherwise, and another load leaves a residual.
@@ -287,11 +258,7 @@ class EquilibriumSolver:
         """Return the solver of the skin with each triangle divided into four (collective).
 
         Supports and chambers are those of the divided triangles: the middle of an edge is fixed
-        where both its ends are.
-
-        Args:
-            finer: The refined pattern.
-            changes: Other arguments of the class, in place of these.
+        where both its ends are. `changes` are other arguments of the class, in place of these.
         """
         chambers = self._further.get("chambers")
         own = {
@@ -303,139 +270,7 @@ class EquilibriumSolver:
             changes["supports"] = self.model.supports.refined(finer)
         return self.like(**{**own, **changes})
 
-    def tangent_at(self, at: Equilibrium) -> None:
-        """Factorise the tangent at an equilibrium, if it is not that already (collective).
-
-        Raises:
-            ParameterError: It is not complete; or its tangent is not positive definite, as that of
-                another solver.
-        """
-        require_kind("at", at, Equilibrium, "an Equilibrium of this solver")
-        if at is self._at:
-            return
-        refusal = ParameterError(
-            "the state is no stable equilibrium of this solver: finish a trial first, and ask the "
-            "solver that found it."
-        )
-        with together(self.skin.comm):
-            if not at.complete or at.state.shape != (self.model.size_local,):
-                raise refusal
-        self._set(at.density, at.load, at.begin, at.state)
-        if not self._newton.stable(at.state):
-            raise refusal
-        self._at = at
-
-    def forget(self) -> None:
-        """Forget where the tangent is factorised: the model is used for something else now."""
-        self._at = None
-
-    @property
-    def linear_solver(self) -> str:
-        """What factorises the tangent, on which ranks or threads."""
-        return self._factor.describe()
-
-    def solve_tangent(self, rhs: Floats, at: Equilibrium, *, adjoint: bool = False) -> Floats:
-        """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
-
-        This is the adjoint solve of eq. (19). Without friction K is symmetric. With friction GMRES
-        solves, with the factors of the symmetric part.
-
-        Args:
-            rhs: Owned unknowns.
-            at: An equilibrium of this solver; its tangent is factorised again if another solve came
-                between.
-            adjoint: Whether to solve with the transpose, which differs with friction: normal forces
-                change it, and it does not change them.
-
-        Raises:
-            ParameterError: As of `tangent_at`; or an adjoint through friction on free bodies is
-                asked for.
-            NoEquilibriumError: With friction: the iteration does not converge.
-        """
-        self.tangent_at(at)
-        rhs, model, factor = rhs * self.model.free, self.model, self._factor
-        if not model.slides:
-            return factor.solve(rhs)
-        if adjoint and self.contact is not None and self.contact.free_bodies:
-            raise ParameterError(
-                "there is no adjoint through friction on free bodies; hold or move the bodies, or "
-                "leave the friction out."
-            )
-        return solve_with_friction(model, factor, at.state, rhs, transposed=adjoint)
-
-    def unsmoothed_step(self, at: Equilibrium) -> Floats:
-        """Return Newton's first step from an equilibrium without its smoothed strains (collective).
-
-        Where strains leave the stretch bounds without smoothing, or the skin is not stable, the
-        step is that to less of smoothing, in proportion.
-
-        Args:
-            at: An equilibrium of this solver with smoothed strains.
-
-        Returns:
-            Owned unknowns.
-
-        Raises:
-            ParameterError: As of `tangent_at`.
-        """
-        self.tangent_at(at)
-        self.forget()
-        model, part = self.model, 1.0
-        while part > LEAST_PART:
-            with model.unsmoothed(part):
-                if model.admits(at.state) and self._newton.stable(at.state):
-                    return np.asarray(self._factor.solve(-model.residual(at.state)) / part)
-            part /= 2
-        return np.zeros_like(at.state)
-
-    def reactions(self, at: Equilibrium) -> Floats:
-        """Return the forces in N by which the supports pull at all vertices (collective).
-
-        Args:
-            at: An equilibrium of this solver.
-
-        Returns:
-            Shape (n, 3), zero at free components, on every rank.
-        """
-        self.tangent_at(at)
-        return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
-
-    def _set(self, density: Floats, load: Load, begin: Sliding | None, state: Floats) -> None:
-        """Let the model have density, load and friction of a state."""
-        self.forget()
-        self.model.set_density(density)
-        self.model.set_load(load)
-        contact = self.model.contact
-        if contact is not None:
-            contact.begin_step(begin, load)
-            contact.lag_friction(state)
-
-    def _search(
-        self,
-        density: Floats,
-        load: Load,
-        start: Floats,
-        near: Equilibrium | None,
-        *,
-        trial: bool,
-        direct: bool,
-    ) -> Search:
-        return Search(
-            self.model,
-            self._newton,
-            Attempts(self._newton, near=near is not None),
-            self._prescribed,
-            density,
-            load,
-            start,
-            near,
-            self.options.min_increment,
-            trial=trial,
-            direct=direct,
-        )
-
-    def _solve(self, search: Search, begin: Sliding | None) -> Equilibrium:
-        """Solve for an equilibrium (collective)."""
+    def _solve(self, search: Search, begin: Floats | None) -> Equilibrium:
         self.forget()
         found = settle(search, begin, self.log)
         if found.complete:

@@ -9,16 +9,18 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import largest, norm
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.equilibrium.attempts import Attempts
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
+    NewtonStep,
     run_continuation,
 )
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.newton import Newton
-from toros_fem.mechanics.equilibrium.path import PathPoint
+from toros_fem.mechanics.equilibrium.diagnostics import condition_of, failure, success
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, readings
+from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
+from toros_fem.mechanics.equilibrium.path import PathPoint, connect, critical_load
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.skin.load import Load
 
@@ -47,40 +49,39 @@ class Search:
     """An equilibrium that is looked for.
 
     Attributes:
-        model: The skin's model.
-        newton: Its solver from one start.
-        attempts: What was tried.
+        newton: Solver from one start.
         prescribed: Motion of fixed components.
-        density, load: Those of the equilibrium.
-        start: Owned unknowns to start from.
+        target: Its design and load, and the state to start from.
         near: Equilibrium that it starts from, of a neighbouring design or load; None for none.
-        least_increment: Of a continuation.
         cold: Whether the start is the assembled shape.
         trial: Whether a state near an equilibrium is enough.
         direct: Whether to try once only.
+        attempts: What was tried.
         cold_end: Where the last attempt from the assembled shape ended; of the start before.
         failure: What is left where no way reaches the equilibrium.
     """
 
-    model: SkinModel
     newton: Newton
-    attempts: Attempts
     prescribed: PrescribedDisplacement
-    density: Floats
-    load: Load
-    start: Floats
+    target: PathPoint
     near: Equilibrium | None
-    least_increment: float
     cold: bool = False
     trial: bool = False
     direct: bool = False
+    attempts: Attempts = field(init=False)
     cold_end: Attempt = field(init=False)
     failure: ContinuationResult = field(init=False)
 
-    @property
-    def target(self) -> PathPoint:
-        """Design and load of the equilibrium, at the start."""
-        return PathPoint(self.density, self.load, self.start)
+    def __post_init__(self) -> None:
+        self.model, self.attempts = (
+            self.newton.model,
+            Attempts(self.newton, near=self.near is not None),
+        )
+        self.density, self.load, self.start = (
+            self.target.density,
+            self.target.load,
+            self.target.state,
+        )
 
     @property
     def max_steps(self) -> int:
@@ -104,9 +105,8 @@ class Search:
         return run_continuation(
             lambda x, f: self.attempt(x, *at(f)),
             ContinuationResult(begin, factor, self.cold_end.outcome),
-            1.0,
             FIRST_INCREMENT if factor is not None else self.increment,
-            self.least_increment,
+            self.newton.least_increment,
         )
 
     @property
@@ -188,7 +188,7 @@ def opened(search: Search) -> ContinuationResult | None:
     sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
     model.set_density(search.density)
     factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
-    if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
+    if model.volumes(model.assembled).sum() > FLAT * sphere or factor <= LOWERED:
         return None
     return search.lowered(factor)
 
@@ -302,3 +302,99 @@ def search_equilibrium(search: Search) -> ContinuationResult:
         if way is at_once and search.cold_end.outcome == int(DIVERGED.DIVERGED_DTOL):
             break
     return search.failure
+
+
+def settle(
+    search: Search, begin: Floats | None, log: Callable[[NewtonStep | str], None] | None
+) -> Equilibrium:
+    """Search for an equilibrium, and read off what it is (collective).
+
+    Friction begins from `begin`; `log` is called with a sentence where something is not as usual.
+    """
+    model, near, attempts = search.model, search.near, search.attempts
+    if model.contact is not None:
+        model.contact.begin_step(begin, search.load)
+    end = search_equilibrium(search)
+    origin = None if near is None else near.origin
+    # Between two designs there is no path that a skin takes. Where bodies or supports push it
+    # along, the path has been taken step by step. A path with friction is made of its steps.
+    if origin is not None and (
+        not _same_design(model, origin.density, search.density)
+        or (model.contact is not None and search.load.moves_from(origin.load))
+        or model.slides
+    ):
+        origin = None
+    snapped = critical = None
+    if end.load_factor == 1.0 and not search.trial:
+        point = replace(search.target, state=end.state)
+        if origin is not None:
+            snapped, point = connect(
+                model,
+                search.newton,
+                lambda start, at: attempts(search.prescribed(start, at.displacement)),
+                origin,
+                point,
+                definite=attempts.definite and (near is None or near.definite),
+            )
+            end = ContinuationResult(point.state, 1.0, end.outcome)
+        if origin is not None or not search.direct:
+            critical = critical_load(model, search.newton.factor, point)
+    found = _read(search, end, snapped, critical, log)
+    before = origin if search.trial else None
+    return replace(found, begin=begin, before=before, definite=attempts.definite)
+
+
+def residual_at(model: SkinModel, newton: Newton, state: Floats) -> float:
+    """Return the norm of the first variation over the applied load (collective)."""
+    return norm(model.skin.comm, model.residual(state)) / newton.reference(state)
+
+
+def sliding_at(model: SkinModel, state: Floats) -> Floats | None:
+    """Return where the skin sticks at the end of a step; None without friction."""
+    return None if model.contact is None else model.contact.end_step(state)
+
+
+def _same_design(model: SkinModel, one: Floats, two: Floats) -> bool:
+    return largest(model.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
+
+
+def _read(
+    search: Search,
+    end: ContinuationResult,
+    snapped: bool | None,
+    critical: float | None,
+    log: Callable[[NewtonStep | str], None] | None,
+) -> Equilibrium:
+    model, state, load, attempts = search.model, end.state, search.load, search.attempts
+    load_factor = end.load_factor or 0.0
+    reached = load_factor == 1.0
+    model.set_load(load.scaled(load_factor))
+    state.setflags(write=False)
+    seen, residual = readings(model, state), residual_at(model, search.newton, state)
+    condition = condition_of(model, state, snapped, critical)
+    if reached and condition.sentences and log is not None:
+        log(condition.sentences)
+    if reached and search.trial:
+        reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
+    elif reached:
+        reason = success(load, residual, condition)
+    else:
+        assert attempts.last is not None
+        steps, once = search.max_steps, search.direct
+        reason = failure(model, end, load, attempts.last, max_steps=steps, once=once)
+    return Equilibrium(
+        **seen,
+        density=search.density,
+        load=load,
+        converged=reached,
+        complete=reached and not search.trial,
+        load_factor=load_factor,
+        reason=reason,
+        residual=residual,
+        condition=condition,
+        steps=attempts.steps,
+        modified_steps=attempts.modified_steps,
+        factorisations=attempts.factorisations,
+        history=tuple(attempts.history),
+        sliding=sliding_at(model, state),
+    )

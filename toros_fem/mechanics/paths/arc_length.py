@@ -17,7 +17,7 @@ from toros_fem.mechanics.assembly.tangent import UpperTangent
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError, readings
 from toros_fem.mechanics.equilibrium.iteration import RESOLVED, STAGNATED, STUCK, UNRESOLVED
-from toros_fem.mechanics.equilibrium.mumps import MumpsFactor
+from toros_fem.mechanics.equilibrium.linear_solver import MumpsFactor
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load
@@ -80,7 +80,6 @@ class _Point:
         return _Point(self.state + times * change.state, self.factor + times * change.factor)
 
     def minus(self, other: _Point) -> _Point:
-        """Return the change from another point to this one."""
         return self.plus(other, -1.0)
 
 
@@ -113,14 +112,9 @@ def follow_arc(
     start: Floats | None,
     options: ArcLengthOptions,
 ) -> Iterator[TracePoint]:
-    """Yield equilibria along a path of loads times a load factor (collective).
+    """Yield equilibria along a path of loads times a load factor, as of `trace` (collective).
 
-    Arguments are those of `trace`; a displacement of supports stays as it is.
-
-    Raises:
-        ParameterError: The loads do not move the skin.
-        EquilibriumError: There is no first point, or the path could not be followed further; the
-            points before have been yielded.
+    A displacement of supports stays as it is.
     """
     first = solver.solve(density, times(options.first, load), start)
     path = _ArcLength(solver, density.copy(), load, options, first)
@@ -145,12 +139,10 @@ def times(factor: float, load: Load) -> Load:
 class _ArcLength:
     """Pseudo-arc-length continuation of the equilibria r(x, λ) = 0 (Riks 1979; Keller 1977).
 
-    From a point, a step ds along the tangent predicts the next one. Newton's method corrects it in
-    the plane across the tangent. Each Newton step has the matrix [K, −q; c, d], bordered by the
-    force q of the loads and by the plane's normal (c, d). It is solved by two solves with K, which
-    is indefinite beyond a limit point: MUMPS factorises it as LDLᵀ, and counts the negative pivots,
-    by Sylvester's law of inertia the negative eigenvalues of K. The length is ds² = |dx|²/S² + dλ²,
-    with S = |dx/dλ| at the first point.
+    From a point, a step ds along the tangent predicts the next one, ds² = |dx|²/S² + dλ² with S =
+    |dx/dλ| at the first point. Newton's method corrects it in the plane across the tangent, by two
+    solves with K, which is indefinite beyond a limit point. MUMPS factorises it as LDLᵀ: by
+    Sylvester's law of inertia its negative pivots are as many as the negative eigenvalues of K.
 
     Attributes:
         point: The last point.
@@ -170,7 +162,8 @@ class _ArcLength:
         self._solver, self._model, self._options = solver, solver.model, options
         self._density, self._load = density, load
         self._comm, self._size = solver.skin.comm, solver.skin.pattern.size
-        self._make_tangent()
+        self._tangent = UpperTangent(self._model)
+        self._make_factors()
         self._factorisations = self._counted = 0
         # Residuals are measured by the largest load so far: it may pass through zero.
         self._peak = max(abs(options.first), abs(options.first_increment))
@@ -222,11 +215,7 @@ class _ArcLength:
         )
 
     def advance(self) -> None:
-        """Find the next point, by shorter steps where a step fails (collective).
-
-        Raises:
-            EquilibriumError: No step finds one.
-        """
+        """Find the next point, by shorter steps where a step fails (collective)."""
         self._act()
         step = self._step
         while True:
@@ -325,21 +314,17 @@ class _ArcLength:
         raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
 
     def _allowed(self, state: Floats, change: Floats) -> float:
-        """Return the fraction of a change that stretch bounds and contact allow."""
         return self._model.largest_step(state, change, self._solver.options.fraction_to_barrier)
 
-    def _make_tangent(self) -> None:
-        """Make tangent and factors for the pairs in contact."""
-        self._tangent = UpperTangent(self._model)
+    def _make_factors(self) -> None:
         self._entries: Floats = np.zeros(len(self._tangent.columns))
         pattern = self._tangent.indptr, self._tangent.columns
         self._factors = MumpsFactor(self._comm, *pattern)
 
     def _factorise(self, state: Floats) -> int:
         """Factorise the tangent at a state; return the number of its negative eigenvalues."""
-        self._model.grow_pairs(state)
-        if self._tangent.outgrown:
-            self._make_tangent()
+        if self._tangent.grow(state):
+            self._make_factors()
         self._tangent.assemble(state, self._entries)
         self._factorisations += 1
         self._factors.factorise(self._entries)

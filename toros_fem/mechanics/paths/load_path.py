@@ -41,21 +41,14 @@ class LoadPath:
     Attributes:
         solver: As given.
         steps: Loads in the order in which they act; numbers are pressures in Pa.
-        start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
-            first step starts; None starts at the assembled positions.
     """
 
-    @collective("solver.skin.comm", owned=("start",))
-    def __init__(
-        self,
-        solver: EquilibriumSolver,
-        steps: Sequence[Load | Pressure],
-        start: Floats | None = None,
-    ) -> None:
+    @collective("solver.skin.comm")
+    def __init__(self, solver: EquilibriumSolver, steps: Sequence[Load | Pressure]) -> None:
         require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
         if not isinstance(steps, list | tuple) or not steps:
             raise ParameterError(f"steps = {steps!r} must be a list of loads, at least one.")
-        self.solver, self.start = solver, start
+        self.solver = solver
         self.steps = tuple(load_of(step).on(solver.model) for step in steps)
 
     def solve(
@@ -64,7 +57,7 @@ class LoadPath:
         pressures: Floats | None = None,
         near: Sequence[Equilibrium] | None = None,
     ) -> tuple[Equilibrium, ...]:
-        """Return the equilibrium of each step at the density of owned triangles (collective).
+        """Return the equilibrium of each step at a density (collective).
 
         Args:
             density: As of `EquilibriumSolver.solve`.
@@ -72,9 +65,6 @@ class LoadPath:
                 of those of the steps; None takes these.
             near: Path of a neighbouring design, at whose states the iterations start; None starts
                 each at the step before. It does not change the path that is solved for.
-
-        Raises:
-            EquilibriumError: A step has no equilibrium.
         """
         if near is not None and len(near) != len(self.steps):
             raise ParameterError(
@@ -83,8 +73,7 @@ class LoadPath:
         found: list[Equilibrium] = []
         for number, load in enumerate(self._loads(pressures)):
             after = found[-1] if found else None
-            first = self.start if after is None else None
-            start = first if near is None else near[number]
+            start = None if near is None else near[number]
             found.append(self.solver.solve(density, load, start, after=after))
         return tuple(found)
 
@@ -96,11 +85,8 @@ class LoadPath:
     ) -> PathGradient:
         """Return the gradient of a functional T of the path, eq. (19) at each step (collective).
 
-        Args:
-            density: As of `solve`.
-            equilibria: The path, as `solve` returned it.
-            slopes: dT/dx by the positions of owned nodes at each step, (n, 3); None where T does
-                not depend on a step.
+        The equilibria are those that `solve` returned. The slopes are dT/dx by the positions of
+        owned nodes at each step, (n, 3); None where T does not depend on a step.
         """
         if not len(equilibria) == len(slopes) == len(self.steps):
             raise ParameterError(
@@ -135,7 +121,6 @@ class LoadPath:
         return PathGradient(by_density, by_pressure)
 
     def _loads(self, pressures: Floats | None) -> Sequence[Load]:
-        """Return the loads of all steps, with other pressures if they are given."""
         if pressures is None:
             return self.steps
         chambers = self.solver.model.chamber_count

@@ -103,7 +103,6 @@ class _Pull:
         return self.solver.skin.pattern.flat_laplacian()
 
     def follow(self, depths: Floats, closed: Floats) -> Iterator[PullPoint]:
-        """Return an iterator over the equilibria at the depths."""
         skin, friction = self.solver.skin, self.contact.friction
         rest = None
         if friction is not None:
@@ -123,7 +122,6 @@ class _Pull:
             yield last
 
     def _next(self, last: PullPoint, depth: float) -> PullPoint:
-        """Return the equilibrium at the next depth."""
         solver = self.solver
         start = self._carried(last, depth)[solver.skin.owned_vertices]
         load, after = self._at(depth), last.result
@@ -151,7 +149,6 @@ class _Pull:
         return moved
 
     def _point(self, found: Equilibrium, depth: float) -> PullPoint:
-        """Return a point of the pull from its equilibrium (collective)."""
         solver, contact, body = self.solver, self.contact, self.body
         gradient = contact.forces(found.state)
         positions = solver.skin.gather_vertices(found.positions)
@@ -190,5 +187,4 @@ def slip_under(points: Sequence[PullPoint], force: float) -> float | None:
 
 
 def _curve(points: Sequence[PullPoint]) -> tuple[Floats, Floats]:
-    """Return depths and forces of a pull."""
     return np.array([p.depth for p in points]), np.array([p.force for p in points])

@@ -13,16 +13,23 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_callable, require_choice, require_kind, shown
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.continuation import (
+    Attempt,
+    ContinuationResult,
+    run_continuation,
+)
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
-from toros_fem.mechanics.paths.pressure_path import follow_pressures
-from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
 PATHS = ("pressure", "arc-length")
 Start = Floats | Equilibrium | None
 Stop = Callable[[TracePoint], bool] | None
+
+# Smallest increment between two loads, as a fraction of their difference.
+LEAST_INCREMENT = 1 / 100
 
 
 @collective("solver.skin.comm", owned=("density", "start"))
@@ -48,8 +55,7 @@ def trace(
     through limit points, where the load factor turns, and along unstable equilibria.
 
     Args:
-        solver: Equilibrium solver.
-        density: Projected density of its owned triangles.
+        solver, density: As of `EquilibriumSolver.solve`.
         loads: By pressure, all loads in the order in which they act; numbers are pressures in Pa,
             which leave the rest of the load before. By arc length, the load at load factor 1.
         metrics: Metrics to compute at each point.
@@ -62,10 +68,8 @@ def trace(
         options: Ends and density of a path by arc length; None takes the defaults.
 
     Raises:
-        ParameterError: A value is not admissible, an option has no meaning on this path, no load
-            acts, or there is friction on a path by arc length.
-        DensityError: The density does not fit, or leaves [0, 1].
-        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+        ParameterError: An option has no meaning on this path, no load acts, or there is friction on
+            a path by arc length.
         EquilibriumError: While iterating: the path could not be followed further; the points before
             have been yielded.
     """
@@ -80,7 +84,7 @@ def trace(
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')
         path = follow_pressures(solver, density, _levels(solver, loads), metrics, start)
     else:
-        load, density = _scaled_load(solver, loads), solver.model.check(density)
+        load, density = _scaled_load(solver, loads), solver.model.design.check(density)
         state = start.state if isinstance(start, Equilibrium) else start
         path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
     return _until(path, stop)
@@ -119,3 +123,55 @@ def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:
         yield point
         if stop is not None and stop(point):
             return
+
+
+def follow_pressures(
+    solver: EquilibriumSolver,
+    density: Floats,
+    loads: Sequence[Load | Pressure],
+    metrics: Sequence[Metric],
+    start: Floats | Equilibrium | None,
+) -> Iterator[TracePoint]:
+    """Yield the equilibria under one load after the other, as of `trace` (collective)."""
+    before: Equilibrium | None = None
+    if isinstance(start, Equilibrium):
+        before, start = start, None
+    for load in loads:
+        if before is None:
+            before = solver.solve(density, load, start)
+        else:
+            # Of a pressure alone the rest of the load stays.
+            given = load if isinstance(load, Load) else replace(before.load, pressure=load)
+            before = _continue(solver, density, before, given.on(solver.model))
+        yield measured_point(solver, before, metrics)
+
+
+def _continue(
+    solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
+) -> Equilibrium:
+    begin = before.load
+    last = reached = before
+
+    def attempt(_: Floats, fraction: float) -> Attempt:
+        nonlocal last, reached
+        level = begin.towards(load, fraction) if fraction < 1 else load
+        last = solver.solve(density, level, after=reached, raise_on_failure=False, trial=True)
+        steps = last.steps
+        if last.converged:
+            try:
+                last = reached = solver.finish(last)
+            except EquilibriumError as error:  # raised by all ranks or by none
+                last = error.result
+            steps += last.steps
+        return Attempt(last.state, 1 if last.converged else -1, steps)
+
+    start = ContinuationResult(before.state, 0.0, 1)
+    done = run_continuation(attempt, start, 1.0, LEAST_INCREMENT)
+    if done.load_factor != 1.0:
+        raise EquilibriumError(
+            f"the path ends between {begin} and {load}, after "
+            f"{100 * (done.load_factor or 0.0):.0f} % of the change: {last.reason} Beyond a limit "
+            'point a path goes on by="arc-length".',
+            last,
+        )
+    return last

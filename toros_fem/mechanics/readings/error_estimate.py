@@ -1,10 +1,15 @@
-"""Estimate of the discretisation error, from the same design on a refined mesh."""
+"""Errors of the mesh: the limit of two elements on one, and the difference from a refined one."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -16,12 +21,23 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
+from toros_fem.meshes.triangles import dihedral_angles, edges_of
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
 CAUTION = 3.0
 # Residual over the load on the refined mesh: what it leaves is far below any estimate.
 TOLERANCE = 1e-6
+
+# Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
+GAIN = 1.4
+# Parts of the half-width of an interval: of the correction; of the change from rest; and of that
+# times the mean square of the angles at edges, by which a skin of triangles is no round one.
+SHARE, FLOOR, ROUND = 0.4, 0.012, 1.0
+# Edges that are folded by more are creases of the skin itself, in rad.
+CREASE = np.radians(45.0)
+# Shapes are read again and again: by each metric, by frames and pictures.
+_KNOWN: WeakKeyDictionary[Equilibrium, LimitShape] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -68,22 +84,15 @@ def estimate_error(
         result: The equilibrium; its load acts on the refined skin too, with weights, moved supports
             and bodies.
         quantities: Functions of a pattern and the positions of all its vertices, (n, 3).
-        force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of
-            the pattern.
-        supports: Supports as a function of the pattern. None: in the refined pattern the middle
-            of an edge is fixed if both its ends are, which is right for whole panels and straight
-            borders.
-        direct: Whether to give up where the refined equilibrium is not found at once from the
-            given shape. By default the load is raised anew there, which can take many times as
-            long.
-
-    Returns:
-        One estimate for each quantity, in their order.
+        force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of the
+            pattern, of a result with such forces.
+        supports: Supports as a function of the pattern; None takes `Supports.refined`.
+        direct: Whether to give up where the refined equilibrium is not found at once from the given
+            shape. By default the load is raised anew there, which can take many times as long.
 
     Raises:
-        ParameterError: The result is no equilibrium, or was found with forces that are not
-            given; or the sheet is moulded in its assembled shape, which is not known between the
-            vertices.
+        ParameterError: The result is no equilibrium; or the sheet is moulded in its assembled
+            shape, which is not known between the vertices.
         EquilibriumError: The refined skin has no equilibrium; with `direct`, none near.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
@@ -137,3 +146,63 @@ def estimate_error(
         refined = quantity(finer.pattern, fine_positions)
         estimates.append(ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds))
     return estimates
+
+
+@dataclass(frozen=True, eq=False)
+class LimitShape:
+    """A shape on its mesh, and where it tends to on finer ones.
+
+    Measures are functions of a pattern and the positions of its vertices that return a number, or
+    several.
+
+    Attributes:
+        pattern: The mesh.
+        computed: Positions of all vertices in equilibrium, (n, 3), in m.
+        limit: Those that are told.
+    """
+
+    pattern: Pattern
+    computed: Floats
+    limit: Floats
+
+    def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
+        """Return the half-width of the interval of a measure, of several numbers as a distance.
+
+        A distance may be least at the limit: what changes on its other side counts too.
+        """
+        told = measure(self.pattern, self.limit)
+
+        def away(positions: Floats) -> float:
+            return float(np.linalg.norm(np.subtract(measure(self.pattern, positions), told)))
+
+        corrected = max(away(self.computed), away(2 * self.limit - self.computed))
+        return SHARE * corrected + self._coarseness * away(self.pattern.points)
+
+    @cached_property
+    def _coarseness(self) -> float:
+        pattern = self.pattern
+        edges = edges_of(pattern.triangles)
+        angles = dihedral_angles(self.limit, pattern.triangles, edges)
+        return FLOOR + ROUND * float(np.mean(angles[np.abs(angles) < CREASE] ** 2))
+
+
+def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
+    """Return the limit of an equilibrium of a solver with smoothed strains (collective).
+
+    Triangles of constant strain lock where print bends in its plane, smoothed ones by half as much,
+    and the ratio of the errors hardly depends on the mesh. One Newton step tells how far the shape
+    without smoothing is away; the limit lies `GAIN` times as far on the other side. This is
+    Richardson's extrapolation with two elements in place of two meshes.
+
+    Without smoothed strains, and of a trial, the limit is the shape itself.
+    """
+    known = _KNOWN.get(at)
+    if known is None:
+        skin, model = solver.skin, solver.model
+        computed = skin.gather_vertices(at.positions)
+        limit = computed
+        if model.composite.membrane.smoothed and at.complete:
+            step = model.positions(solver.unsmoothed_step(at))
+            limit = computed - GAIN * skin.gather_vertices(step)
+        known = _KNOWN[at] = LimitShape(skin.pattern, computed, np.asarray(limit))
+    return known

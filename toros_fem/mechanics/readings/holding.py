@@ -20,9 +20,9 @@ from toros_fem.mechanics.contact.settings import Contact, ContactSizes
 class HoldingObjective:
     """T = ½ w max(0, 1 − a · F / F₀)², F the sum of the normal forces of the skin on the bodies.
 
-    The direction a need not be of length 1: with friction μ a body that moves down is held by
-    F_up + μ F_across. Where nothing touches, T does not depend on the skin: another term must bring
-    it to the bodies. These are where they were made.
+    The direction a need not be of length 1: with friction μ a body that moves down is held by F_up
+    + μ F_across. Where nothing touches, T does not depend on the skin: another term must bring it
+    to the bodies. These are where they were made.
 
     Args:
         skin: The sewn skin.
@@ -31,9 +31,6 @@ class HoldingObjective:
         direction: a, (3,).
         force: F₀ in N.
         factor: w.
-
-    Raises:
-        ParameterError: There is no body, or a value is out of bounds.
     """
 
     def __init__(
@@ -85,7 +82,6 @@ class HoldingObjective:
         return max(0.0, 1 - force / self._force)
 
     def _vertices(self, positions: Floats) -> Floats:
-        """Return all vertices of skin and bodies."""
         skin = self._skin
         count = len(skin.pattern.points)
         whole = gather_by_index(skin.comm, skin.owned_vertices, positions, count)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import require_kind
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.membrane import barrier
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -56,14 +56,10 @@ class WrinkleField:
 
 
 def wrinkle_field(solver: EquilibriumSolver, density: Floats, result: Equilibrium) -> WrinkleField:
-    """Return the wrinkles of an equilibrium of a solver, equal on all ranks (collective).
-
-    Raises:
-        ParameterError: The sheet is no tension field.
-    """
+    """Return the wrinkles of an equilibrium of a solver, equal on all ranks (collective)."""
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
     require_kind("result", result, Equilibrium, "an Equilibrium of the solver")
-    density = solver.model.check(density)
+    density = solver.model.design.check(density)
     skin = solver.skin
     positions = skin.gather_vertices(result.positions)
     return wrinkles(skin.pattern, solver.model.composite, skin.gather_cells(density), positions)
@@ -74,11 +70,8 @@ def wrinkles(
 ) -> WrinkleField:
     """Return the wrinkles of a pattern whose vertices have been moved to positions, (n, 3), in m.
 
-    A sheet is slack where λ₁ ≤ 1, and elsewhere wrinkled where ∂ψ/∂λ₂ of eq. (1) is negative.
-    The densities are those of all triangles, (t,).
-
-    Raises:
-        ParameterError: The sheet is no tension field.
+    A sheet is slack where λ₁ ≤ 1, and elsewhere wrinkled where ∂ψ/∂λ₂ of eq. (1) is negative. The
+    densities are those of all triangles, (t,). One that is no tension field is a ParameterError.
     """
     if not composite.membrane.relaxed:
         raise ParameterError(

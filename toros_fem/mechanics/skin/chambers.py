@@ -10,7 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_names, require_kind, require_names, whole_numbers
-from toros_fem.mechanics.skin.planes import Planes
+from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
 from toros_fem.meshes.triangles import between, half_edges
@@ -20,16 +20,13 @@ from toros_fem.meshes.triangles import between, half_edges
 class Chambers:
     """Parts of a skin with separate pressures.
 
-    Two chambers with a common border are separated by a weightless wall inside the skin: the fan
-    of the border about its mean. So every chamber is a closed body.
+    Two chambers with a common border are separated by a weightless wall inside the skin: the fan of
+    the border about its mean. So every chamber is a closed body.
 
     Attributes:
         names: Names of the chambers, in the order of the pressures.
-        of_cell: Chamber of each pattern triangle, shape (t,), numbered from 0.
-
-    Raises:
-        ParameterError: There is no chamber, or two have one name; `of_cell` contains other
-            numbers, or leaves a chamber without a triangle.
+        of_cell: Chamber of each pattern triangle, (t,), numbered from 0; none is without a
+            triangle.
     """
 
     names: tuple[str, ...]
@@ -43,9 +40,11 @@ class Chambers:
             raise ParameterError("names = () must name each chamber, and at least one.")
         last = len(names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
+            found = np.unique(of_cell)
+            listed = ", ".join(map(str, found[:6])) + (", …" if len(found) > 6 else "")
             raise ParameterError(
-                f"of_cell contains the chambers {_listed(np.unique(of_cell))}; it must have one "
-                f"number for each triangle, and each of 0 to {last} at least once."
+                f"of_cell contains the chambers {listed}; it must have one number for each "
+                f"triangle, and each of 0 to {last} at least once."
             )
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "of_cell", of_cell)
@@ -60,21 +59,11 @@ class Chambers:
         return Chambers(self.names, self.of_cell[finer.cell])
 
 
-def _listed(numbers: Ints) -> str:
-    """Return the first numbers as text."""
-    return ", ".join(str(number) for number in numbers[:6]) + (", …" if len(numbers) > 6 else "")
-
-
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:
-    """Return chambers made of whole panels.
-
-    Args:
-        pattern: The pattern.
-        panels: Panels of each chamber, by its name; each panel belongs to one chamber.
+    """Return chambers made of whole panels, by the names of each; every panel belongs to one.
 
     Raises:
         PanelError: A panel of that name does not exist.
-        ParameterError: A panel belongs to no chamber, or to two.
     """
     require_kind("panels", panels, Mapping, "a mapping from chambers to lists of panels")
     of_panel = np.full(len(pattern.panel_names), -1)
@@ -170,11 +159,7 @@ def _skew(a: Floats) -> Floats:
 
 
 def find_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> list[Fan]:
-    """Return the lids of all chambers, about the foot of the origin in their planes.
-
-    Raises:
-        ParameterError: What closes a border is not unique.
-    """
+    """Return the lids of all chambers, about the foot of the origin in their planes."""
     lids = []
     for axis, at, border in planes.lids():
         ends = half_edges(pattern.triangles)[border]
@@ -191,12 +176,8 @@ def find_walls(pattern: Pattern, chambers: Chambers, planes: Planes) -> list[Fan
     """Return the walls between chambers, about the means of their borders.
 
     A border that ends where three chambers meet is closed by the chord to its other end, the line
-    where three walls meet.
-
-    Raises:
-        ParameterError: The chambers are made for another pattern; a border ends at a free edge
-            outside all symmetry planes; or too many chambers meet, so that the chords leave one
-            open.
+    where three walls meet. A ParameterError is raised where a border ends at a free edge outside
+    all symmetry planes, or where too many chambers meet, so that the chords leave one open.
     """
     if chambers.of_cell.shape != (len(pattern.triangles),):
         raise ParameterError(

@@ -22,12 +22,9 @@ class Weight:
     """Weight of the skin itself, which changes with the design.
 
     Attributes:
-        fabric, reinforcement: Mass per flat area in kg/m² of the plain and of the reinforced
+        fabric, reinforcement: Mass per flat area in kg/m², ≥ 0, of the plain and of the reinforced
             fabric; linear in ρ̄ between them, as the stiffness is.
         gravity: Acceleration in m/s², (gx, gy, gz).
-
-    Raises:
-        ParameterError: A mass is negative, or gravity is no finite vector.
     """
 
     fabric: float
@@ -53,12 +50,7 @@ def refined_force(finer: Refinement, pattern: Pattern, force: Floats) -> Floats:
 
 
 def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
-    """Spread one force in N, (3,), over a panel by flat area: forces on all vertices, (n, 3).
-
-    Raises:
-        PanelError: There is no such panel.
-        ParameterError: The force is no finite vector.
-    """
+    """Spread one force in N, (3,), over a panel by flat area: forces on all vertices, (n, 3)."""
     require_kind("pattern", pattern, Pattern, "a Pattern")
     whole = _vector("force", force, 3, "N")
     cells = pattern.cells_of(panel)
@@ -73,7 +65,7 @@ def point_force(
     force: Sequence[float] | Floats,
     panel: str | None = None,
 ) -> Floats:
-    """Return dead forces on all vertices, (n, 3), of one force at one point of the skin.
+    """Return dead forces on all vertices, (n, 3), of one force in N, (3,), at one point.
 
     The vertices of the triangle there bear it by their barycentric coordinates, so that it has the
     right moment too. At a vertex that vertex bears it alone.
@@ -82,13 +74,11 @@ def point_force(
         pattern: The pattern.
         place: The point in m: assembled coordinates (3,), of which the nearest point of the
             assembled skin is taken; or flat coordinates (2,) in the chart of `panel`.
-        force: The force in N, (3,).
+        force: The force.
         panel: Name of the panel of flat coordinates; None for assembled ones.
 
     Raises:
-        PanelError: There is no such panel.
-        ParameterError: An array is no finite vector of its length; or the point is further
-            from the skin than `ON_SKIN` of its size.
+        ParameterError: The point is further from the skin than `ON_SKIN` of its size.
     """
     require_kind("pattern", pattern, Pattern, "a Pattern")
     whole = _vector("force", force, 3, "N")

@@ -17,10 +17,10 @@ from toros_fem.base.validation import (
     require_count,
     require_positive,
 )
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.cell_functions import cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
@@ -135,13 +135,10 @@ class LineDesign(Densities):
     the zero vector means t = 0. Linear combinations of designs are designs too.
 
     `crossing` is the factor c of bonded crossings in `fabric_factor`, over the ratio of the
-    stiffnesses of print and fabric.
+    stiffnesses of print and fabric. A sheet that wrinkles has no such designs.
 
     Attributes:
         families: Number K of families.
-
-    Raises:
-        ParameterError: There is no family, the factor is negative, or the sheet wrinkles.
     """
 
     def __init__(

@@ -62,14 +62,11 @@ def find_hinges(
 ) -> Hinges:
     """Return the hinges of all local triangles; complete for those that this rank owns.
 
-    An edge without moment takes the angle of least energy: the natural condition inside a
-    triangle. It depends on Poisson's ratio alone, so that the tensors are constants. Where that of
-    fabric and reinforcement differs, an error of second order in the difference remains there.
-    With `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their
-    angles, whatever bends the sheet. A skin that `repeats` is assembled flat.
-
-    Raises:
-        ParameterError: The assembled rest shape is folded flat somewhere.
+    An edge without moment takes the angle of least energy: the natural condition inside a triangle.
+    It depends on Poisson's ratio alone, so that the tensors are constants. Where that of fabric and
+    reinforcement differs, an error of second order in the difference remains there. With
+    `turn_free` free edges have rotations too, if any edge has: then equilibrium finds their angles,
+    whatever bends the sheet. A skin that `repeats` is assembled flat.
     """
     corner = skin.position_space.dofmap.list
     neighbour, opposite = neighbours(skin)
@@ -85,7 +82,9 @@ def find_hinges(
     if bending.curvature == "midedge":
         first, second = np.moveaxis(opposite_edges(skin.vertex[corner]), -1, 0)
         turning = (has_moment | alone if turn_free else has_moment) & ~mirrored
-        factor = np.where(first < second, 2.0, -2.0) / _rotation_length(skin)
+        # Rotations become lengths by about that of an edge.
+        length = float(np.sqrt(2 * skin.pattern.areas.mean()))
+        factor = np.where(first < second, 2.0, -2.0) / length
         rotation = np.where(turning, factor, 0.0)
     place = skin.pattern.points[skin.vertex]
     assembled = edge_angles(place[corner], place[flap], mirror) * has_moment
@@ -127,11 +126,6 @@ def _require_unfolded(skin: Skin, rest: Floats) -> None:
         )
 
 
-def _rotation_length(skin: Skin) -> float:
-    """Length in m by which rotations of edges become lengths: about that of an edge."""
-    return float(np.sqrt(2 * skin.pattern.areas.mean()))
-
-
 def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
     """Return the local triangle across each edge, or itself, and its corner off the edge."""
     topology = skin.mesh.topology
@@ -149,7 +143,6 @@ def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
 
 
 def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
-    """Whether each edge of each local triangle is a seam."""
     pattern = skin.pattern
     original = skin.cell[skin.density_space.dofmap.list[:, 0]]
     vertex = skin.vertex[corner]
@@ -175,7 +168,7 @@ def guided_edges(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Flo
 
 
 def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
-    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `fold`.
+    """Return the angles at edges of triangles in space, (cells, 3) in rad, as of `forms.bending`.
 
     They lie between corners and the flaps across the edges, which planes with the unit normals
     `mirror` reflect, all (cells, 3, 3); zero is no mirror.
@@ -274,3 +267,44 @@ def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
         soft = compliance @ g.transpose(0, 2, 1)
         tensors[np.ix_(cells, chosen)] = (soft @ np.linalg.inv(g @ soft)).transpose(0, 2, 1)
     return tensors * [1, 1, 0.5]
+
+
+@dataclass(frozen=True, eq=False)
+class Flaps:
+    """What the local triangles see across their edges, numbered as in `Hinges`; of owned ones all.
+
+    Attributes:
+        flap: Node of the position space across each edge, (cells, 3), as of `Hinges`.
+        neighbour: Local triangle across each edge, (cells, 3); at a free border and at a plane of
+            symmetry, which mirrors it, the triangle itself.
+        share: Area of that triangle over that of both, (cells, 3); 0 at a free border.
+        across: Inverse of the matrix whose columns are the edge and the vector from its start to
+            the flap in the own flat chart, (cells, 3, 2, 2), in 1/m.
+        chart: The matrix B of `forms.smoothing.Smoothing` at each edge, (cells, 3, 2, 2).
+    """
+
+    flap: LocalInts
+    neighbour: LocalInts
+    share: Floats
+    across: Floats
+    chart: Floats
+
+
+def find_flaps(skin: Skin, supports: Supports) -> Flaps:
+    """Return the flaps of the triangles of a skin with planes of symmetry."""
+    corner, flat = skin.position_space.dofmap.list, flat_corners(skin)
+    neighbour, opposite = neighbours(skin)
+    alone = neighbour == np.arange(len(corner))[:, None]
+    _, mirrored = guided_edges(skin, corner, supports)
+    own = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+    area = np.abs(np.linalg.det(own)) / 2
+    share: Floats = area[neighbour] / (area[:, None] + area[neighbour])
+    start, end = np.roll(flat, -1, axis=1), np.roll(flat, -2, axis=1)
+    there = unfolded(flat, corner, neighbour, opposite)
+    across = np.asarray(
+        np.linalg.inv(np.stack([end - start, there - start], axis=3)), dtype=np.float64
+    )
+    flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
+    share = np.where(alone & ~mirrored, 0.0, share)
+    chart = np.asarray(across @ own[:, None], dtype=np.float64)
+    return Flaps(flap, neighbour, share, across, chart)

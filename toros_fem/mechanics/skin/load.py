@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
-from toros_fem.mechanics.skin.planes import Planes
+from toros_fem.mechanics.skin.supports import Planes
 
 if TYPE_CHECKING:
     from toros_fem.mechanics.assembly.model import SkinModel
@@ -47,7 +47,6 @@ class Load:
         """Return the load with all arrays of a skin, checked; weights that it lacks are 0.
 
         Raises:
-            ParameterError: A pressure is negative or not finite, or an array does not fit.
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count

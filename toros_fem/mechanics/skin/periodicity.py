@@ -19,17 +19,14 @@ ALL_PRESCRIBED = ((True, True), (True, True), (True, True))
 class Periodic:
     """A tile and the prescribed components of its mean deformation gradient F̄.
 
-    F̄ is part of the state. Its components belong to the directions n (along), t (across), both
-    in the flat sheet and in space, and z (out of the plane).
+    F̄ is part of the state. Its components belong to the directions n (along), t (across), both in
+    the flat sheet and in space, and z (out of the plane).
 
     Attributes:
         tile: The tile.
-        prescribed: Whether each component of F̄ is prescribed, rows n, t, z, columns n, t. The
-            mean force of the others is zero. The prescribed ones must keep the tile from turning.
+        prescribed: Whether each component of F̄ is prescribed, rows n, t, z, columns n, t. The mean
+            force of the others is zero. The prescribed ones must keep the tile from turning.
         flat: Whether the sheet stays in its plane; otherwise it may buckle.
-
-    Raises:
-        ParameterError: `prescribed` has another shape, or lets the tile turn.
     """
 
     tile: Tile

@@ -15,9 +15,9 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled
 from toros_fem.base.mpi import largest, smallest
-from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.flaps import Flaps
+from toros_fem.mechanics.skin.hinges import Flaps
 
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6

@@ -22,7 +22,7 @@ from toros_fem.base.validation import (
     shown,
     whole_numbers,
 )
-from toros_fem.meshes.mirror import mirrored, plane_border
+from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
@@ -31,38 +31,26 @@ from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposit
 SQUARE = 1e-3
 
 
-def _no_edges() -> Ints:
-    return np.zeros((0, 2), dtype=np.int64)
-
-
-def _no_normals() -> Floats:
-    return np.zeros((0, 3))
-
-
 @dataclass(frozen=True, eq=False)
 class Supports:
     """Fixed position components, and free edges at which the sheet keeps its direction.
 
     Attributes:
         fixed: Whether each component x, y, z of each assembled vertex is fixed, shape (n, 3).
-        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
-            given plane through the edge, as if mirrored there: it cannot turn about the edge.
-            `fixed` says whether the edge itself is fixed.
+        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a given
+            plane through the edge, as if mirrored there: it cannot turn about the edge. `fixed`
+            says whether the edge itself is fixed.
         normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
             length. An edge that is not fixed may move, but its plane does not turn.
         displacement: Displacement in m of the fixed components from their assembled positions,
             shape (n, 3); None leaves all at their assembled positions. It is part of the load and
             raised together with it.
         planes: Axis and coordinate in m of each symmetry plane that closes a free border.
-
-    Raises:
-        ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
-            displacement has another shape than `fixed`, or is not finite.
     """
 
     fixed: Bools
-    guided: Ints = field(default_factory=_no_edges)
-    normals: Floats = field(default_factory=_no_normals)
+    guided: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    normals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     displacement: Floats | None = None
     planes: tuple[tuple[int, float], ...] = ()
 
@@ -207,8 +195,6 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 
     Raises:
         PanelError: A panel of that name does not exist.
-        ParameterError: `panels` is no list of names, or it is empty, so that the skin could move
-            as a rigid body.
     """
     fixed = _none_fixed(pattern)
     require_names("panels", panels)
@@ -222,13 +208,8 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
     """Fix every vertex in a region of space in all three components.
 
-    Args:
-        pattern: The pattern.
-        where: Returns for assembled positions (n, 3), in m, whether each lies in the region, (n,):
-            `lambda x: x[:, 2] < 5e-3` for instance.
-
-    Raises:
-        ParameterError: The region holds no vertex, or `where` returns something else.
+    `where` returns for assembled positions (n, 3), in m, whether each lies in the region, (n,):
+    `lambda x: x[:, 2] < 5e-3` for instance. A region without a vertex is a ParameterError.
     """
     fixed = _none_fixed(pattern)
     require_callable("where", where, "a function of the positions (n, 3)")
@@ -251,12 +232,7 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
 def displace(
     pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
 ) -> Supports:
-    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions.
-
-    Raises:
-        PanelError: A panel of that name does not exist.
-        ParameterError: No panel is named, or the displacement is no finite vector.
-    """
+    """Clamp the named panels, moved by one vector (3,), in m, from their assembled positions."""
     fixed = clamp(pattern, panels).fixed
     vector = checked_floats("displacement", displacement, "a finite vector (3,), in m", (3,))
     return Supports(fixed, displacement=np.where(fixed, vector, 0.0))
@@ -265,17 +241,10 @@ def displace(
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
     """Fix six components that prevent rigid motion and nothing else.
 
-    Of three vertices far apart one is fixed in three components, one in two, one in one (the
-    3-2-1 rule of fixtures). The components are those that resist the weakest rigid motion best.
-    The reactions of an inflated skin are zero.
-
-    Args:
-        pattern: The pattern.
-        panel: Panel of the three vertices; None for any place.
-
-    Raises:
-        PanelError: There is no such panel.
-        ParameterError: The vertices lie on a line.
+    Of three vertices far apart one is fixed in three components, one in two, one in one (the 3-2-1
+    rule of fixtures), all of one panel, or anywhere. The components are those that resist the
+    weakest rigid motion best. The reactions of an inflated skin are zero. Vertices on a line are a
+    ParameterError.
     """
     whole = _none_fixed(pattern)
     among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
@@ -303,19 +272,11 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
 
 
 def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
-    """Fix the free border of half a skin in its mirror plane, across a coordinate axis.
+    """Fix the free border of half a skin in its mirror plane, across a coordinate axis, at `at` m.
 
     The border slides in the plane and the sheet stays perpendicular to it. The plane closes the
-    border for a pressure. Several planes are joined by `|`; two across one axis bound a section of
-    a skin that repeats.
-
-    Args:
-        pattern: Half a skin, or a quarter, or a section.
-        axis: 0, 1 or 2 for the plane x = at, y = at or z = at.
-        at: Coordinate of the plane in m.
-
-    Raises:
-        ParameterError: No free edge lies in the plane.
+    border for a pressure. Several planes are joined by `|`: of a quarter, or, two across one axis,
+    of a section of a skin that repeats. No free edge in the plane is a ParameterError.
     """
     fixed = _none_fixed(pattern)
     if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
@@ -330,11 +291,8 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
 def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = False) -> Supports:
     """Return the supports of a part in all planes through the origin that it is cut at.
 
-    Args:
-        pattern: The part.
-        axes: Normals of the planes, as of `meshes.mirrored`.
-        hinged: Whether seams carry no moment: the sheet turns freely at a cut that is a seam of
-            the whole.
+    `axes` are the normals of the planes, as of `meshes.mirrored`. If `hinged`, seams carry no
+    moment: the sheet turns freely at a cut that is a seam of the whole.
     """
     supports = Supports(_none_fixed(pattern))
     for axis in axes:
@@ -348,11 +306,7 @@ def symmetry_planes(pattern: Pattern, axes: Sequence[int], *, hinged: bool = Fal
 
 
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:
-    """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there.
-
-    Raises:
-        ParameterError: `vertices` does not fit, or no free edge lies between them.
-    """
+    """Fix the free edges between chosen vertices, (n,), and the direction of the sheet there."""
     fixed = _none_fixed(pattern)
     vertices = np.asarray(vertices)
     if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
@@ -377,3 +331,96 @@ def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
     inward = pattern.points[across] - a
     inward -= np.einsum("ij,ij->i", inward, along)[:, None] * along
     return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
+
+
+class Planes:
+    """Planes that close free borders: symmetry planes, and coordinate planes through the origin.
+
+    A border is closed by a plane in which it is fixed. A cone from the origin over what is missing
+    in a plane through the origin has no volume. Where planes cut the skin on both sides, as z = 0
+    and z = L do, one of them does not contain the origin: there a lid must be counted.
+
+    Attributes:
+        origin: Point from which cones are taken, (3,), in m: in one plane across each axis that
+            has symmetry planes, if possible at 0.
+    """
+
+    def __init__(self, pattern: Pattern, supports: Supports) -> None:
+        self._pattern, self._supports = pattern, supports
+        self.origin = np.zeros(3)
+        for axis in range(3):
+            found = [at for k, at in supports.planes if k == axis]
+            self.origin[axis] = min(found, key=abs, default=0.0)
+        # Axis, −1 for none, and coordinate of the plane that closes each free edge. Planes through
+        # the origin come last and win: there nothing is missing from the volume.
+        ends = pattern.free_edges
+        self._axis, self._at = np.full(len(ends), -1), np.zeros(len(ends))
+        planes = [*supports.planes, *((k, 0.0) for k in range(3))]
+        for k, at in sorted(planes, key=lambda plane: plane[1] == self.origin[plane[0]]):
+            held = self._held(k, at)
+            # A sheet that lies in the plane as a whole encloses nothing with it.
+            inside = held[ends].all(axis=1) & ~held.all()
+            self._axis[inside], self._at[inside] = k, at
+
+    @property
+    def close(self) -> bool:
+        """Whether a pressure can act: the skin is closed, or planes close it."""
+        return bool((self._axis >= 0).all())
+
+    def lids(self) -> list[tuple[int, float, Ints]]:
+        """Return axis and coordinate in m of each lid, and the free half-edges around it, (k,)."""
+        pattern, axis, position = self._pattern, self._axis, self._at
+        half = pattern.edges.twins[pattern.edges.border, 0]
+        off = (axis >= 0) & (position != self.origin[axis])
+        borders = np.full(len(pattern.points), -1)
+        found = []
+        for k, at in sorted(set(zip(axis[off].tolist(), position[off].tolist(), strict=True))):
+            there = off & (axis == k) & (position == at)
+            edges = pattern.free_edges[there]
+            for j, other in self._supports.planes:
+                if (j, other) != (k, at) and self._held(j, other)[edges].all(axis=1).any():
+                    raise ParameterError(
+                        f"a free edge lies in both planes {'xyz'[k]} = {at:g} m and {'xyz'[j]} = "
+                        f"{other:g} m, so that what closes it is not unique. Move a plane."
+                    )
+            before = borders[edges]
+            if ((before >= 0) & (before != k)).any():
+                raise ParameterError(
+                    f"planes cut the skin on both sides along {'xyz'[k]} and along "
+                    f"{'xyz'[before[before >= 0].max()]}, and a border runs from the one to the "
+                    "other. Let one of the four planes be no symmetry plane: simulate more."
+                )
+            borders[edges] = k
+            found.append((k, at, half[there]))
+        return found
+
+    def through_origin(self) -> Bools:
+        """Return whether each vertex is held in a plane through the origin across x, y, z, (n, 3).
+
+        Where edges are guided their normals decide, since a clamp may fix more components.
+        """
+        supports = self._supports
+        across = np.zeros(supports.fixed.shape, dtype=bool)
+        lengths = np.linalg.norm(supports.normals, axis=1)[:, None]
+        for k in range(2):
+            along = np.abs(supports.normals) > 0.999 * lengths
+            np.logical_or.at(across, supports.guided[:, k], along)
+        guided = np.asarray(across.any(axis=1))[:, None]
+        held = [self._held(k, at) for k, at in enumerate(self.origin)]
+        return np.asarray(np.stack(held, axis=1) & (across | ~guided))
+
+    def of_symmetry(self) -> Bools:
+        """Return whether each vertex is held in a symmetry plane across x, y or z, (n, 3)."""
+        found = np.zeros(self._supports.fixed.shape, dtype=bool)
+        for axis, at in self._supports.planes:
+            found[:, axis] |= self._held(axis, at)
+        return found
+
+    def _held(self, axis: int, at: float) -> Bools:
+        """Whether each vertex is fixed in a plane, and stays there."""
+        supports, near = self._supports, FLAT * self._pattern.size
+        rest = self._pattern.points[:, axis] - at
+        moved = rest if supports.displacement is None else rest + supports.displacement[:, axis]
+        return np.asarray(
+            supports.fixed[:, axis] & (np.abs(rest) <= near) & (np.abs(moved) <= near)
+        )

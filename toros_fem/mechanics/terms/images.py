@@ -9,8 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.forms.periodic import placed
-from toros_fem.mechanics.skin.cell_functions import cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
 from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -57,7 +56,13 @@ class Images(Term):
 
     @override
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:
-        return placed(patch, self._coefficients)
+        # F̄ s = (s·n) F̄n + (s·t) F̄t lies between a node and its image a flat vector s away.
+        *nodes, along, across = patch
+        shifts = self._coefficients
+        moved = [
+            node + s[0] * along + s[1] * across for node, s in zip(nodes, shifts, strict=False)
+        ]
+        return moved + nodes[len(shifts) :]
 
     @override
     def number(self, patch: Patch, dofs: LocalInts) -> None:

@@ -1,31 +1,47 @@
-"""Membrane energy of fabric and print, eqs. (1-3), relaxed by wrinkles, and of a bladder."""
+"""Energy of the sheet: membrane and bending, eqs. (1-6), print on one face, lines, bladder."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, override
 
 import numpy as np
 from dolfinx import fem, la
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.forms.bending import Edges, bending_energy, coupling_energy, coupling_of_lines
 from toros_fem.forms.energy import LoadForms, SkinForms
-from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.jets import Scalar
-from toros_fem.forms.kinematics import Strain, Triangle
-from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke
+from toros_fem.forms.kinematics import Strain, Triangle, interpolate
+from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
+from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
 from toros_fem.forms.smoothing import Smoothing, likeness
-from toros_fem.forms.tension_field import relaxed
-from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.mechanics.skin.cell_functions import cell_function, cell_space, set_cells
-from toros_fem.mechanics.skin.designs import Densities
-from toros_fem.mechanics.skin.flaps import Flaps, find_flaps
+from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
+from toros_fem.mechanics.skin.coefficients import (
+    cell_function,
+    cell_space,
+    constants,
+    lame_constants,
+    set_cells,
+)
+from toros_fem.mechanics.skin.designs import Densities, LineDesign
+from toros_fem.mechanics.skin.hinges import (
+    Flaps,
+    Hinges,
+    edge_angles,
+    find_flaps,
+    find_hinges,
+    hinge_tensors,
+)
+from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.constants import constants, lame_constants
 from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
 
@@ -62,7 +78,6 @@ class Sheet(Term):
             self._limits = self.bounds.coefficients
 
     def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
-        """Return the constants of the flaps as coefficients."""
         both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
         self._stiffnesses, space = both, cell_space(skin, 4)
         self._shares = cell_function(cell_space(skin, 3), flaps.share)
@@ -71,7 +86,6 @@ class Sheet(Term):
         return Smoothing(self._charts, self._shares, self._design.around, constants(skin, *both))
 
     def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
-        """Stiffnesses and bounds of a triangle."""
         return t.mix(*self._mu), t.mix(*self._lam), *self._limits
 
     @override
@@ -159,3 +173,196 @@ class RubberLayer(Term):
     @override
     def moduli(self, design: Densities) -> Floats | float:
         return 4 / 3 * self._stiffness  # μ = E/3, λ = 2 μ
+
+
+class Bend(Term):
+    """Bending by the angles at the edges; the mid-edge curvature has rotations of the edges.
+
+    Attributes:
+        hinges: Edges of the local triangles, and the nodes across them.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        bending: Bending,
+        supports: Supports,
+        *,
+        repeats: bool = False,
+    ) -> None:
+        # Membrane strain bends an offset print up to its free edges.
+        coupled = composite.print_side is not None
+        poisson = composite.reinforcement.poisson
+        self.hinges = find_hinges(
+            skin, bending, supports, poisson, turn_free=coupled, repeats=repeats
+        )
+        rotations = bending.curvature == "midedge"
+        if rotations:
+            skin.mesh.topology.create_entities(1)
+            self.unknowns = _rotations(skin, self.hinges)
+        self.edges = _coefficients(skin, self.hinges, rotations=rotations)
+        self._skin, self._bending, self._poisson = skin, bending, poisson
+        sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
+        moments = [m.thickness**3 / 12 + offset**2 * m.thickness for m, offset in sheets]
+        self._mu, self._lam = lame_constants(skin, composite, moments)
+
+    @override
+    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
+        return bending_energy(Lambda, t.mix(*self._mu), t.mix(*self._lam))
+
+    @override
+    def after_move(self) -> None:
+        assert self.edges is not None
+        known = self.hinges.has_moment | (self.hinges.rotation != 0)
+        tensors = hinge_tensors(self._skin, self._bending, known, self._poisson)
+        for i, function in enumerate(self.edges.tensors):
+            set_cells(function, tensors[:, i])
+
+    def folds(self, patch: Floats, angle: float) -> int:
+        """Return how many hinges of owned triangles fold by more than an angle in rad.
+
+        Each edge inside the skin has two. The patch has positions of corners and flaps, (n, 6, 3).
+        """
+        cells = slice(0, len(patch))
+        inside = self.hinges.has_moment[cells] & ~self.hinges.mirror[cells].any(axis=2)
+        angles = edge_angles(patch[:, :3], patch[:, 3:], np.zeros_like(patch[:, 3:]))
+        return int(((np.abs(angles) > angle) & inside).sum())
+
+
+class OffsetPrint(Term):
+    """Print on one face of the fabric, whose stretch bends the sheet."""
+
+    def __init__(self, skin: Skin, composite: Composite) -> None:
+        strip = composite.reinforcement
+        factor = strip.thickness * composite.eccentricity
+        self._mu, self._lam = constants(skin, factor * strip.mu, factor * strip.lam)
+
+    @override
+    def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
+        return coupling_energy(e, Lambda, t.mix(0, self._mu), t.mix(0, self._lam))
+
+
+def _rotations(skin: Skin, hinges: Hinges) -> Unknowns:
+    """Return the rotations of the edges; free, hinged and mirrored ones have none.
+
+    They are lengths. Whether an edge has one is what its owner knows.
+    """
+    index_map = skin.mesh.topology.index_map(1)
+    facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+    owned = skin.mesh.topology.index_map(2).size_local
+    turns = la.vector(index_map, 1)
+    np.maximum.at(turns.array, facets[:owned], np.abs(hinges.rotation[:owned]))
+    turns.scatter_reverse(la.InsertMode.add)
+    turns.scatter_forward()
+    fixed = np.asarray(turns.array == 0)[:, None]
+    return Unknowns(index_map, fixed, facets, lambda: pattern_edges(skin))
+
+
+def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
+    """Return constants of the triangles' edges as coefficients, without those that are zero."""
+    space = cell_space(skin, 3)
+
+    def three(rows: Floats) -> list[fem.Function]:
+        return [cell_function(space, rows[:, i]) for i in range(3)]
+
+    # Only owned triangles see all of their neighbours.
+    owned = slice(0, len(skin.owned_cells))
+    free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
+    mirrored, shaped, freed, steep = (
+        skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
+        for values in (hinges.mirror, hinges.rest, free, hinges.steep[owned])
+    )
+    return Edges(
+        tensors=three(hinges.tensors),
+        rests=cell_function(space, hinges.rest) if shaped else None,
+        turns=cell_function(space, hinges.rotation) if rotations else None,
+        mirrors=three(hinges.mirror) if mirrored else None,
+        folds=cell_function(space, hinges.has_moment.astype(np.float64)) if freed else None,
+        stops=cell_function(space, ~hinges.steep * 1.0) if steep else None,
+    )
+
+
+class Courses(Term):
+    """Courses of a knitted fabric, by their angle in each panel.
+
+    The energy ½ k (|F d| − 1)² acts in every layer of the sheet: k h²/12 against bending.
+    """
+
+    def __init__(self, skin: Skin, composite: Composite, knit: Knit) -> None:
+        skin.pattern.require_flat_panels("the grain of a knit")
+        cell = skin.cell[skin.density_space.dofmap.list[:, 0]]
+        twice = 2 * _grain(knit, skin.pattern)[skin.pattern.panel[cell]]
+        directions = np.column_stack([np.cos(twice), np.sin(twice)])
+        direction = cell_function(cell_space(skin, 2), directions, "courses")
+        self._stiffness, h = composite.course_stiffness, composite.fabric.thickness
+        k, bending = constants(skin, self._stiffness, self._stiffness * h**2 / 12)
+        self._family = Family(direction[0], direction[1], k, bending, 0.0)
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return stretching_energy([self._family.weighted(t.plain)], e.C)
+
+    @override
+    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
+        return bending_of_lines([self._family.weighted(t.plain)], Lambda)
+
+    @override
+    def moduli(self, design: Densities) -> Floats | float:
+        return design.plain(self._stiffness)
+
+
+def _grain(knit: Knit, pattern: Pattern) -> Floats:
+    """Return the angle of the courses in each panel, in rad."""
+    if not isinstance(knit.grain, Mapping):
+        return np.full(len(pattern.panel_names), knit.grain)
+    angles: Floats = np.full(len(pattern.panel_names), np.nan)
+    for name, angle in knit.grain.items():
+        angles[pattern.panel_index(name)] = angle
+    if np.isnan(angles).any():
+        bare = [pattern.panel_names[k] for k in np.flatnonzero(np.isnan(angles))]
+        raise ParameterError(
+            f"grain has no angle for the panels {', '.join(map(repr, bare))}: give one for each "
+            "panel, or one number for all."
+        )
+    return angles
+
+
+class LineFamilies(Term):
+    """Lines made of the reinforcement, as a design has them.
+
+    Along them they have the print's stiffness E h, and E h³/12 against bending, about the fabric's
+    middle if the print lies on one face; against twist they have G h³/3.
+    """
+
+    def __init__(self, skin: Skin, composite: Composite, design: LineDesign) -> None:
+        strip, offset = composite.reinforcement, composite.eccentricity
+        h = strip.thickness
+        bending = strip.young * h**3 / 12 + offset**2 * h * strip.young
+        self._modulus = strip.membrane_stiffness
+        self._stiffness = constants(skin, strip.young * h, bending, strip.mu * h**3 / 3)
+        self._offset = None if composite.print_side is None else fem.Constant(skin.mesh, offset)
+
+    def _families(self, t: Triangle) -> list[Family]:
+        assert t.lines is not None
+        return t.lines.families(*self._stiffness)
+
+    @override
+    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
+        return stretching_energy(self._families(t), e.C)
+
+    @override
+    def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
+        return bending_of_lines(self._families(t), Lambda)
+
+    @override
+    def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
+        if self._offset is None:
+            return 0
+        families = [family.weighted(self._offset) for family in self._families(t)]
+        return coupling_of_lines(families, e, Lambda)
+
+    @override
+    def moduli(self, design: Densities) -> Floats | float:
+        assert isinstance(design, LineDesign)
+        return design.cover * self._modulus

@@ -26,7 +26,7 @@ from toros_fem.making.as_printed.free_islands import connect_islands, remove_isl
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors

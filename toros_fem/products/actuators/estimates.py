@@ -15,7 +15,7 @@ from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
 from toros_fem.making.print.printability import printed_fractions
-from toros_fem.mechanics.readings.limit_shape import LimitShape
+from toros_fem.mechanics.readings.error_estimate import LimitShape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
 from toros_fem.results.shape_miss import shape_of

@@ -9,9 +9,8 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.design.loop.case import Case
-from toros_fem.measures.cross_sections import COUNTS, CrossSections
+from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE
-from toros_fem.measures.rods import Rod, rod_of
 from toros_fem.products.actuators.space_mapping import Aim, aims_of
 
 # Angle in rad that the direction of a body's tip may be off.

@@ -23,7 +23,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.mechanics.readings.limit_shape import limit_shape
+from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print

@@ -21,8 +21,7 @@ from toros_fem.base.compiled_forms import assembled, compiled, work_vector
 from toros_fem.base.errors import MaterialWarning
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.meshes.skin import Skin
 from toros_fem.products.tiles.pull_test import PullMachine
@@ -67,7 +66,7 @@ class PrintedSheet:
             for k in range(2)
         ]
         for model in (self._base, *self._other):
-            model.set_density(model.check(density))
+            model.set_density(model.design.check(density))
         self._clamp = np.zeros(self._base.size_local)
         self._base.positions(self._clamp)[machine.far[skin.owned_vertices], axis] = 1.0
         self._mean = np.zeros(self._base.size_local)

@@ -13,8 +13,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.validation import require_positive
 from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load

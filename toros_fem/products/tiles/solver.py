@@ -12,15 +12,14 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.make_model import make_model
-from toros_fem.mechanics.equilibrium.attempts import Attempts
+from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.continuation import (
     Attempt,
     ContinuationResult,
+    NewtonStep,
     run_continuation,
 )
-from toros_fem.mechanics.equilibrium.newton import Newton
-from toros_fem.mechanics.equilibrium.newton_step import NewtonStep
+from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.skin.designs import check_density
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -109,8 +108,7 @@ class TileSolver:
         self._periodic_tangent, self._images = tangent, images
         self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
-        pairs = self.model.tangent_layout[1].shape[1]
-        self._entries: Floats = np.zeros(len(skin.cell) * pairs * (pairs + 1) // 2)
+        self._entries: Floats = np.zeros(self._newton.factor.triangles.count)
         self._last: TileState | None = None
         self._responses: dict[bytes, tuple[Floats, Floats]] = {}
 
@@ -167,7 +165,7 @@ class TileSolver:
         found, reached = first.state, first.outcome > 0
         if not reached and allow_continuation:
             nothing, from_flat = ContinuationResult(flat, 0.0, 1), partial(attempt, FLAT)
-            done = run_continuation(from_flat, nothing, 1.0, FIRST_STEP, SMALLEST_STEP)
+            done = run_continuation(from_flat, nothing, FIRST_STEP, SMALLEST_STEP)
             found, reached = done.state, done.load_factor == 1.0 and done.outcome > 0
         if not reached:
             raise NoEquilibriumError(
@@ -275,7 +273,7 @@ class TileSolver:
         key = prescribed.tobytes()
         if key not in self._responses:
             if not self._responses:
-                self.model.tangent_entries(at.state, self._entries)
+                self._newton.factor.triangles.compute(at.state, self._entries)
             force = self._periodic_tangent.force(self._entries, prescribed)
             state: Floats = np.zeros_like(force)
             self._images.set_mean_gradient(state, prescribed)

@@ -21,8 +21,7 @@ from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.mechanics.skin.planes import Planes
-from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.legs import tip_positions

@@ -22,8 +22,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
-from toros_fem.mechanics.contact.pads import Pads
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import until_failure

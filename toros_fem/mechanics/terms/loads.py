@@ -1,4 +1,4 @@
-"""Pressure in a skin's chambers, eq. (7), and what the walls between them contribute."""
+"""Loads with a potential: pressure in chambers, eq. (7), the skin's weight; and dead forces."""
 
 from __future__ import annotations
 
@@ -9,16 +9,77 @@ from dolfinx import fem
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
-from toros_fem.forms.jets import Jet
-from toros_fem.forms.kinematics import Triangle, flat_area
-from toros_fem.forms.pressure import enclosed_volume
+from toros_fem.forms.jets import Jet, cross, dot
+from toros_fem.forms.kinematics import Triangle, flat_area, interpolate
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, find_lids, find_walls
+from toros_fem.mechanics.skin.coefficients import constants
+from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, positions
-from toros_fem.mechanics.skin.planes import Planes
-from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.term import PotentialTerm
+from toros_fem.mechanics.skin.supports import Planes, Supports
+from toros_fem.mechanics.terms.term import PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
+
+
+class OwnWeight(PotentialTerm):
+    """Potential of the skin's own weight, of which the load says how much acts."""
+
+    def __init__(self, skin: Skin, weight: Weight) -> None:
+        self._skin, self._full = skin, np.asarray(weight.gravity)
+        self._gravity = fem.Constant(skin.mesh, np.zeros(3))
+        self._masses = constants(skin, weight.fabric, weight.reinforcement)
+
+    @override
+    def of_place(self, t: Triangle) -> Jet | None:
+        a, b, c = t.corners
+        middle = [(a[k] + b[k] + c[k]) * (1 / 3) for k in range(3)]
+        potential: Jet = dot(middle, [self._gravity[k] for k in range(3)])
+        return potential * (-interpolate(t.printed, *self._masses))
+
+    @override
+    def set_load(self, load: Load) -> None:
+        self._gravity.value[:] = load.weight * self._full
+
+    @override
+    def add_applied(self, x: Floats, out: Floats) -> None:
+        out -= self.variation()
+
+    @override
+    def load_energy(self, x: Floats) -> float:
+        return total(self._skin.comm, float(np.abs(self.variation() * x).sum()))
+
+
+class DeadForce(Term):
+    """Dead forces on the vertices; their work counts from the assembled positions."""
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        self._force = np.zeros((len(skin.owned_vertices), 3))
+
+    @override
+    def set_load(self, load: Load) -> None:
+        self._force[:] = 0 if load.force is None else load.force[self._skin.owned_vertices]
+
+    def _work(self, x: Floats) -> Floats:
+        skin = self._skin
+        moved = positions(skin, x) - skin.pattern.points[skin.owned_vertices]
+        return np.asarray(self._force * moved)
+
+    @override
+    def energy(self, x: Floats) -> float:
+        return -total(self._skin.comm, float(self._work(x).sum()))
+
+    @override
+    def add_gradient(self, x: Floats, out: Floats) -> None:
+        positions(self._skin, out)[:] -= self._force
+
+    @override
+    def add_applied(self, x: Floats, out: Floats) -> None:
+        positions(self._skin, out)[:] += self._force
+
+    @override
+    def load_energy(self, x: Floats) -> float:
+        return total(self._skin.comm, float(np.abs(self._work(x)).sum()))
 
 
 class Pressure(PotentialTerm):
@@ -62,7 +123,9 @@ class Pressure(PotentialTerm):
         arms, point = t.corners, self._point
         if point is not None:
             arms = [(at[0] - point[0], at[1] - point[1], at[2] - point[2]) for at in arms]
-        return enclosed_volume(arms) * (-self._pressure / flat_area(t.jacobian))
+        # The sum of x₀·(x₁ × x₂)/6 over a closed skin oriented outwards is its volume, eq. (7).
+        six: Jet = dot(arms[0], cross(arms[1], arms[2]))
+        return six * (1 / 6) * (-self._pressure / flat_area(t.jacobian))
 
     @override
     def number(self, patch: Patch, dofs: LocalInts) -> None:
