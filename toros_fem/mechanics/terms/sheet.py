@@ -279,7 +279,7 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
         turns=cell_function(space, hinges.rotation) if rotations else None,
         mirrors=three(hinges.mirror) if mirrored else None,
         folds=cell_function(space, hinges.has_moment.astype(np.float64)) if freed else None,
-        stops=cell_function(space, ~hinges.steep * 1.0) if steep else None,
+        stops=cell_function(space, (~hinges.steep).astype(np.float64)) if steep else None,
     )
 
 
