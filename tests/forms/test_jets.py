@@ -23,7 +23,8 @@ def nodes(points: np.ndarray) -> list[Vector]:
 
 
 def folded(points: np.ndarray, stop: float = 1) -> Jet:
-    return fold(*nodes(points), stop)
+    a, b, c, d = nodes(points)
+    return fold(a, b, c, d, stop)
 
 
 def turned(angle: float) -> np.ndarray:

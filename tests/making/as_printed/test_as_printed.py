@@ -12,6 +12,7 @@ from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, followed
 from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
@@ -91,7 +92,8 @@ def test_a_print_whose_start_is_out_of_bounds_starts_assembled(
     regions = list(as_printed(problem, made, PrintLimits()).regions)
     monkeypatch.setattr(InflatedSkin, "state_at", lambda self, positions: None)
     there, _, start = followed(problem, made.final, regions)
-    assert np.array_equal(start, there.physics.solver.model.assembled)
+    assert isinstance(there, ShapeDesign)
+    assert np.array_equal(start, there.solver.model.assembled)
 
 
 def test_islands_are_taken_out_of_the_density(
