@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +13,7 @@ from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.lines import Family, stretch_along
 
 # Angle in rad from which on a fold resists closing more than a bend does.
-STEEP = math.radians(150)
+STEEP = ufl.pi * 5 / 6
 # What is left of a closed fold in rad, so that its energy is finite.
 CLOSED = 1e-9
 
@@ -97,10 +96,10 @@ def stopped(angle: Any, stop: Any = 1) -> Any:
     that no Newton step finds. With e = |θ| − `STEEP`, e³/((π − `STEEP`)(π − |θ|)) is added, which
     has two continuous derivatives.
     """
-    room = math.pi - STEEP
+    room = ufl.pi - STEEP
 
     def beyond(angle: Any) -> Any:
-        return stop * (angle - STEEP) ** 3 / (room * (math.pi - angle + CLOSED))
+        return stop * (angle - STEEP) ** 3 / (room * (ufl.pi - angle + CLOSED))
 
     one_way = ufl.conditional(ufl.gt(angle, STEEP), beyond(angle), 0.0)
     other_way = ufl.conditional(ufl.lt(angle, -STEEP), -beyond(-angle), 0.0)

@@ -75,9 +75,11 @@ def test_a_mesh_too_coarse_for_sections_is_compared_by_points() -> None:
         points=np.column_stack([corners, np.zeros(4)]),
         panel_names=("strip",),
     )
-    found = miss_of(strip, strip.points + [0.0, 0.0, 1e-3], strip.points)
+    shifted = strip.points + [0.0, 0.0, 1e-3]
+    found = miss_of(strip, shifted, strip.points)
     assert not found.by_sections
     assert found.rms == pytest.approx(1e-3)
+    assert miss_of(strip, shifted, strip.points, (True, True, False)).rms == 0
 
 
 @pytest.mark.parametrize(
