@@ -157,7 +157,7 @@ def followed(
         skin.gather_vertices(like.equilibrium.positions)
     )
     start = there.physics.state_at(near)
-    return there, moved, there.physics.solver.model.assembled if start is None else start
+    return there, moved, there.solver.model.assembled if start is None else start
 
 
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:

@@ -69,7 +69,6 @@ class Attempt:
     Attributes:
         asked: Targets that were asked, by the keys of their metrics.
         metrics: Metrics of the print, by key; empty without an equilibrium.
-        designed: Those of the design.
         result: The design, with the objective of the problem itself.
         printed: Its print.
         spread: How far prints with other widths are apart; None if the design is not robust.
@@ -77,18 +76,18 @@ class Attempt:
 
     asked: Mapping[str, float]
     metrics: Mapping[str, float]
-    designed: Mapping[str, float]
     result: DesignResult
     printed: PrintedDesign
     spread: PrintSpread | None
 
     def follows(self, before: Attempt, aims: Mapping[str, Aim]) -> bool:
-        """Return whether the design came nearer to what was asked beyond an attempt before it."""
-        asked, designed = (
+        """Return whether the design has changed with what was asked since an attempt before it."""
+        designed, earlier = (one.result.history[-1].metrics for one in (self, before))
+        changes = [
             float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
-            for now, then in ((self.asked, before.asked), (self.designed, before.designed))
-        )
-        return designed >= FOLLOWS * asked
+            for now, then in ((designed, earlier), (self.asked, before.asked))
+        ]
+        return changes[0] >= FOLLOWS * changes[1]
 
     @property
     def clean(self) -> bool:
@@ -287,9 +286,8 @@ class Designer(Job):
                 return not last.metrics
             if len(attempts) > 1:
                 now, before = _error(last), min(map(_error, attempts[:-1]))
-                if now > HELPS * before and min(now, before) < FINE:
-                    return True
-                if not last.follows(attempts[-2], free):
+                hardly = now > HELPS * before and min(now, before) < FINE
+                if hardly or not last.follows(attempts[-2], free):
                     return True
             return close(last)
 
@@ -479,8 +477,7 @@ def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedD
     problem, metrics, spread = _problem(result), printed.metrics, None
     if problem.robust is not None:
         spread = print_spread(printed, problem.robust.tolerance.offset)
-    designed = problem.metrics_of(result.final.equilibrium)
-    return Attempt(asked, metrics, designed, result, printed, spread)
+    return Attempt(asked, metrics, result, printed, spread)
 
 
 def _error(attempt: Attempt) -> float:
