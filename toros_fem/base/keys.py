@@ -103,13 +103,13 @@ Count = Annotated[int, In(at_least=1)]
 Number = Annotated[int, In(at_least=0)]
 
 
-def key(default: Any, meaning: str, *, metric: str | None = None) -> Any:
+def key(default: Any, meaning: str, *, metric: str | None = None, free: bool = False) -> Any:
     """Return the dataclass field of a key: its default, and its meaning in one line.
 
     A default of `dataclasses.MISSING` is none: the value must be given. `metric` names the metric
-    whose target the key holds, in the key's unit.
+    whose target the key holds, in the key's unit; `free` is that of `Key`.
     """
-    return field(default=default, metadata={"meaning": meaning, "metric": metric})
+    return field(default=default, metadata={"meaning": meaning, "metric": metric, "free": free})
 
 
 @dataclass(frozen=True)
@@ -126,6 +126,8 @@ class Key:
         words: The words that a text may be; empty for free text.
         several: Whether it holds a tuple of values of its kind.
         metric: Name of the metric whose target it holds; None for other keys.
+        free: Whether it may change in a run that goes on: it says how far the design goes, or what
+            is told of it, and not what is designed.
     """
 
     name: str
@@ -137,6 +139,7 @@ class Key:
     words: tuple[str, ...] = ()
     several: bool = False
     metric: str | None = None
+    free: bool = False
 
     @property
     def one(self) -> Key:
@@ -384,4 +387,5 @@ def _key(table: str, one: Field[Any], hint: Any) -> Key:
         words=limits.words if isinstance(limits, OneOf) else (),
         several=several,
         metric=one.metadata.get("metric"),
+        free=one.metadata.get("free", False),
     )

@@ -78,6 +78,8 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
         (["unwrap", str(ROOT / "demos" / "surfaces" / "finger.stl"), "--output", str(folder)], 4),
         (["export", str(folder), "--output", str(folder)], 2),
         (["resume", str(folder)], 4),
+        (["resume", str(folder), "--set", "angle=50"], 2),
+        (["resume", str(folder), "--set", "curve_steps=0"], 2),
     ):
         capsys.readouterr()
         assert run(alone, words) == code, words

@@ -12,12 +12,12 @@ from helpers.run_files import content
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.base.errors import RunStoppedError
+from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.tubes import bend, twist
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import open_run
+from toros_fem.results.runs.folder import FREE, open_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
@@ -51,7 +51,9 @@ def design(comm: MPI.Comm, folder: Path, config: Any, stop_at: int | None = None
 
     resume = (folder / "state").exists()
     comm.barrier()
-    with open_run(comm, folder, config.as_dict(), resume=resume):
+    values = config.as_dict()
+    free = {key: values.pop(key) for key, one in config.described().items() if one.free}
+    with open_run(comm, folder, {**values, FREE: free}, resume=resume):
         design_actuator(comm, folder, config, Counted(comm, folder))
     return rows
 
@@ -77,6 +79,50 @@ def check(comm: MPI.Comm, folder: Path, config: Any, *stops: int) -> None:
 
 def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
     check(comm, shared(comm, tmp_path), TWO_LEVELS, 1, 5)
+
+
+@pytest.mark.parametrize(
+    ("shorter", "again"),
+    [({"corrections": 0}, 2), ({"level_iterations": 1, "corrections": 0}, 3)],
+    ids=["one more correction", "a step more on the finer mesh too"],
+)
+def test_a_finished_run_goes_further(
+    comm: MPI.Comm, tmp_path: Path, shorter: dict[str, int], again: int
+) -> None:
+    """To the end of a run that was to go so far at once; only what is new is designed.
+
+    They differ by rounding: the shorter one has simulated its print before it goes on.
+    """
+    folder, longer = shared(comm, tmp_path), TWO_LEVELS.updated(level_iterations=2)
+    design(comm, folder / "whole", longer)
+    design(comm, folder / "further", longer.updated(**shorter))
+    with pytest.raises(RunError, match="is finished"):
+        design(comm, folder / "further", longer.updated(**shorter))
+    assert design(comm, folder / "further", longer) >= again
+    rows, whole = (content(folder / name)[0] for name in ("further", "whole"))
+    assert len(rows) == len(whole)
+    for one, other in zip(rows, whole, strict=True):
+        assert {k: float(v) for k, v in one.items()} == pytest.approx(
+            {k: float(v) for k, v in other.items()}, rel=1e-6
+        )
+    with pytest.raises(CheckpointError, match="other inputs"):
+        design(comm, folder / "further", longer.updated(angle=41.0))
+
+
+def test_steps_of_a_stage_that_is_over(
+    comm: MPI.Comm, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """They change nothing, which is told; other loops than those of the run are designed anew."""
+    folder = shared(comm, tmp_path)
+    config = TWO_LEVELS.updated(levels=1, corrections=0, polish_iterations=0)
+    design(comm, folder, config)
+    assert design(comm, folder, config.updated(iterations=5)) == 0
+    assert ("stages before stage 1 are over" in caplog.text) == (comm.rank == 0)
+    changed = config.updated(iterations=2, constrained_iterations=0)
+    assert design(comm, folder, changed) == 3, "one stage, from its start"
+    caplog.clear()
+    design(comm, folder, changed.updated(iterations=3))
+    assert "are over" not in caplog.text
 
 
 def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import RunResult
 from toros_fem.results.runs.files import SCENE
-from toros_fem.results.runs.folder import open_run, read_record
+from toros_fem.results.runs.folder import FREE, open_run, read_record
 from toros_fem.results.runs.summary_file import read_content
 
 log = logging.getLogger(__name__)
@@ -104,10 +104,16 @@ def beyond_tests(scene: SceneFile, used: float | None) -> str:
     )
 
 
-def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> Answer:
+def resume_scene(
+    comm: MPI.Comm, folder: Path, changes: Sequence[str] = (), *, every: int, verbose: bool
+) -> Answer:
     """Go on with the run in a folder, with the inputs that it began with (collective).
 
+    Args:
+        changes: Other values of keys that are `free`, as "KEY=VALUE".
+
     Raises:
+        UsageError: A key may not change.
         RunError: The folder holds no run, or one that is finished or in use.
         CheckpointError: The run cannot go on: it is no run of a scene, or its scene was changed.
         SceneError: A file that it began with has gone.
@@ -120,12 +126,23 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
             "by the script that made it."
         )
     try:
-        scene = read_scene(folder / SCENE, comm=comm)
+        scene = read_scene(folder / SCENE, comm=comm, changes=changes)
     except SceneError as error:
+        if changes:
+            raise
         raise CheckpointError(
             f"the scene of the run in {folder} cannot be read any more: {error}"
         ) from None
     scene.require_files(comm)
+    known, then = scene.config.described(), record.inputs.get("config", {})
+    values = json.loads(json.dumps(scene.config.as_dict()))
+    fixed = [key for key in known if not known[key].free and values[key] != then.get(key)]
+    if changes and fixed:
+        free = ", ".join(key for key in known if known[key].free)
+        raise UsageError(
+            f"toros resume: {fixed[0]} tells another problem. A run that goes on may change "
+            f"{free}; for all else start a new run by toros design."
+        )
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
 
 
@@ -150,10 +167,13 @@ def inputs_of(scene: SceneFile, name: str) -> dict[str, Any]:
 
     Files are told by their content, folders by their place.
     """
+    values, known = scene.config.as_dict(), scene.config.described()
+    free = {key: values.pop(key) for key in known if known[key].free}
     found: dict[str, Any] = {
         "command": name,
         "kind": scene.kind.KIND,
-        "config": scene.config.as_dict(),
+        "config": values,
+        FREE: free,
         "files": {key: _content(path) for key, path in _taken(scene, name).items()},
     }
     return dict(json.loads(json.dumps(found)))

@@ -39,20 +39,27 @@ class Progress(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneCommand(Command):
-    """The scene, its quick variant, changes of its values, and large meshes."""
+class Changes(Command):
+    """Changes of a scene's values."""
 
-    file: Path = key(MISSING, "scene file, by `toros new`")
-    coarse: bool = key(False, "the scene's quick variant: a coarse mesh and few steps")
     set: tuple[str, ...] = key(
         (),
         "another value of a key of the scene file, as it would stand there, in its unit or in SI "
         "units; may be given several times",
     )
+
+    TAKES: ClassVar = {"set": "KEY=VALUE"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneCommand(Changes):
+    """The scene, its quick variant, and large meshes."""
+
+    file: Path = key(MISSING, "scene file, by `toros new`")
+    coarse: bool = key(False, "the scene's quick variant: a coarse mesh and few steps")
     allow_large: bool = key(False, "also allow meshes of more than 2000000 triangles")
 
     WORDS: ClassVar[tuple[str, ...]] = ("file",)
-    TAKES: ClassVar = {"set": "KEY=VALUE"}
 
     def scene(self, comm: MPI.Comm) -> SceneFile:
         """Read the scene that the options name, and look for its files (collective)."""
@@ -102,10 +109,17 @@ class RunCommand(SceneCommand, Progress):
         metrics = (*scene.config.metric, *map(Measured.from_words, self.metric))
         return replace(scene, config=scene.config.updated(metric=metrics))
 
-    def run(self, comm: MPI.Comm, scene: SceneFile, name: str) -> Answer:
-        """Design or simulate a scene in the run's folder (collective)."""
-        from toros_fem.cli.command_line.running import run_scene
+    def run(self, comm: MPI.Comm, scene: SceneFile, name: str, **files: Path | None) -> Answer:
+        """Design or simulate a scene, with files given by options, in its folder (collective)."""
+        from toros_fem.cli.command_line.running import files_of, run_scene
 
+        given = {one: path for one, path in files.items() if path is not None}
+        for one in given.keys() - files_of(scene, name):
+            option = "--" + one.replace("_", "-")
+            raise UsageError(
+                f"toros {name}: scenes of the kind {scene.kind.KIND!r} take no {option}."
+            )
+        scene = replace(scene, files={**scene.files, **given})
         with self.meshes_allowed(), self.petsc_given():
             own = f"{self.file.stem}-simulated" if name == "simulate" else self.file.stem
             folder = self.output or Path(own)

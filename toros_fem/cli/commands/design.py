@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import ClassVar
 
 from mpi4py import MPI
 
+from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import RunCommand
 
@@ -20,13 +22,21 @@ class Design(RunCommand):
     that was stopped goes on by `toros resume`.
     """
 
+    start_from: Path | None = key(
+        None,
+        "folder of a finished design: the densities start from its print, which may have another "
+        "size, target or pressure, on the finest mesh; none: the scene's start",
+    )
+
+    TAKES: ClassVar = {**RunCommand.TAKES, "start_from": "DESIGN"}
     EXAMPLES: ClassVar = (
         "toros design mine.toml --output run",
         "toros design mine.toml --output quick --coarse",
         "toros design mine.toml --output other --set angle=90 --set design_pressure=true",
+        "toros design mine.toml --output more --set angle=120 --start-from other",
         "mpirun -n 2 toros design mine.toml --output run",
     )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Design in the run's folder (collective)."""
-        return self.run(comm, self.scene(comm), "design")
+        return self.run(comm, self.scene(comm), "design", start_from=self.start_from)

@@ -10,21 +10,28 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.scene_options import Progress
+from toros_fem.cli.command_line.scene_options import Changes, Progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resume(Progress):
-    """Continues a run that was stopped.
+class Resume(Changes, Progress):
+    """Continues a run that was stopped, or one that should go further.
 
     The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
-    any number of ranks. On the same number its result is the same to the last digit.
+    any number of ranks. On the same number its result is the same to the last digit. By --set it
+    takes other numbers of steps and corrections, another curve or other tolerances; a finished run
+    then goes on too. For other changes start a new run.
     """
 
     run: Path = key(MISSING, "folder of the run")
 
     WORDS: ClassVar = ("run",)
-    EXAMPLES: ClassVar = ("toros resume run", "mpirun -n 2 toros resume run")
+    TAKES: ClassVar = {**Changes.TAKES, **Progress.TAKES}
+    EXAMPLES: ClassVar = (
+        "toros resume run",
+        "toros resume run --set corrections=3 --set curve_pressure='30 kPa'",
+        "mpirun -n 2 toros resume run",
+    )
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Go on with the run (collective)."""
@@ -32,4 +39,4 @@ class Resume(Progress):
         from toros_fem.meshes.triangles import triangle_limit
 
         with self.petsc_given(), triangle_limit(None):  # what the run began with was allowed
-            return resume_scene(comm, self.run, every=self.every, verbose=self.verbose)
+            return resume_scene(comm, self.run, self.set, every=self.every, verbose=self.verbose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -10,7 +10,6 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.scene_options import RunCommand
 
 
@@ -37,12 +36,4 @@ class Simulate(RunCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Simulate in the run's folder (collective)."""
-        from toros_fem.cli.command_line.running import files_of
-
-        scene = self.scene(comm)
-        if self.pattern is not None:
-            if "pattern" not in files_of(scene, "simulate"):
-                kind = scene.kind.KIND
-                raise UsageError(f"toros simulate: scenes of the kind {kind!r} take no --pattern.")
-            scene = replace(scene, files={**scene.files, "pattern": self.pattern})
-        return self.run(comm, scene, "simulate")
+        return self.run(comm, self.scene(comm), "simulate", pattern=self.pattern)

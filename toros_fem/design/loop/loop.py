@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
@@ -36,6 +37,8 @@ from toros_fem.design.loop.steps import Steps, resolution_of
 from toros_fem.design.loop.stop import reason_to_end
 from toros_fem.design.loop.variables import Variables
 from toros_fem.design.mma.optimizer import Functions
+
+log = logging.getLogger(__name__)
 
 # Key of the wall time for meshes, problems and transfers of all levels but the first.
 SETUP = "next levels"
@@ -140,10 +143,12 @@ def optimize(
         )
     entry = None
     if journal is not None:
-        entry = journal.entry(problem.comm, signature_of(problem, options))
+        stages = tuple(replace(stage, iterations=1) for stage in options.stages)  # may go further
+        signature = signature_of(problem, replace(options, stages=stages))
+        entry = journal.entry(problem.comm, signature)
     run = _Run(problem, options, callback, entry)
     run.begin_at(start, seed, after)
-    first = run.history[-1].stage + 1 if run.history else 0
+    first = run.next_stage
     try:
         saved = None if entry is None else entry.saved()
         begin = first if saved is None else run.restore(saved)
@@ -198,6 +203,11 @@ class _Run:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
+    @property
+    def next_stage(self) -> int:
+        """Number of the stage after those of the history."""
+        return self.history[-1].stage + 1 if self.history else 0
+
     def begin_at(
         self, start: Floats | None, seed: int, after: DesignResult | CarriedDesign | None
     ) -> None:
@@ -227,6 +237,7 @@ class _Run:
     def restore(self, saved: Archive) -> int:
         """Take up a saved state, but for the design and MMA's; return its stage."""
         numbers, before = saved.numbers, len(self.history)
+        first = self.next_stage
         with fitting("loop"):
             self.x = self.variables.scatter(saved.arrays["x"])
             self.history = restored_rows(numbers["history"])
@@ -235,6 +246,14 @@ class _Run:
             self.phases = dict(numbers["phases"])
             self.begin = time.perf_counter() - float(numbers["seconds"])
             stage = int(numbers["stage"])
+            limits = list(map(int, numbers["iterations"]))
+        over = zip(self.options.stages[: stage - first], limits, strict=False)
+        if self.comm.rank == 0 and any(one.iterations != then for one, then in over):
+            log.warning(
+                "stages before stage %d are over: another number of their steps changes nothing. "
+                "It takes a new run.",
+                stage,
+            )
         if isinstance(self.callback, ResumableCallback):
             self.callback.restored(self.history[before:])
         self.iteration_begin = time.perf_counter()
@@ -252,6 +271,7 @@ class _Run:
             "steps_done": self.steps_done,
             "change": self.change,
             "phases": self.phases,
+            "iterations": [stage.iterations for stage in self.options.stages],
             "seconds": time.perf_counter() - self.begin,
             "history": saved_rows(self.history),
         }

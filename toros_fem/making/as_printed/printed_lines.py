@@ -69,7 +69,17 @@ def case_of_print(
 ) -> tuple[Case, list[BaseGeometry]]:
     """Return a case that follows a print, with smoothed strains, and the print there (collective).
 
-    The print's pattern is another mesh of the whole skin.
+    Raises:
+        PanelError: As of `print_on`.
+    """
+    own = print_on(comm, case, pattern, regions)
+    return case.following(comm, own).smoothed(), own
+
+
+def print_on(comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions) -> list[BaseGeometry]:
+    """Return a print on the pattern of a case (collective).
+
+    The print's own pattern is another mesh of the whole skin, perhaps of another size.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -78,8 +88,7 @@ def case_of_print(
     def laid() -> list[BaseGeometry]:
         return part_regions(case.pattern, regions_on(pattern, regions, case.whole_pattern))
 
-    own = on_first_rank(comm, laid)
-    return case.following(comm, own).smoothed(), own
+    return on_first_rank(comm, laid)
 
 
 def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:

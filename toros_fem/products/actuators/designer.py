@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.errors import PanelError
 from toros_fem.base.files import guarded, if_possible
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.corrections import correct
-from toros_fem.design.loop.levels import optimize_levels
-from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
-from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
-from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
-from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.as_printed.printed_lines import print_on
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
-from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
+from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
-from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Search
-from toros_fem.products.actuators.space_mapping import (
-    CLOSE,
-    FINE,
-    HELPS,
-    Aim,
-    aims_of,
-    asked_next,
-    largest_error,
-)
+from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
@@ -51,62 +41,22 @@ from toros_fem.results.summary import PrintedResult, printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
-    from toros_fem.products.actuators.scene import ActuatorScene
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 log = logging.getLogger(__name__)
 
-# Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
-# cannot be printed, before they are cleaned.
-UNCLEAN = 0.02
-# A design that changes by less than this part of what was asked beyond the last is at its limit.
-FOLLOWS = 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """A design that was asked for targets, perhaps beyond those of the problem, and its print.
-
-    Attributes:
-        asked: Targets that were asked, by the keys of their metrics.
-        metrics: Metrics of the print, by key; empty without an equilibrium.
-        result: The design, with the objective of the problem itself.
-        printed: Its print.
-        spread: How far prints with other widths are apart; None if the design is not robust.
-    """
-
-    asked: Mapping[str, float]
-    metrics: Mapping[str, float]
-    result: DesignResult
-    printed: PrintedDesign
-    spread: PrintSpread | None
-
-    def follows(self, before: Attempt, aims: Mapping[str, Aim]) -> bool:
-        """Return whether the design has changed with what was asked since an attempt before it."""
-        designed, earlier = (one.result.history[-1].metrics for one in (self, before))
-        changes = [
-            float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
-            for now, then in ((designed, earlier), (self.asked, before.asked))
-        ]
-        return changes[0] >= FOLLOWS * changes[1]
-
-    @property
-    def clean(self) -> bool:
-        """Whether the contours can be printed before they are cleaned."""
-        before = self.printed.before
-        return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Designer(Job):
+class Designer(DensityDesigner):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:
-        reporter: Reports the progress.
         output: Folder for summary, history, pattern, fields and pictures.
+        source: Folder of a finished design whose print the densities start from; None for none.
     """
 
-    reporter: DesignReporter
     output: Path | str
+    source: Path | str | None = None
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
@@ -115,35 +65,60 @@ class Designer(Job):
             for one in doubtful:
                 log.warning("%s", one)
         require_affordable_meshes(self.comm, self.scene)
+        if self.source is not None:
+            return self._from_print(Path(self.source))
         if self.scene.design.start == "relaxed":
             return self._from_lines()
         return self._from_densities()
 
+    def _from_print(self, source: Path) -> ActuatorResult:
+        """Design densities on the finest mesh from a given print, and correct them."""
+        comm, scene = self.comm, self.scene
+        lines = scene.design.start == "relaxed"
+        level = scene.density_level if lines else scene.finest_level
+        options = scene.density_options if lines else scene.design.finer_options
+        stored, case = read_print_polygons(comm, source), scene.case(comm, level)
+        try:
+            own = print_on(comm, case, stored.pattern, stored.regions)
+        except PanelError as caught:
+            raise PanelError(f"{source} is the design of another skin: {caught}") from None
+        density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
+        begin = CarriedDesign(case.pattern, density)
+        return self._densified([level], [options], Search(scene.design.seed, "print", 0), begin)
+
     def _from_densities(self) -> ActuatorResult:
         """Design densities on each level, from coarse to fine, and correct the last ones."""
-        comm, scene, design = self.comm, self.scene, self.scene.design
-        levels, options, best = scene.levels, scene.options, None
+        scene, design = self.scene, self.scene.design
+        levels, options, after = scene.levels, scene.options, None
+        search = Search(design.seed, "random", 0)
         if design.starts > 1:
             best = self._best_start()
+            search, after = Search(best.seed, "random", 0, best.objectives), best.design
             # With one mesh alone all ranks finish the best design on it.
             levels, options = levels[1:] or levels, options[1:] or (design.finer_options,)
+        return self._densified(levels, options, search, after)
+
+    def _densified(
+        self,
+        levels: Sequence[Level],
+        options: Sequence[DesignOptions],
+        search: Search,
+        after: CarriedDesign | None,
+    ) -> ActuatorResult:
+        """Design densities on meshes, perhaps after a design of another, and correct the last."""
+        comm, scene = self.comm, self.scene
 
         def problems() -> Iterator[ShapeDesign]:
             for level in levels:
                 yield self.problem(scene.case(comm, level), level)
 
         with self.reporter:
-            made = self._over_levels(problems(), options, best)
-            attempts = self._corrected(lambda other: other.case(comm, levels[-1]), *made)
-        chosen = self._best(attempts)
-        problem = _problem(chosen.result)
-        search = Search(
-            design.seed if best is None else best.seed,
-            "random" if problem.fields.centre is None else "pattern",
-            len(attempts) - 1,
-            None if best is None else best.objectives,
-            _robust_figures(chosen),
-        )
+            made = self.over_levels(problems(), options, after)
+            attempts = self.corrected(lambda other: other.case(comm, levels[-1]), *made)
+        chosen = self.best(attempts)
+        if chosen.problem.fields.centre is not None:
+            search = replace(search, start="pattern")
+        search = replace(search, rounds=len(attempts) - 1, robust=chosen.robust)
         return self._written(chosen.result, chosen.printed, search)
 
     def _from_lines(self) -> ActuatorResult:
@@ -161,7 +136,7 @@ class Designer(Job):
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
-            robust=None if better is None else _robust_figures(better),
+            robust=None if better is None else better.robust,
             lines=found,
             densities_kept=better is not None,
         )
@@ -183,65 +158,6 @@ class Designer(Job):
             self.reporter.report(row)
         return best
 
-    def _over_levels(
-        self,
-        problems: Iterator[ShapeDesign],
-        options: Sequence[DesignOptions],
-        best: BestStart | None,
-    ) -> tuple[DesignResult, PrintedDesign]:
-        """Run a level for each of the options, after the best start if there are several.
-
-        Each has a polishing stage if its print has free islands.
-        """
-        rules_of = dict(enumerate(options, 0 if best is None else 1))
-        steps = sum(level.iterations for level in options)
-        printed: PrintedDesign | None = None
-
-        def polished(result: DesignResult) -> DesignResult:
-            nonlocal steps, printed
-            printed = self._print(result)
-            polishing = self.scene.design.polish_iterations
-            if not polishing or not printed.before.free_islands:
-                return result
-            rules = rules_of[result.history[-1].level]
-            last = replace(rules.stages[-1], iterations=polishing)
-            steps += last.iterations
-            self.reporter.expect(steps)
-            result = optimize(
-                result.problem,
-                replace(rules, stages=(last,)),
-                start=_without_free_islands(result, printed),
-                callback=self.reporter,
-                after=result,
-                journal=self.journal,
-            )
-            printed = self._print(result)
-            return result
-
-        self.reporter.expect(steps)
-        result = optimize_levels(
-            problems,
-            options,
-            seed=self.scene.design.seed,
-            callback=self.reporter,
-            finish=polished,
-            after=None if best is None else best.design,
-            journal=self.journal,
-        )
-        assert printed is not None
-        return result, printed
-
-    def _print(self, result: DesignResult) -> PrintedDesign:
-        """Return the print of a design, simulated."""
-        printer = self.scene.print
-        return as_printed(
-            _problem(result),
-            result,
-            printer.limits,
-            island_area=printer.island_area,
-            journal=self.journal,
-        )
-
     def _densities(self, found: Discovery) -> Attempt | None:
         """Design and correct densities from lines; None if the print is not better."""
         comm, scene = self.comm, self.scene
@@ -252,92 +168,9 @@ class Designer(Job):
         def goal(other: ActuatorScene) -> Case:
             return other.case(comm, scene.density_level).following(comm, found.made.regions)
 
-        chosen = self._best(self._corrected(goal, designed, self._print(designed)))
+        chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
         aims = aims_of(found.made.problem.metrics)
         return chosen if largest_error(chosen.metrics, aims) < found.best.error else None
-
-    def _corrected(
-        self,
-        goal: Callable[[ActuatorScene], Case],
-        result: DesignResult,
-        printed: PrintedDesign,
-    ) -> list[Attempt]:
-        """Ask the design again and again for what its print misses, and return all attempts.
-
-        The design is continued on the finest mesh with targets beyond those of the problem. Metrics
-        whose target no field holds only count for which print is best. Near the targets a
-        correction that hardly helps is the last, and so is one that the design does not follow. A
-        robust design is told how far its prints are apart.
-
-        Args:
-            goal: Returns the case of a scene of other targets on the finest mesh.
-            result, printed: The design there, and its print.
-        """
-        scene, problem = self.scene, _problem(result)
-        aims = aims_of(problem.metrics)
-        free = {key: aim for key, aim in aims.items() if key in scene.targets()}
-
-        def close(attempt: Attempt) -> bool:
-            return largest_error(attempt.metrics, aims) < CLOSE and attempt.clean
-
-        def enough(attempts: Sequence[Attempt]) -> bool:
-            last = attempts[-1]
-            if not last.metrics or problem.robust is not None:
-                return not last.metrics
-            if len(attempts) > 1:
-                now, before = _error(last), min(map(_error, attempts[:-1]))
-                hardly = now > HELPS * before and min(now, before) < FINE
-                if hardly or not last.follows(attempts[-2], free):
-                    return True
-            return close(last)
-
-        def again(attempts: Sequence[Attempt]) -> Attempt | None:
-            last = attempts[-1]
-            asked = dict(last.asked) if close(last) else asked_next(attempts, free)
-            try:
-                other = scene.asked(asked)
-            except ParameterError:  # beyond what the targets' fields allow
-                return None
-            steps = last.result.history[-1].iteration + scene.design.level_iterations
-            self.reporter.expect(steps)
-            asking = problem.towards(goal(other))
-            if last.spread is not None:
-                seen = [variant.positions for variant in last.result.final.variants]
-                assert asking.robust is not None
-                asking = asking.changed(
-                    robust=asking.robust.corrected(
-                        last.spread.half[problem.skin.owned_vertices], *seen
-                    )
-                )
-            found = optimize(
-                asking,
-                scene.design.finer_options,
-                callback=self.reporter,
-                after=last.result,
-                journal=self.journal,
-            )
-            shape = problem.objective.forward(found.final.equilibrium.positions)
-            found = replace(found, problem=problem, final=replace(found.final, shape=shape))
-            return _attempt(asked, found, self._print(found))
-
-        first = _attempt({key: aim.target for key, aim in free.items()}, result, printed)
-        return correct(first, again, enough, scene.design.corrections if free else 0)
-
-    def _best(self, attempts: Sequence[Attempt]) -> Attempt:
-        """Return the attempt whose print is nearest to the targets.
-
-        Of robust designs that are close to them, it is the one with the least spread.
-        """
-        problem = _problem(attempts[0].result)
-        scales = {key: aim.scale for key, aim in aims_of(problem.metrics).items()}
-
-        def badness(attempt: Attempt) -> tuple[float, float]:
-            if problem.robust is None:
-                return _error(attempt), 0.0
-            spread = np.inf if attempt.spread is None else attempt.spread.error(scales)
-            return max(_error(attempt), CLOSE), spread
-
-        return min(attempts, key=badness)
 
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Search
@@ -428,6 +261,7 @@ def design_actuator(
     scene: ActuatorScene,
     reporter: DesignReporter | None = None,
     *,
+    source: Path | str | None = None,
     verbose: bool = False,
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
@@ -449,63 +283,21 @@ def design_actuator(
         scene: What to design.
         reporter: Reports the progress; None makes one for `output`. One that is made earlier also
             counts the time of the set-up.
+        source: Folder of a finished design, whose print the densities on the finest mesh start
+            from; it may be of another size, target or pressure. None starts as the scene says.
         verbose: Whether to print every Newton step.
 
     Raises:
-        TorosError: A number is out of its bounds, the start has no equilibrium, or the folder
-            cannot be written to.
+        TorosError: A number is out of its bounds, the start has no equilibrium, the folder
+            cannot be written to, or the source holds no print of such a skin.
     """
     designer = Designer(
         comm=comm,
-        scene=scene,
+        scene=scene if source is None else scene.from_print(),
         output=output,
         reporter=reporter or DesignReporter(comm, output),
         journal=journal_of(output),
+        source=source,
         verbose=verbose,
     )
     return designer.design()
-
-
-def _problem(result: DesignResult) -> ShapeDesign:
-    problem = result.problem
-    assert isinstance(problem, ShapeDesign)
-    return problem
-
-
-def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedDesign) -> Attempt:
-    """Return a design with the metrics of its print and, of a robust one, the spread."""
-    problem, metrics, spread = _problem(result), printed.metrics, None
-    if problem.robust is not None:
-        spread = print_spread(printed, problem.robust.tolerance.offset)
-    return Attempt(asked, metrics, result, printed, spread)
-
-
-def _error(attempt: Attempt) -> float:
-    """Return the largest error of a metric, more if the contours have to be cleaned."""
-    aims = aims_of(_problem(attempt.result).metrics)
-    return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN
-
-
-def _robust_figures(made: Attempt) -> dict[str, Any] | None:
-    """Return figures of a robust design and of its print with other widths; None of another."""
-    final, problem = made.result.final, _problem(made.result)
-    if problem.robust is None or final.spread is None:
-        return None
-    metrics = [problem.metrics_of(variant) for variant in final.variants]
-    figures = problem.robust.figures(final.spread, metrics)
-    both = (None, None) if made.spread is None else made.spread.metrics
-    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
-
-
-def _without_free_islands(result: DesignResult, printed: PrintedDesign) -> Floats:
-    """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
-    problem, near = _problem(result), result.final.equilibrium
-    starts = [change(problem, result, printed) for change in (remove_islands, connect_islands)]
-    objectives = []
-    for density in starts:
-        try:
-            found = problem.simulate(density, near.state, near.pressures, trial=True)
-            objectives.append(found.objective)
-        except EquilibriumError:  # raised by all ranks or by none
-            objectives.append(np.inf)
-    return starts[int(np.argmin(objectives))]

@@ -25,8 +25,8 @@ class Search:
 
     Attributes:
         seed: Seed of the start that led to it.
-        start: What it began with: "random", "pattern" (a given density) or "relaxed" (line
-            families from a random start).
+        start: What it began with: "random", "pattern" (a given density), "print" (of another
+            design) or "relaxed" (line families from a random start).
         rounds: How often it was asked again for what its print missed.
         starts: Objective of each start by seed, infinite without an equilibrium; None of one start.
         robust: Figures of a robust design; None of another.
@@ -148,4 +148,6 @@ class ActuatorResult(RunResult):
         doubt = "" if self.errors is None else self.errors.words
         tried = "" if self.trial is None else self.trial.words
         start = f"from a {self.search.start} start, seed {self.search.seed}"
+        if self.search.start == "print":
+            start = "from the print of another design"
         return "; ".join(filter(None, (told, start, doubt, tried)))

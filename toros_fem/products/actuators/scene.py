@@ -36,6 +36,9 @@ from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
 from toros_fem.results.result import RunResult
 
+SOURCE = {
+    "start_from": "output folder of a design, whose print the densities start from; none: `start`"
+}
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
@@ -114,6 +117,7 @@ class ActuatorScene(Scene):
                     "width_tolerance",
                 )
 
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     # Measured values of the metrics, which are drawn beside the curves.
     MEASURED: ClassVar[tuple[Measurement, ...]] = ()
@@ -199,7 +203,9 @@ class ActuatorScene(Scene):
         Raises:
             TorosError: As of `design_actuator`.
         """
-        return design_actuator(comm, output, self.with_files(comm, files or {}), verbose=verbose)
+        given = files or {}
+        scene, source = self.with_files(comm, given), given.get("start_from")
+        return design_actuator(comm, output, scene, source=source, verbose=verbose)
 
     def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
         """Simulate what the print is for, beyond its curve, and write the files of this."""
@@ -344,6 +350,12 @@ class ActuatorScene(Scene):
             ParameterError: There is none.
         """
         return COARSER, level.scaled(COARSER)
+
+    def from_print(self) -> Self:
+        """Return the scene whose densities start from a given print, with steps for them."""
+        if self.design.start == "relaxed" and not self.lines.density_iterations:
+            return self.updated(density_iterations=self.design.level_iterations)
+        return self
 
     @property
     def density_options(self) -> DesignOptions:

@@ -29,7 +29,7 @@ from toros_fem.meshes.surfaces.surface import Surface, volume
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
-from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
@@ -251,7 +251,7 @@ class OwnMeshScene(ActuatorScene):
     design: OwnDesigning = OwnDesigning()
 
     KIND: ClassVar = "own-mesh"
-    DESIGN_FILES: ClassVar = {**MESH, **TARGET}
+    DESIGN_FILES: ClassVar = {**MESH, **TARGET, **SOURCE}
     SIMULATION_FILES: ClassVar = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar = {"mesh": "my.stl"}
     COARSE: ClassVar = {

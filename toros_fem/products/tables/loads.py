@@ -148,24 +148,34 @@ class Results(Table):
     """What is simulated of the print, and what counts as reached."""
 
     estimate_error: bool = key(
-        True, "estimate the discretisation error of the metrics, from a coarser mesh"
+        True,
+        "estimate the discretisation error of the metrics, from a coarser mesh",
+        free=True,
     )
     curve_pressure: Modulus | None = key(
         20e3,
         "largest pressure up to which the metrics of the print are followed; none leaves this "
         "curve out",
+        free=True,
     )
-    curve_steps: Count = key(10, "number of equal steps of the curve from 0 to that pressure")
+    curve_steps: Count = key(
+        10, "number of equal steps of the curve from 0 to that pressure", free=True
+    )
     tolerance: Fraction = key(
-        DEFAULT.figure, "part of its target that a figure may be off by and count as reached"
+        DEFAULT.figure,
+        "part of its target that a figure may be off by and count as reached",
+        free=True,
     )
     shape_tolerance: Fraction = key(
         DEFAULT.shape,
         "part of the skin's length that a shape may be off by, as root mean square, and count as "
         "reached",
+        free=True,
     )
     direction_tolerance: Annotated[float, In("deg", above=0, at_most=180)] = key(
-        DEFAULT.direction, "angle that the direction of a tip may be off by and count as reached"
+        DEFAULT.direction,
+        "angle that the direction of a tip may be off by and count as reached",
+        free=True,
     )
 
     @property

@@ -73,9 +73,13 @@ class Stepping(Table):
         "number of meshes, from coarse to fine: edges and filter radius halve from each to the "
         "next; none takes as many as the size allows",
     )
-    iterations: Count = key(60, "steps on the coarsest mesh before the width constraints act")
+    iterations: Count = key(
+        60, "steps on the coarsest mesh before the width constraints act", free=True
+    )
     constrained_iterations: Number = key(
-        40, "further steps there with the width constraints; 0 leaves them out"
+        40,
+        "further steps there with the width constraints; 0 leaves them out",
+        free=True,
     )
     min_decrease: Fraction | None = key(
         0.05,
@@ -83,15 +87,21 @@ class Stepping(Table):
         "this rule out",
     )
     level_iterations: Count = key(
-        10, "steps on each mesh but the coarsest, with the width constraints"
+        10,
+        "steps on each mesh but the coarsest, with the width constraints",
+        free=True,
     )
     level_move_limit: Fraction = key(
         0.05, "largest change of a density in one step on these meshes"
     )
     polish_iterations: Number = key(
-        20, "steps on a mesh after all free islands are removed or connected; 0 leaves them"
+        20,
+        "steps on a mesh after all free islands are removed or connected; 0 leaves them",
+        free=True,
     )
-    corrections: Number = key(0, "how often the design is asked again for what its print misses")
+    corrections: Number = key(
+        0, "how often the design is asked again for what its print misses", free=True
+    )
 
 
 @dataclass(frozen=True)
@@ -180,7 +190,9 @@ class Lines(Table):
 
     relaxed_edge_length: Length = key(4e-3, "edge length of the relaxed design's mesh")
     relaxed_iterations: Count = key(
-        40, "largest number of steps of either stage of the relaxed design"
+        40,
+        "largest number of steps of either stage of the relaxed design",
+        free=True,
     )
     directions: Annotated[int, In(at_least=2)] = key(
         12, "number of fixed directions in the first stage of the relaxed design"
@@ -214,7 +226,9 @@ class Lines(Table):
         0.75e-3, "edge length of the mesh that printed lines are simulated on"
     )
     density_iterations: Number = key(
-        0, "steps of the densities that start from these lines; kept only if the print gets better"
+        0,
+        "steps of the densities that start from these lines; kept only if the print gets better",
+        free=True,
     )
 
     @property

@@ -51,18 +51,28 @@ class Searching(Filtering):
 
     starts: Count = key(8, "largest number of random starts, lines and waves by turns")
     trial_iterations: Count = key(
-        12, "largest number of steps of each start, at β and again at 4 β"
+        12,
+        "largest number of steps of each start, at β and again at 4 β",
+        free=True,
     )
     draft_iterations: Count = key(
-        40, "largest number of further steps of the two best starts, coarse mesh"
+        40,
+        "largest number of further steps of the two best starts, coarse mesh",
+        free=True,
     )
     finish_iterations: Count = key(
-        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β"
+        15,
+        "largest number of steps on the design's mesh, at 4 β and again at 8 β",
+        free=True,
     )
     corrections: Number = key(
-        3, "largest number of corrections of the target by the print's deviation"
+        3,
+        "largest number of corrections of the target by the print's deviation",
+        free=True,
     )
-    correction_iterations: Count = key(15, "largest number of steps after each correction")
+    correction_iterations: Count = key(
+        15, "largest number of steps after each correction", free=True
+    )
     tolerance: Positive = key(
         0.02, "relative deviation of a printed stiffness that needs no correction"
     )

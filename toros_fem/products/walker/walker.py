@@ -127,7 +127,9 @@ class WalkerResults(Results):
     """What is simulated of the print."""
 
     gait_steps: Count | None = key(
-        8, "number of equilibria in each phase of the gait; none leaves the gait out"
+        8,
+        "number of equilibria in each phase of the gait; none leaves the gait out",
+        free=True,
     )
 
 

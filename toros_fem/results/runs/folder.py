@@ -43,6 +43,8 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+# Key of the inputs that may change in a run that goes on.
+FREE = "free"
 # Number of iterations between two writes of the state.
 EVERY = 2
 ANEW = "Start the run anew in another folder."
@@ -55,11 +57,21 @@ _open: dict[Path, OpenRun] = {}
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What a folder says of its run: all inputs, as JSON has them, and what tells them apart."""
+    """What a folder says of its run.
+
+    Attributes:
+        inputs: All inputs, as JSON has them.
+        identity: What tells runs apart: a hash of the inputs but for those under `FREE`.
+        finished: Whether it came to its end.
+        changed: Whether some of these were changed since it began.
+        written_by: Version of the package that began it.
+        format: Format of the record.
+    """
 
     inputs: Mapping[str, Any]
     identity: str
     finished: bool = False
+    changed: bool = False
     written_by: str = ""
     format: int = FORMAT
 
@@ -172,9 +184,11 @@ def open_run(
     come back if the new run ends by an error before it has written anything.
 
     Args:
-        inputs: All inputs, as JSON has them; they tell this run from others.
+        inputs: All inputs, as JSON has them. They tell this run from others, but for those under
+            the key `FREE`, by which it only goes further or tells more.
         scene: Text of the scene that it is made from, written to scene.toml; None without.
-        resume: Whether to go on with the run in the folder; its files stay.
+        resume: Whether to go on with the run in the folder; its files stay. A finished one goes on
+            if inputs under `FREE` are others.
         every: Number of iterations between two writes of the state.
         again: Command that goes on, for the line that tells it; None takes `toros resume`.
 
@@ -188,7 +202,7 @@ def open_run(
     new = RunRecord(dict(inputs), _identity(inputs), written_by=__version__)
     with ExitStack() as stack:
         begin = (
-            partial(_resume, folder, new.identity, stack)
+            partial(_resume, folder, new, scene, stack)
             if resume
             else partial(_anew, folder, new, scene, stack)
         )
@@ -198,19 +212,22 @@ def open_run(
     return OpenRun(comm, folder, record, closing, resumed=resume, every=every, again=again)
 
 
-def _resume(folder: Path, identity: str, stack: ExitStack) -> RunRecord:
+def _resume(folder: Path, new: RunRecord, scene: str | None, stack: ExitStack) -> RunRecord:
     """Lock the folder of a run that goes on, and return its record (one rank)."""
     _read_record(folder)  # nothing is written into a folder that holds no run
     stack.callback(FolderLock(folder).release)
     record = _read_record(folder)  # another process may have ended it just now
-    if record.finished:
+    if record.finished and record.inputs == new.inputs:
         raise RunError(f"the run in {folder} is finished; there is nothing to resume.")
-    if record.identity != identity:
+    if record.identity != new.identity:
         raise CheckpointError(
             f"the run in {folder} has other inputs than those given. Resume it with its own, or "
             "start a new run without resuming."
         )
     remove_unfinished(folder)
+    if record.inputs != new.inputs:
+        record = replace(record, inputs=new.inputs, finished=False, changed=True)
+        _write_run(folder, record, scene)
     return record
 
 
@@ -229,10 +246,14 @@ def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) 
     add_to_list(folder, [STATE])
     with listing(folder):  # a folder around it may have a list too
         (folder / STATE).mkdir()
-        _write_record(folder, record)
-        if scene is not None:
-            replace_file(folder / SCENE, scene.encode())
+        _write_run(folder, record, scene)
     return record
+
+
+def _write_run(folder: Path, record: RunRecord, scene: str | None) -> None:
+    _write_record(folder, record)
+    if scene is not None:
+        replace_file(folder / SCENE, scene.encode())
 
 
 def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_: Any) -> None:
@@ -273,7 +294,8 @@ def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
 
 
 def _identity(inputs: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    fixed = {key: value for key, value in inputs.items() if key != FREE}
+    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()
 
 
 def _write_record(folder: Path, record: RunRecord) -> None:

@@ -47,20 +47,36 @@ class RunJournal:
     Args:
         run: The run.
         name: Beginning of the names of all files.
+        around: The journal that it is a branch of, and the number of the entry that comes after
+            the branch; None for none.
     """
 
-    def __init__(self, run: Owner, name: str) -> None:
-        self._run, self._name, self._count = run, name, 0
+    def __init__(self, run: Owner, name: str, around: tuple[RunJournal, int] | None = None) -> None:
+        self.run, self._name, self._count, self._around = run, name, 0, around
 
     def branch(self, name: str) -> RunJournal:
         """Return a journal inside this one, with a sequence of its own."""
-        return RunJournal(self._run, f"{self._name}{name}.")
+        return RunJournal(self.run, f"{self._name}{name}.", (self, self._count))
 
     def entry(self, comm: MPI.Comm, signature: str) -> RunEntry:
         """Return the next entry (collective)."""
-        path = self._run.folder / STATE / f"{self._name}{self._count:03d}.npz"
         self._count += 1
-        return RunEntry(comm, self._run, path, signature)
+        return RunEntry(comm, self, self._count - 1, signature)
+
+    def paths(self, number: int) -> tuple[Path, Path]:
+        """Return the file of an entry, and that of its checkpoint before the last one."""
+        path = self.run.folder / STATE / f"{self._name}{number:03d}.npz"
+        return path, path.with_name(path.name + BEFORE)
+
+    def forget(self, number: int) -> None:
+        """Remove the entries from a number on, as what they follow from is another (one rank)."""
+        while there := [path for path in self.paths(number) if path.exists()]:
+            for path in there:
+                path.unlink()
+            number += 1
+        if self._around is not None:
+            around, after = self._around
+            around.forget(after)
 
 
 class RunEntry:
@@ -68,22 +84,22 @@ class RunEntry:
 
     Args:
         comm: Communicator of the loop, which may be a part of the run's.
-        run: The run.
-        path: Its file.
+        journal, number: Its journal, and its place there.
         signature: Tells the loop from others.
     """
 
-    def __init__(self, comm: MPI.Comm, run: Owner, path: Path, signature: str) -> None:
-        self._comm, self._run, self._path = comm, run, path
-        self._before = path.with_name(path.name + BEFORE)
+    def __init__(self, comm: MPI.Comm, journal: RunJournal, number: int, signature: str) -> None:
+        run = journal.run
+        self._comm, self._run, self._journal, self._number = comm, run, journal, number
+        self._path, self._before = journal.paths(number)
         self._belongs_to = {"inputs": run.record.identity, "problem": signature}
         self._since = run.every  # the first one is written
 
     def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
-        Where it was removed, the one before it is taken. From now on a stop waits for the next
-        `offer`.
+        Where it was removed, the one before it is taken. That of another loop is removed if the
+        run's inputs were changed. From now on a stop waits for the next `offer`.
 
         Raises:
             CheckpointError: It is damaged, of a newer version, or belongs to something else; the
@@ -102,6 +118,9 @@ class RunEntry:
                     text = str(damaged).removesuffix(REMEDY) + OFFER.format(self._path)
                     damaged = CheckpointError(text)
                 raise damaged from None
+            if found is None:
+                self._journal.forget(self._number)
+                return None
             if there[0] == self._before:
                 log.warning("%s is missing; the one before it is taken", self._path)
             if found.written_by != __version__:
@@ -136,13 +155,15 @@ class RunEntry:
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
         self._run.signals.waits = False
 
-    def _read(self, path: Path) -> Archive:
+    def _read(self, path: Path) -> Archive | None:
         return read_archive(path, KIND, self._own, CheckpointError, REMEDY)
 
-    def _own(self, archive: Archive) -> Archive:
-        """Return the content of a file, which must be of this loop."""
+    def _own(self, archive: Archive) -> Archive | None:
+        """Return the content of a file; None for another loop, if the inputs were changed."""
         owner = archive.numbers.get(OWNER, {})
         differing = [key for key, value in self._belongs_to.items() if owner.get(key) != value]
+        if differing == ["problem"] and self._run.record.changed:
+            return None
         if differing:
             raise CheckpointError(
                 f"it belongs to another run, with other {' and '.join(differing)}; resume with "
@@ -154,6 +175,7 @@ class RunEntry:
         numbers = {**checkpoint.numbers, OWNER: self._belongs_to}
 
         def write() -> None:
+            self._journal.forget(self._number + 1)
             try:
                 whole = replace(checkpoint, numbers=numbers)
                 with suppress(OSError):  # there is none, or no links on this disk

@@ -1,0 +1,281 @@
+"""Design of densities over meshes, from coarse to fine, and again for what their print misses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.loop.carried import CarriedDesign
+from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.corrections import correct
+from toros_fem.design.loop.levels import optimize_levels
+from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
+from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
+from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.space_mapping import (
+    CLOSE,
+    FINE,
+    HELPS,
+    Aim,
+    aims_of,
+    asked_next,
+    largest_error,
+)
+from toros_fem.results.reporter import DesignReporter
+
+if TYPE_CHECKING:  # a scene is designed by what imports this
+    from toros_fem.products.actuators.scene import ActuatorScene
+
+# Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
+# cannot be printed, before they are cleaned.
+UNCLEAN = 0.02
+# A design that changes by less than this part of what was asked beyond the last is at its limit.
+FOLLOWS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A design that was asked for targets, perhaps beyond those of the problem, and its print.
+
+    Attributes:
+        asked: Targets that were asked, by the keys of their metrics.
+        metrics: Metrics of the print, by key; empty without an equilibrium.
+        result: The design, with the objective of the problem itself.
+        printed: Its print.
+        spread: How far prints with other widths are apart; None if the design is not robust.
+    """
+
+    asked: Mapping[str, float]
+    metrics: Mapping[str, float]
+    result: DesignResult
+    printed: PrintedDesign
+    spread: PrintSpread | None
+
+    def follows(self, before: Attempt, aims: Mapping[str, Aim]) -> bool:
+        """Return whether the design has changed with what was asked since an attempt before it."""
+        designed, earlier = (one.result.history[-1].metrics for one in (self, before))
+        changes = [
+            float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
+            for now, then in ((designed, earlier), (self.asked, before.asked))
+        ]
+        return changes[0] >= FOLLOWS * changes[1]
+
+    @property
+    def problem(self) -> ShapeDesign:
+        """The problem of the design."""
+        return problem_of(self.result)
+
+    @property
+    def robust(self) -> dict[str, Any] | None:
+        """Figures of a robust design and of its print with other widths; None of another."""
+        final, problem = self.result.final, self.problem
+        if problem.robust is None or final.spread is None:
+            return None
+        metrics = [problem.metrics_of(variant) for variant in final.variants]
+        figures = problem.robust.figures(final.spread, metrics)
+        both = (None, None) if self.spread is None else self.spread.metrics
+        return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
+
+    @property
+    def clean(self) -> bool:
+        """Whether the contours can be printed before they are cleaned."""
+        before = self.printed.before
+        return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DensityDesigner(Job):
+    """The design of densities, to the print that is best; all methods are collective.
+
+    Attributes:
+        reporter: Reports the progress.
+    """
+
+    reporter: DesignReporter
+
+    def over_levels(
+        self,
+        problems: Iterator[ShapeDesign],
+        options: Sequence[DesignOptions],
+        after: CarriedDesign | None = None,
+    ) -> tuple[DesignResult, PrintedDesign]:
+        """Run a level for each of the options, after a design of another mesh if there is one.
+
+        Each has a polishing stage if its print has free islands.
+        """
+        rules_of = dict(enumerate(options, 0 if after is None else after.level))
+        steps = sum(level.iterations for level in options)
+        printed: PrintedDesign | None = None
+
+        def polished(result: DesignResult) -> DesignResult:
+            nonlocal steps, printed
+            printed = self.print_of(result)
+            polishing = self.scene.design.polish_iterations
+            if not polishing or not printed.before.free_islands:
+                return result
+            rules = rules_of[result.history[-1].level]
+            last = replace(rules.stages[-1], iterations=polishing)
+            steps += last.iterations
+            self.reporter.expect(steps)
+            result = optimize(
+                result.problem,
+                replace(rules, stages=(last,)),
+                start=_without_free_islands(result, printed),
+                callback=self.reporter,
+                after=result,
+                journal=self.journal,
+            )
+            printed = self.print_of(result)
+            return result
+
+        self.reporter.expect(steps)
+        result = optimize_levels(
+            problems,
+            options,
+            seed=self.scene.design.seed,
+            callback=self.reporter,
+            finish=polished,
+            after=after,
+            journal=self.journal,
+        )
+        assert printed is not None
+        return result, printed
+
+    def print_of(self, result: DesignResult) -> PrintedDesign:
+        """Return the print of a design, simulated."""
+        printer = self.scene.print
+        return as_printed(
+            problem_of(result),
+            result,
+            printer.limits,
+            island_area=printer.island_area,
+            journal=self.journal,
+        )
+
+    def corrected(
+        self,
+        goal: Callable[[ActuatorScene], Case],
+        result: DesignResult,
+        printed: PrintedDesign,
+    ) -> list[Attempt]:
+        """Ask the design again and again for what its print misses, and return all attempts.
+
+        The design is continued on the finest mesh with targets beyond those of the problem. Metrics
+        whose target no field holds only count for which print is best. Near the targets a
+        correction that hardly helps is the last, and so is one that the design does not follow. A
+        robust design is told how far its prints are apart.
+
+        Args:
+            goal: Returns the case of a scene of other targets on the finest mesh.
+            result, printed: The design there, and its print.
+        """
+        scene, problem = self.scene, problem_of(result)
+        aims = aims_of(problem.metrics)
+        free = {key: aim for key, aim in aims.items() if key in scene.targets()}
+
+        def close(attempt: Attempt) -> bool:
+            return largest_error(attempt.metrics, aims) < CLOSE and attempt.clean
+
+        def enough(attempts: Sequence[Attempt]) -> bool:
+            last = attempts[-1]
+            if not last.metrics or problem.robust is not None:
+                return not last.metrics
+            if len(attempts) > 1:
+                now, before = _error(last), min(map(_error, attempts[:-1]))
+                hardly = now > HELPS * before and min(now, before) < FINE
+                if hardly or not last.follows(attempts[-2], free):
+                    return True
+            return close(last)
+
+        def again(attempts: Sequence[Attempt]) -> Attempt | None:
+            last = attempts[-1]
+            asked = dict(last.asked) if close(last) else asked_next(attempts, free)
+            try:
+                other = scene.asked(asked)
+            except ParameterError:  # beyond what the targets' fields allow
+                return None
+            steps = last.result.history[-1].iteration + scene.design.level_iterations
+            self.reporter.expect(steps)
+            asking = problem.towards(goal(other))
+            if last.spread is not None:
+                seen = [variant.positions for variant in last.result.final.variants]
+                assert asking.robust is not None
+                asking = asking.changed(
+                    robust=asking.robust.corrected(
+                        last.spread.half[problem.skin.owned_vertices], *seen
+                    )
+                )
+            found = optimize(
+                asking,
+                scene.design.finer_options,
+                callback=self.reporter,
+                after=last.result,
+                journal=self.journal,
+            )
+            shape = problem.objective.forward(found.final.equilibrium.positions)
+            found = replace(found, problem=problem, final=replace(found.final, shape=shape))
+            return _attempt(asked, found, self.print_of(found))
+
+        first = _attempt({key: aim.target for key, aim in free.items()}, result, printed)
+        return correct(first, again, enough, scene.design.corrections if free else 0)
+
+    def best(self, attempts: Sequence[Attempt]) -> Attempt:
+        """Return the attempt whose print is nearest to the targets.
+
+        Of robust designs that are close to them, it is the one with the least spread.
+        """
+        problem = attempts[0].problem
+        scales = {key: aim.scale for key, aim in aims_of(problem.metrics).items()}
+
+        def badness(attempt: Attempt) -> tuple[float, float]:
+            if problem.robust is None:
+                return _error(attempt), 0.0
+            spread = np.inf if attempt.spread is None else attempt.spread.error(scales)
+            return max(_error(attempt), CLOSE), spread
+
+        return min(attempts, key=badness)
+
+
+def problem_of(result: DesignResult) -> ShapeDesign:
+    """Return the problem of a design of shapes."""
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
+    return problem
+
+
+def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedDesign) -> Attempt:
+    """Return a design with the metrics of its print and, of a robust one, the spread."""
+    problem, metrics, spread = problem_of(result), printed.metrics, None
+    if problem.robust is not None:
+        spread = print_spread(printed, problem.robust.tolerance.offset)
+    return Attempt(asked, metrics, result, printed, spread)
+
+
+def _error(attempt: Attempt) -> float:
+    """Return the largest error of a metric, more if the contours have to be cleaned."""
+    aims = aims_of(attempt.problem.metrics)
+    return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN
+
+
+def _without_free_islands(result: DesignResult, printed: PrintedDesign) -> Floats:
+    """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
+    problem, near = problem_of(result), result.final.equilibrium
+    starts = [change(problem, result, printed) for change in (remove_islands, connect_islands)]
+    objectives = []
+    for density in starts:
+        try:
+            found = problem.simulate(density, near.state, near.pressures, trial=True)
+            objectives.append(found.objective)
+        except EquilibriumError:  # raised by all ranks or by none
+            objectives.append(np.inf)
+    return starts[int(np.argmin(objectives))]
