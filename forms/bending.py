@@ -31,8 +31,8 @@ class Edges:
             if nothing is mirrored.
         folds: 1 for an edge with a neighbour or a mirror, 0 for a free edge with a rotation, three;
             None if no free edge has a rotation.
-        stops: 1 for an edge whose fold may not close, 0 for one that is assembled steeper than
-            `STEEP`, three; None if there is none of these.
+        sides: 1 or −1 for an edge that is assembled steeper than `STEEP`, by the sign of its angle,
+            0 for the others, three; None if there is none of these.
     """
 
     tensors: Sequence[Any]
@@ -40,7 +40,7 @@ class Edges:
     turns: Sequence[Any] | None = None
     mirrors: Sequence[Any] | None = None
     folds: Any | None = None
-    stops: Any | None = None
+    sides: Any | None = None
 
     def curvature(self, angles: Sequence[Scalar]) -> list[Scalar]:
         """Return Λ = Σᵢ φᵢ Tᵢ as (xx, yy, xy), in 1/m, from `edge_angles`."""
@@ -61,7 +61,7 @@ def edge_angles(t: Triangle, edges: Edges) -> list[Jet]:
         a, b, c, d = (t.nodes[n] for n in ((i + 1) % 3, (i + 2) % 3, i, 3 + i))
         if edges.mirrors is not None:
             d = reflected(d, a, edges.mirrors[i])
-        angle = fold(a, b, c, d, 1 if edges.stops is None else edges.stops[i])
+        angle = fold(a, b, c, d, None if edges.sides is None else edges.sides[i])
         if edges.folds is not None:
             angle = angle * edges.folds[i]
         if edges.rests is not None:
@@ -72,16 +72,22 @@ def edge_angles(t: Triangle, edges: Edges) -> list[Jet]:
     return angles
 
 
-def fold(a: Vector, b: Vector, c: Vector, d: Vector, stop: Any = 1) -> Jet:
+def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) -> Jet:
     """Return the dihedral angle at edge a-b of triangles (a, b, c) and (b, a, d), in rad.
 
     The angle is the full one in the deformed skin, 0 where it is flat, positive where the
     triangles fold away from their normals. It uses atan2, since acos loses half the digits near 0.
-    With `stop` 1 it is `stopped`, with 0 it jumps where the fold closes.
+    It is `stopped` about 0; with `side` 1 or −1 about ±90°, so that a fold may begin at ±180°, and
+    an assembly that turns inside out comes back.
     """
 
     def angle(uu: Any, uv: Any, uw: Any, vw: Any, volume: Any) -> Any:
-        return stopped(ufl.atan2(-ufl.sqrt(uu) * volume, uw * uv - uu * vw), stop)
+        sine, cosine = -ufl.sqrt(uu) * volume, uw * uv - uu * vw
+        if side is None:
+            return stopped(ufl.atan2(sine, cosine))
+        ahead = 1 - abs(side)  # from the angle's own direction, or from that of ±90°
+        turned = ufl.atan2(ahead * sine - side * cosine, ahead * cosine + side * sine)
+        return stopped(turned) + side * ufl.pi / 2
 
     def of_edges(u: Vector, v: Vector, w: Vector) -> Jet:
         return compose(angle, [dot(u, u), dot(u, v), dot(u, w), dot(v, w), dot(u, cross(v, w))])
@@ -89,7 +95,7 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, stop: Any = 1) -> Jet:
     return by_vectors(of_edges, minus(b, a), minus(c, a), minus(d, a))
 
 
-def stopped(angle: Any, stop: Any = 1) -> Any:
+def stopped(angle: Any) -> Any:
     """Return an angle in rad that grows beyond itself above `STEEP`, without bound towards π.
 
     An energy of the angle alone jumps at π, where a fold turns inside out, and has a minimum there
@@ -99,7 +105,7 @@ def stopped(angle: Any, stop: Any = 1) -> Any:
     room = ufl.pi - STEEP
 
     def beyond(angle: Any) -> Any:
-        return stop * (angle - STEEP) ** 3 / (room * (ufl.pi - angle + CLOSED))
+        return (angle - STEEP) ** 3 / (room * (ufl.pi - angle + CLOSED))
 
     one_way = ufl.conditional(ufl.gt(angle, STEEP), beyond(angle), 0.0)
     other_way = ufl.conditional(ufl.lt(angle, -STEEP), -beyond(-angle), 0.0)

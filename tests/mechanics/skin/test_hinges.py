@@ -57,19 +57,22 @@ def test_a_hinged_seam_folds_freely(alone: MPI.Comm, curvature: str) -> None:
     assert energy["hinged"] < 1e-12 * energy["continuous"]
 
 
-@pytest.mark.parametrize(("degrees", "steep"), [(149, 0), (151, 4), (180, 4)])
-def test_edges_that_are_assembled_steep(alone: MPI.Comm, degrees: float, steep: int) -> None:
+@pytest.mark.parametrize(
+    ("degrees", "side"), [(149, 0), (151, -1), (-149, 0), (-151, 1), (175, 1), (180, 1)]
+)
+def test_edges_that_are_assembled_steep(alone: MPI.Comm, degrees: float, side: int) -> None:
     """A panel is folded along its middle, of four edges: each is seen from both sides."""
     pattern = square(n=4, size=LENGTH)
-    angle, middle = np.radians(180 - degrees), LENGTH / 2
+    angle, middle = np.radians(180 - abs(degrees)), LENGTH / 2
     points = pattern.points.copy()
     over = np.maximum(points[:, 0] - middle, 0)
     points[:, 0] -= over * (1 + np.cos(angle))
-    points[:, 2] += over * np.sin(angle)
+    points[:, 2] += np.sign(degrees) * over * np.sin(angle)
     pattern = replace(pattern, points=points)
     fixed = Supports(np.ones(points.shape, dtype=bool))
     hinges = find_hinges(sew(alone, pattern), Bending(), fixed, 0.3)
-    assert hinges.steep.sum() == 2 * steep
+    assert set(hinges.side[hinges.side != 0]) == {side} - {0}
+    assert np.count_nonzero(hinges.side) == 8 * abs(side)
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)

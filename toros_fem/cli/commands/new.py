@@ -14,6 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.files import naming, replace_file
 from toros_fem.base.keys import OneOf, key
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.program import program
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.layout import scene_schema
@@ -83,7 +84,7 @@ class New(Command):
             )
         on_first_rank(comm, lambda: _write(texts))
         figures = {"file": path, "kind": kind.KIND}
-        return Answer(f"{path}: {ABOUT[kind.KIND]}. Next: toros check {path}", figures)
+        return Answer(f"{path}: {ABOUT[kind.KIND]}. Next: {program()} check {path}", figures)
 
 
 def _write(texts: Mapping[Path, str]) -> None:

@@ -39,7 +39,7 @@ class Hinges:
         rest: Angle of each edge at which it carries no moment, in rad, (cells, 3).
         rotation: Factor of the edge's rotation unknown, a length, in the angle, (cells, 3), in
             1/m: opposite in the two triangles of an edge; zero where there is no such unknown.
-        steep: Whether the edge is assembled steeper than `STEEP`, (cells, 3).
+        side: As of `forms.bending.Edges.sides`, (cells, 3).
     """
 
     flap: LocalInts
@@ -48,7 +48,7 @@ class Hinges:
     tensors: Floats
     rest: Floats
     rotation: Floats
-    steep: Bools
+    side: Floats
 
 
 def find_hinges(
@@ -98,7 +98,7 @@ def find_hinges(
         tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
         rest=assembled if shaped else np.zeros_like(assembled),
         rotation=rotation,
-        steep=(np.abs(assembled) > STEEP) & (not repeats),
+        side=_sides(assembled) * (not repeats),
     )
 
 
@@ -113,6 +113,12 @@ def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) ->
         smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
         angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
     return _tensors(angles, known, poisson)
+
+
+def _sides(assembled: Floats) -> Floats:
+    """Return the sides of steep folds; two layers on each other, ±180°, open as a convex skin."""
+    convex = (assembled > 0) | (np.abs(assembled) > FOLDED)
+    return np.where(np.abs(assembled) > STEEP, np.where(convex, 1.0, -1.0), 0.0)
 
 
 def _require_unfolded(skin: Skin, rest: Floats) -> None:

@@ -271,7 +271,7 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
     mirrored, shaped, freed, steep = (
         skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
-        for values in (hinges.mirror, hinges.rest, free, hinges.steep[owned])
+        for values in (hinges.mirror, hinges.rest, free, hinges.side[owned])
     )
     return Edges(
         tensors=three(hinges.tensors),
@@ -279,7 +279,7 @@ def _coefficients(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
         turns=cell_function(space, hinges.rotation) if rotations else None,
         mirrors=three(hinges.mirror) if mirrored else None,
         folds=cell_function(space, hinges.has_moment.astype(np.float64)) if freed else None,
-        stops=cell_function(space, (~hinges.steep).astype(np.float64)) if steep else None,
+        sides=cell_function(space, hinges.side) if steep else None,
     )
 
 

@@ -31,6 +31,7 @@ from toros_fem.base.files import (
     replace_file,
 )
 from toros_fem.base.mpi import collective
+from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
 from toros_fem.results.runs.earlier import MovedFiles, move_aside
@@ -208,7 +209,7 @@ def open_run(
         )
         record = _in_folder(comm, folder, begin)
         closing = stack.pop_all()
-    again = again or f"toros resume {shlex.quote(str(folder))}"
+    again = again or f"{program()} resume {shlex.quote(str(folder))}"
     return OpenRun(comm, folder, record, closing, resumed=resume, every=every, again=again)
 
 
