@@ -14,6 +14,8 @@ from toros_fem.forms.lines import Family, stretch_along
 
 # Angle in rad from which on a fold resists closing more than a bend does.
 STEEP = ufl.pi * 5 / 6
+# Side of a steep edge in the plane of its mirror, which may turn to either.
+EITHER = 2.0
 # What is left of a closed fold in rad, so that its energy is finite.
 CLOSED = 1e-9
 
@@ -32,7 +34,7 @@ class Edges:
         folds: 1 for an edge with a neighbour or a mirror, 0 for a free edge with a rotation, three;
             None if no free edge has a rotation.
         sides: 1 or −1 for an edge that is assembled steeper than `STEEP`, by the sign of its angle,
-            0 for the others, three; None if there is none of these.
+            `EITHER` where this is not known, 0 for the others, three; None if all are 0.
     """
 
     tensors: Sequence[Any]
@@ -78,16 +80,17 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) ->
     The angle is the full one in the deformed skin, 0 where it is flat, positive where the
     triangles fold away from their normals. It uses atan2, since acos loses half the digits near 0.
     It is `stopped` about 0; with `side` 1 or −1 about ±90°, so that a fold may begin at ±180°, and
-    an assembly that turns inside out comes back.
+    an assembly that turns inside out comes back; with `EITHER` it jumps at ±180°.
     """
 
     def angle(uu: Any, uv: Any, uw: Any, vw: Any, volume: Any) -> Any:
         sine, cosine = -ufl.sqrt(uu) * volume, uw * uv - uu * vw
+        plain = ufl.atan2(sine, cosine)
         if side is None:
-            return stopped(ufl.atan2(sine, cosine))
+            return stopped(plain)
         ahead = 1 - abs(side)  # from the angle's own direction, or from that of ±90°
         turned = ufl.atan2(ahead * sine - side * cosine, ahead * cosine + side * sine)
-        return stopped(turned) + side * ufl.pi / 2
+        return ufl.conditional(ufl.eq(side, EITHER), plain, stopped(turned) + side * ufl.pi / 2)
 
     def of_edges(u: Vector, v: Vector, w: Vector) -> Jet:
         return compose(angle, [dot(u, u), dot(u, v), dot(u, w), dot(v, w), dot(u, cross(v, w))])

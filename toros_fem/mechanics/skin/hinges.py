@@ -10,7 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, LocalInts
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest
-from toros_fem.forms.bending import STEEP
+from toros_fem.forms.bending import EITHER, STEEP
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
@@ -98,7 +98,7 @@ def find_hinges(
         tensors=hinge_tensors(skin, bending, has_moment | (rotation != 0), poisson),
         rest=assembled if shaped else np.zeros_like(assembled),
         rotation=rotation,
-        side=_sides(assembled) * (not repeats),
+        side=_sides(assembled, mirrored) * (not repeats),
     )
 
 
@@ -115,10 +115,11 @@ def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) ->
     return _tensors(angles, known, poisson)
 
 
-def _sides(assembled: Floats) -> Floats:
+def _sides(assembled: Floats, mirrored: Bools) -> Floats:
     """Return the sides of steep folds; two layers on each other, ±180°, open as a convex skin."""
     convex = (assembled > 0) | (np.abs(assembled) > FOLDED)
-    return np.where(np.abs(assembled) > STEEP, np.where(convex, 1.0, -1.0), 0.0)
+    side = np.where(mirrored, EITHER, np.where(convex, 1.0, -1.0))
+    return np.where(np.abs(assembled) > STEEP, side, 0.0)
 
 
 def _require_unfolded(skin: Skin, rest: Floats) -> None:
