@@ -23,7 +23,7 @@ from toros_fem.base.errors import (
 )
 from toros_fem.base.files import LISTED, UNFINISHED, guarded, if_possible, replace_file, write_json
 from toros_fem.results.reporter import DesignReporter
-from toros_fem.results.runs.folder import open_run, read_record, run_of
+from toros_fem.results.runs.folder import FREE, open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
 
 INPUTS = {"length": 0.1, "name": "tube"}
@@ -107,6 +107,29 @@ def test_other_inputs_or_loops_are_refused(comm: MPI.Comm, folder: Path) -> None
         run.journal(folder).entry(comm, "another loop").saved()
     comm.barrier()
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_what_followed_a_loop_that_goes_further_is_made_anew(comm: MPI.Comm, folder: Path) -> None:
+    """In its own branch and in the journal around it; what came before stays."""
+
+    def run(steps: int, *, resume: bool, further: bool = False) -> list[bool]:
+        """Run through four entries, write those that are missing; return which were there."""
+        with open_run(comm, folder, {**INPUTS, FREE: steps}, resume=resume) as opened:
+            journal = opened.journal(folder)
+            entries = [journal.entry(comm, "loop")]
+            branch = journal.branch("seed")
+            entries += [one.entry(comm, "loop") for one in (branch, branch, journal)]
+            there = []
+            for number, entry in enumerate(entries):
+                there.append(entry.saved() is not None)
+                if not there[-1] or (further and number == 1):
+                    entry.offer(lambda: STATE, last=True)
+        return there
+
+    assert run(1, resume=False) == [False] * 4
+    assert run(2, resume=True) == [True] * 4
+    assert run(3, resume=True, further=True) == [True, True, False, False]
+    assert run(4, resume=True) == [True] * 4
 
 
 def test_files_of_earlier_runs_are_moved_aside(
