@@ -159,8 +159,9 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
         parts = _line_parts(scene, relaxed, finest)
     else:
         parts = _density_parts(scene, finest, comm.size)
-    unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, finest, unknowns, comm.size, parts, tried)
+    largest = round(finest * _finer(scene))
+    unknowns = round(_unknowns(scene, made) * largest)
+    return Cost(largest, largest, unknowns, comm.size, parts, tried)
 
 
 def probe_level(scene: ActuatorScene) -> Level:
@@ -188,7 +189,7 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
     except MeshSizeError as error:  # raised by all ranks
         area = error.area
     for edge in _edges(scene):
-        require_affordable(area, edge)
+        require_affordable(area, edge / math.sqrt(_finer(scene)))
     return area, made
 
 
@@ -203,12 +204,12 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
     lines = scene.design.start == "relaxed"
     area, made = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
     if comm.rank == 0:
-        count = finest_triangles(scene, area, made)
+        count = round(finest_triangles(scene, area, made) * _finer(scene))
         log.info("about %d triangles on the finest mesh", count)
 
 
 def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> int:
-    """Return the triangles of the finest mesh, from what `sized` has found."""
+    """Return the triangles of the design's finest mesh, from what `sized` has found."""
     if edges := _edges(scene):
         return round(expected_triangles(area, min(edges)))
     return 0 if made is None else round(len(made.pattern.panel) * 4.0 ** (scene.level_count - 1))
@@ -222,6 +223,16 @@ def _edges(scene: ActuatorScene) -> Sequence[float]:
     if scene.design.start == "relaxed":
         return (scene.lines.relaxed_edge_length, scene.lines.print_edge_length)
     return (edge,)
+
+
+def _finer(scene: ActuatorScene) -> float:
+    """Return how many triangles the mesh of prints has for one of the densities' finest mesh."""
+    prints, densities = scene.print_level, scene.finest_level
+    if scene.design.start == "relaxed":
+        return 1.0
+    if prints.edge_length is None or densities.edge_length is None:
+        return float(4.0 ** (prints.refinements - densities.refinements))
+    return float((densities.edge_length / prints.edge_length) ** 2)
 
 
 def _unknowns(scene: ActuatorScene, made: Case | None) -> float:
@@ -252,10 +263,11 @@ def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
     if rounds:
         likely = _times(DESIGN_STEP, more, more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
-    parts.append(Part("prints", finest, _times(PRINT, levels, levels + rounds)))
+    prints = round(finest * _finer(scene))
+    parts.append(Part("prints", prints, _times(PRINT, levels, levels + rounds)))
     if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, finest)]
+        parts.append(Part("estimate of the error", round(prints / COARSER**2), LINE_PRINT))
+    return [*parts, *_curve_part(scene, prints)]
 
 
 def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
