@@ -24,8 +24,8 @@ Scenes = Sequence[tuple[str, Sequence[Surface]]]
 FIRST, BEFORE = 0.22, 0.5
 # Distance of a state's name from its tip, in points.
 NAME = 28.0
-# Distance of a name from what it stands above, and room for the bar of the scale beside states, over
-# the width of all.
+# Points between a state and its name above; room beside states for the bar of the scale, over the
+# width of all.
 NAME_OFF, BAR_BESIDE = 4.0, 0.15
 # Distances that names of states above each other are tried at.
 REACH = (8.0, 14.0, 20.0, 26.0, 34.0, 44.0)
