@@ -192,6 +192,7 @@ def test_the_first_notebook_runs(tmp_path: Path) -> None:
         for output in cell.outputs
         for kind, content in output.get("data", {}).items()
     ]
+    assert max(len(content) for kind, content in shown if kind == "text/plain") < 1000
     pages = [content for kind, content in shown if kind == "text/html"]
     assert any("<td>angle</td>" in page for page in pages)
     assert any("<iframe" in page and "height: 480px" in page for page in pages)
