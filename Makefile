@@ -45,6 +45,7 @@ pictures:
 	$(FENICSX) python3 -m benchmarks figures --rows output/figures.csv --page
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 demos/three_field.py --coarse
 	$(FENICSX) python3 docs/copy_pictures.py
+	$(FENICSX) python3 docs/make_gallery.py
 	$(FENICSX) env OMP_NUM_THREADS=1 python3 docs/draw_pictures.py
 
 env:

@@ -3,9 +3,9 @@
     python -m benchmarks figures --rows output/figures.csv
     python -m benchmarks figures --rows output/figures.csv --page
 
-Every figure of the README and of demos/README.md comes from these rows: value and interval of each
-figure that the summary of a run tells, its target, and whether the target is reached. A run takes
-up to ten minutes on one core; `--only coarse` takes the coarse scenes alone.
+Every figure of README, demos/README.md and the gallery comes from these rows: value and interval of
+each figure that the summary of a run tells, its target, and whether the target is reached. A run
+takes up to ten minutes on one core; `--only coarse` takes the coarse scenes alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ SIZES = ("coarse", "full")
 # Folder of all runs.
 RUNS = ROOT / "output" / "figures"
 # Pictures of the coarse runs, from the top of a checkout.
-PICTURES = "demos/pictures"
+PICTURES, GALLERY = "demos/pictures", "docs/gallery/index.md"
+# Pictures beside each other.
+ACROSS = 3
 # Entries of summaries beside their figures; dots go down into them.
 DESIGN, ISLANDS = "design.", "manufacture.islands"
 INITIAL, WORST = "load.initial.held_mass_kg", "worst_percent"
@@ -55,6 +57,11 @@ class Demo:
     def name(self) -> str:
         """Name of the scene and its changes."""
         return " ".join((self.scene, *self.changes))
+
+    @property
+    def command(self) -> str:
+        """Command of `toros` that runs it."""
+        return "simulate" if self.scene in ("inflate", "tile_sheet") else "design"
 
 
 LEGS, GRIP = ("angle_deg", "stride_mm"), ("gap_mm", "angle_deg", "held_mass_kg", INITIAL)
@@ -93,14 +100,13 @@ def folder_of(demo: Demo, size: str) -> Path:
 def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     """Run a scene by its command, and read the figures of its summary."""
     file = ROOT / "demos" / "scenes" / f"{demo.scene}.toml"
-    what = "simulate" if demo.scene in ("inflate", "tile_sheet") else "design"
     folder = folder_of(demo, size)
     shutil.rmtree(folder, ignore_errors=True)
-    words = [what, str(file), "--output", str(folder)]
+    words = [demo.command, str(file), "--output", str(folder)]
     words += ["--coarse"] if size == "coarse" else []
     code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
     if code:
-        raise RuntimeError(f"toros {what} {file.name} ended with {code}")
+        raise RuntimeError(f"toros {demo.command} {file.name} ended with {code}")
     found = summary_of(folder)
     entries: Any = found.entries
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
@@ -159,26 +165,29 @@ def table(rows: Rows, size: str) -> str:
     return markdown(head, lines)
 
 
-def picture_of(demo: Demo) -> str:
-    """Return a small picture of a scene, of its coarse run; empty where there is none."""
-    for name in (f"{demo.scene}_hero.png", f"{demo.scene}.png"):
-        if (ROOT / PICTURES / name).exists():
-            return f'<img src="{PICTURES}/{name}" alt="{demo.scene}" width="240">'
-    return ""
-
-
 def headline(rows: Rows) -> str:
-    """Return a short table with pictures, a line for each scene as it is, coarse and full."""
-    lines = []
+    """Return pictures of the scenes as they are, with a figure below, from the finest mesh."""
+    cells = []
     for demo in DEMOS:
-        cells = []
-        for size in SIZES:
-            own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
-            shown = [figure_of(own[key]).words for key in demo.keys[:2] if key in own]
-            cells.append("; ".join(shown) or NONE)
-        if demo.paper and not demo.changes and cells != [NONE, NONE]:
-            lines.append((picture_of(demo), f"`{demo.scene}`", *cells))
-    return markdown(("", "scene", "`--coarse` (picture)", "finer mesh"), lines)
+        own = {
+            size: {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
+            for size in SIZES
+        }
+        finest = own["full"] or own["coarse"]
+        told = [figure_of(finest[key]).words for key in demo.keys[:1] if key in finest]
+        if demo.paper and not demo.changes and told:
+            picture = next(
+                f"{PICTURES}/{name}"
+                for name in (f"{demo.scene}_hero.png", f"{demo.scene}.png")
+                if (ROOT / PICTURES / name).exists()
+            )
+            link = f"[![{demo.scene}]({picture})]({GALLERY}#{demo.scene})"
+            cells.append((link, f"`{demo.scene}`: {told[0]}"))
+    lines = []
+    for k in range(0, len(cells), ACROSS):
+        part = cells[k : k + ACROSS]
+        lines += [[link for link, _ in part], [words for _, words in part]]
+    return markdown(lines[0], lines[1:])
 
 
 COMMAND = Command(

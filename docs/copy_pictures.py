@@ -31,21 +31,25 @@ COPIES: Mapping[str, tuple[str, str]] = {
         for run in ("bend", "contract", "twist", "bend_twist", "walker", "gripper")
         for ending, file in {
             ".png": "shape.png", "_hero.png": "hero.png", "_miss.png": "miss.png",
-            "_inflation.png": "inflation.png", "_pattern.png": "pattern.png",
-            "_curve.png": "curve.png", "_design.png": "design.png",
-            ".gif": "inflation.gif",
+            "_pattern.png": "pattern.png", "_curve.png": "curve.png",
+            "_design.png": "design.png", ".gif": "inflation.gif",
         }.items()
         # Legs and fingers are not compared with a target point by point.
         if not (run in ("walker", "gripper") and file == "miss.png")
     },
     **{f"{run}_lines.png": (run, "lines.png") for run in ("contract", "twist", "bend_twist")},
+    "box_hero.png": ("gripper shape=box", "hero.png"),
+    "box.gif": ("gripper shape=box", "inflation.gif"),
+    "crawl_hero.png": ("walker motion=crawl", "hero.png"),
     "gait.png": ("walker motion=crawl", "gait.png"),
     "gait.gif": ("walker motion=crawl", "gait.gif"),
     "tracks.png": ("walker motion=crawl", "tracks.png"),
     "lift.png": ("gripper", "lift.png"),
     "inflate.png": ("inflate", "inflation.png"),
+    "inflate.gif": ("inflate", "inflation.gif"),
     "inflate_curve.png": ("inflate", "curve.png"),
     "own_design.png": ("own_design", "shape.png"),
+    "own_design_hero.png": ("own_design", "hero.png"),
     **{
         f"tile{'_' * bool(target)}{target}.png": (name, "profile.png")
         for target in ("", "orthotropic", "isotropic", "auxetic")

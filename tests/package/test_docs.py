@@ -1,6 +1,7 @@
 """Every code block of the documentation runs, and every command in it has the options it names."""
 
 import contextlib
+import json
 import os
 import re
 import runpy
@@ -154,3 +155,47 @@ def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> Non
         assert done.returncode == 0, f"toros {line}: {done.stdout}{done.stderr}"
     assert (tmp_path / "run" / "report.html").stat().st_size > 100_000
     assert (tmp_path / "run-90" / "pattern.svg").is_file()
+
+
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
+FEW = (
+    "scene = scene.updated(edge_length=6e-3, filter_radius=10e-3, levels=1, iterations=2)\n"
+    "scene = scene.updated(constrained_iterations=1, polish_iterations=0, corrections=0)\n"
+    "scene = scene.updated(estimate_error=False)"
+)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_committed_without_what_it_shows(path: Path) -> None:
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert len(code) > 5
+    assert not any(cell["outputs"] or cell["execution_count"] for cell in code)
+
+
+@pytest.mark.slow
+def test_the_first_notebook_runs(tmp_path: Path) -> None:
+    """Its scene is made short. It shows figures, the skin in space, tables and a curve."""
+    nbclient, nbformat = map(pytest.importorskip, ("nbclient", "nbformat"))
+    (path,) = NOTEBOOKS
+    notebook = nbformat.read(path, as_version=4)
+    first = next(k for k, cell in enumerate(notebook.cells) if "scene =" in cell.source)
+    notebook.cells.insert(first + 1, nbformat.v4.new_code_cell(FEW))
+    client = nbclient.NotebookClient(
+        notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}
+    )
+    client.execute()
+    shown = [
+        (kind, content)
+        for cell in notebook.cells
+        if cell.cell_type == "code"
+        for output in cell.outputs
+        for kind, content in output.get("data", {}).items()
+    ]
+    assert max(len(content) for kind, content in shown if kind == "text/plain") < 1000
+    pages = [content for kind, content in shown if kind == "text/html"]
+    assert any("<td>angle</td>" in page for page in pages)
+    assert any("<iframe" in page and "height: 480px" in page for page in pages)
+    assert any("angle_deg" in page for page in pages)
+    assert any(kind == "image/png" for kind, _ in shown)
+    assert (tmp_path / "output" / "first" / "pattern.svg").is_file()

@@ -3,6 +3,7 @@
 import importlib
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,9 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 sys.path.append(str(ROOT / "docs"))
-MAKER, PAINTER = (importlib.import_module(name) for name in ("copy_pictures", "draw_pictures"))
+MAKER, PAINTER, GALLERY = (
+    importlib.import_module(name) for name in ("copy_pictures", "draw_pictures", "make_gallery")
+)
 
 
 def test_every_picture_comes_from_a_run() -> None:
@@ -49,13 +52,41 @@ def test_a_drawn_picture_tells_what_its_table_tells(picture: str) -> None:
         assert told["Description"] == PAINTER.TOLD[picture]()
 
 
-def test_every_picture_is_shown_somewhere() -> None:
-    """In a page of docs or demos, or in the README."""
-    pages = [ROOT / "README.md", ROOT / "demos/README.md", *(ROOT / "docs").rglob("*.md")]
-    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
-    shown = set(re.findall(r"pictures/([\w.]+)\)", text))
-    assert shown <= set(MAKER.COPIES)
-    assert {name for name in MAKER.COPIES if name.endswith(("_hero.png", "_lines.png"))} <= shown
+def test_the_gallery_is_what_its_command_makes_of_the_table() -> None:
+    """One that differs is stale: `make pictures` makes it."""
+    rows = read(ROWS / "figures.csv")
+    text = GALLERY.PAGE.read_text(encoding="utf-8")
+    assert text == GALLERY.page(rows)
+    other = [
+        replace(row, value=12.3, note="± 4.5, reached: no")
+        if (row.case, row.variant, row.figure) == ("bend", "coarse", "angle_deg")
+        else row
+        for row in rows
+    ]
+    before, changed = text.splitlines(), GALLERY.page(other).splitlines()
+    (line,) = [line for old, line in zip(before, changed, strict=True) if line != old]
+    assert line.startswith("- `scripts/toros design demos/scenes/bend.toml --coarse`, ")
+    assert "s: angle 12.3 ± 4.5° of 180° (missed); shape" in line
+
+
+def test_the_gallery_shows_every_picture_once() -> None:
+    text = GALLERY.PAGE.read_text(encoding="utf-8")
+    shown = re.findall(r"pictures/([\w.]+)\)", text)
+    assert sorted(shown) == sorted(MAKER.COPIES)
+
+
+def test_files_of_the_gallery_are_small_and_there_once() -> None:
+    """A checkout is to stay small."""
+    files = [path for path in GALLERY.GALLERY.rglob("*") if path.is_file()]
+    contents = [path.read_bytes() for path in (*files, *MAKER.PICTURES.iterdir())]
+    assert len(files) > 10
+    assert sum(path.stat().st_size for path in files) < 6e6
+    assert len(set(contents)) == len(contents)
+    linked = {
+        (GALLERY.GALLERY / name).resolve()
+        for name in re.findall(r"\]\((\w+/[\w.]+)\)", GALLERY.PAGE.read_text(encoding="utf-8"))
+    }
+    assert linked == set(files) - {GALLERY.PAGE}
 
 
 @pytest.mark.parametrize("picture", [name for name in MAKER.COPIES if not name.endswith("gif")])

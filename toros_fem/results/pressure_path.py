@@ -25,7 +25,7 @@ from toros_fem.results.result import RunResult, state_figures
 from toros_fem.results.writer import draw_wrinkles, wrinkle_fields, wrinkles_of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PathResult(RunResult):
     """A skin followed over the pressure: what `write_pressure_path` writes.
 

@@ -73,6 +73,10 @@ class RunResult(ABC):
             raise OutputError("this result has no files yet: write them by write_summary.")
         return view_of(self.folder, height)
 
+    def __repr__(self) -> str:
+        # Not its fields, which are all arrays of the run; nor its sentence, which ranks share.
+        return f"{type(self).__name__}({'' if self.folder is None else repr(str(self.folder))})"
+
     def _repr_html_(self) -> str:
         return figures_html(self.figures)
 

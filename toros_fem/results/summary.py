@@ -58,7 +58,7 @@ def _cost_of(rows: Sequence[Iteration]) -> dict[str, int]:
 NEAR_BOUND, STRETCHED = 1e-3, 0.97
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PrintedResult(RunResult):
     """The design of a shape and its print: what `write_results` writes.
 

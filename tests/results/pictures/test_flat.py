@@ -1,6 +1,7 @@
 """Flat panels: the print, its faults by numbers, densities, lines and wrinkles."""
 
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,20 @@ def test_panels_keep_their_areas(
     printed = sum(region.area for region in regions)
     ratio = share(path, "#1F3A5F") / share(path, "#EBDFC8")
     assert ratio == pytest.approx(printed / (pattern.areas.sum() - printed), rel=0.04)
+
+
+def test_names_of_small_panels_stay_apart() -> None:
+    """Where they would meet, the second one is below its panel."""
+    figure = Page(figsize=(2.0, 2.0), dpi=72)
+    axes = figure.add_axes((0, 0, 1, 1))
+    axes.set(xlim=(0, 144), ylim=(0, 144))  # a point of the page is a mm
+    bounds = np.array([[10, 50, 30, 80], [35, 50, 55, 80], [90, 50, 120, 80]], dtype=float)
+    flat._write_names(axes, ["panel-1", "panel-2", "panel-3"], bounds, 1.0)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    boxes = [text.get_window_extent(renderer) for text in axes.texts]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert [box.y0 > 80 for box in boxes] == [True, False, True]
+    assert boxes[1].y1 < 50
 
 
 def test_densities_go_from_fabric_to_print(

@@ -9,8 +9,13 @@ from helpers.runs import change_summary
 
 from toros_fem.base.errors import MissingPackageError, OutputError
 from toros_fem.measures.figures import Figure
+from toros_fem.products.actuators.result import ActuatorResult
+from toros_fem.products.tile_design.report import TileRun
+from toros_fem.products.tiles.pulled_sheet import SheetResult
+from toros_fem.products.tubes.inflate import InflationResult
 from toros_fem.results.report.notebook import read_summary
 from toros_fem.results.report.page_file import write_report
+from toros_fem.results.result import RunResult
 
 
 def test_a_run_is_a_table_of_its_figures(run: Path) -> None:
@@ -28,8 +33,20 @@ def test_a_view_is_the_page_in_a_frame_of_its_own(run: Path) -> None:
     assert frame.count('"') == 6, "the page is escaped"
     assert 'id="canvas"' in shown.page
     assert 'id="figures"' not in shown.page
+    assert repr(shown) == "EmbeddedPage(height=321)", "beside HTML a notebook keeps this text"
     with pytest.raises(OutputError, match="is no folder"):
         read_summary(run / "missing").show()
+
+
+def test_a_result_is_told_in_a_line() -> None:
+    """A notebook and a console show it, and not the arrays of a run."""
+    known = RunResult.__subclasses__()
+    assert {ActuatorResult, InflationResult, SheetResult, TileRun} < set(known)
+    assert [kind for kind in known if kind.__repr__ is not RunResult.__repr__] == []
+    empty = object.__new__(ActuatorResult)
+    assert repr(empty) == "ActuatorResult()"
+    object.__setattr__(empty, "folder", Path("output/bend"))
+    assert repr(empty) == "ActuatorResult('output/bend')"
 
 
 @pytest.mark.parametrize("package", ["jinja2", "matplotlib"])

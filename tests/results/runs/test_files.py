@@ -48,7 +48,7 @@ def test_every_file_of_a_run_is_in_the_table() -> None:
 
 def test_the_tutorial_names_files_of_the_table() -> None:
     page = ROOT / "docs" / "tutorial" / "first_design.md"
-    names = re.findall(r"^\| `run/([^`]+)` \|", page.read_text(encoding="utf-8"), re.MULTILINE)
-    assert len(names) == 5
+    names = re.findall(r"`run/([^`]+)`", page.read_text(encoding="utf-8"))
+    assert len(names) == 4
     numbered = {re.sub(r"print_1\.3mf|cut_1\.svg", "make_it.html", name) for name in names}
     assert numbered <= set(FILES)

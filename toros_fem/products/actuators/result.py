@@ -77,7 +77,7 @@ class Trial(Protocol):
         """It in words."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ActuatorResult(RunResult):
     """The result of the design of an actuator.
 

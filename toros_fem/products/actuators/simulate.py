@@ -41,7 +41,7 @@ if TYPE_CHECKING:  # a scene is simulated here, and says so
 FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SimulationResult(RunResult):
     """An actuator that was inflated without being designed.
 

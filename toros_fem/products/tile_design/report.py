@@ -25,7 +25,7 @@ from toros_fem.results.result import RunResult, write_summary
 PROFILE = ("stiffness", "tangent", "contraction")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TileRun(RunResult):
     """The design of a tile, what is measured of its print if it has an equilibrium, and times."""
 

@@ -139,7 +139,7 @@ class TileSheetScene(Scene):
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SheetResult(RunResult):
     """A sheet of tiles that was pulled in each direction.
 

@@ -159,7 +159,7 @@ class InflateScene(Scene):
         return Cost(triangles, triangles, unknowns, comm.size, parts, tried)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class InflationResult(RunResult):
     """A tube that swells, and a pressure in Pa at which it counts as saturated."""
 

@@ -34,11 +34,14 @@ from toros_fem.results.pictures.style import (
     scale_bar,
     write_title,
 )
+from toros_fem.results.pictures.words import Word
 
 # Space between panels over the size of the pattern.
 GAP = 0.08
 # The same in points, about, where names must fit between them.
 NAME_GAP = 36.0
+# Size in points of their letters.
+NAME_SIZE = 8.0
 # Room in points below, above and beside panels, with a bar and names, and without.
 ROOM, BARE_ROOM = (26.0, 14.0, 4.0), (1.0, 2.0, 1.0)
 # Part of the page for the panels, and for what is told beside them.
@@ -78,12 +81,6 @@ def draw_panels(
         fill(axes, outline, FABRIC, EDGE)
         if regions is not None:
             fill(axes, place.region(regions[panel]), PRINT)
-        left, _, _, top = 1e3 * np.array(outline.bounds)
-        if names:
-            axes.annotate(
-                pattern.panel_names[panel], (left, top), (0, 3),
-                textcoords="offset points", fontsize=8, color=SOFT,
-            )  # fmt: skip
     bounds = shapely.total_bounds(
         [place.region(pattern.outline(k)) for k, place in enumerate(places)]
     )
@@ -96,8 +93,27 @@ def draw_panels(
     axes.set_ylim(low[1] - below * point, high[1] + above * point)
     axes.set_aspect("equal")
     if names:
+        shapes = [place.region(pattern.outline(k)) for k, place in enumerate(places)]
+        _write_names(axes, pattern.panel_names, 1e3 * shapely.bounds(shapes), point)
         scale_bar(axes, bar_length(float((high - low).max())), (0.0, 0.01))
     return axes, places
+
+
+def _write_names(axes: Axes, names: Sequence[str], bounds: Floats, point: float) -> None:
+    """Write the name of each panel above it, or below it where it would meet another name.
+
+    Bounds are (p, 4) in mm, the size of a point is in mm.
+    """
+    taken: list[BaseGeometry] = []
+    for name, (left, low, _, top) in zip(names, bounds, strict=True):
+        across, up = point * Word(name, (left, top), SOFT, NAME_SIZE).extent
+        words = shapely.box(left, top, left + across, top + up)
+        above = not any(words.intersects(other) for other in taken)
+        taken += [words] if above else []
+        axes.annotate(
+            name, (left, top if above else low), (0, 3 if above else -3), fontsize=NAME_SIZE,
+            textcoords="offset points", color=SOFT, va="baseline" if above else "top",
+        )  # fmt: skip
 
 
 def draw_pattern(

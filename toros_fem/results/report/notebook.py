@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 class EmbeddedPage:
     """A page of HTML that a notebook shows in a frame of its own, of a height in pixels."""
 
-    page: str
+    page: str = field(repr=False)
     height: int
 
     def _repr_html_(self) -> str:
