@@ -23,7 +23,6 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
-from toros_fem.meshes.transfer import make_transfer
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
@@ -90,17 +89,10 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     positions = there.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
     composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
-    designed = {
-        "": found.design.density,
-        "_filtered": final.filtered,
-        "_projected": final.projected,
-    }
-    rho = {f"rho{name}": on.cells(field) for name, field in designed.items()}
-    if len(on.pattern.panel) != len(printed.pattern.panel):
-        transfer = make_transfer(on.pattern, printed.pattern)
-        rho = {name: transfer.at_cells(field) for name, field in rho.items()}
     fields = {
-        **rho,
+        "rho": on.cells(found.design.density),
+        "rho_filtered": on.cells(final.filtered),
+        "rho_projected": on.cells(final.projected),
         **wrinkle_fields(folds),
         "printed": printed.cells.astype(np.float64),
     }

@@ -35,7 +35,7 @@ from toros_fem.making.print.printability import (
     printed_cells,
     printed_fractions,
 )
-from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 
@@ -111,15 +111,13 @@ def as_printed(
     *,
     island_area: float = 0.0,
     domain: Panels | None = None,
-    on: ShapeDesign | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it (collective).
 
     A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains. What
     is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels. Free
-    islands smaller than the area, in m², are removed; larger ones are bridged. The mesh is that of
-    the problem, or of the same problem `on` another one.
+    islands smaller than the area, in m², are removed; larger ones are bridged.
 
     Raises:
         ParameterError: The area is negative, or not below the pattern's; or an argument has
@@ -139,30 +137,27 @@ def as_printed(
         contours = printed_regions(on, *values, eta)
         return clean(domain or panels_of(pattern, whole), contours, limits, island_area, smoothing)
 
-    return printed(problem, cleaning, limits, like=result.final, on=on, journal=journal)
+    return printed(problem, cleaning, limits, like=result.final, journal=journal)
 
 
 def followed(
-    problem: DesignProblem, like: Evaluation, target: ShapeDesign, regions: Regions
+    problem: DesignProblem, like: Evaluation, regions: Regions
 ) -> tuple[DesignProblem, Evaluation, Any]:
-    """Return a problem, a design and its state on a mesh that follows a print (collective).
+    """Return problem, design and its state on a mesh that follows a print (collective).
 
-    The target is the problem itself, or the same on another mesh, and has the regions. Where the
-    shape leaves the stretch bounds of the mesh, the state is the assembled one.
+    Where that shape leaves the stretch bounds of the other mesh, the state is the assembled one.
     """
-    there = target.for_print(regions)
+    assert isinstance(problem, ShapeDesign)
+    there = problem.for_print(regions)
     skin, other = problem.skin, there.skin
-    transfer = make_transfer(skin.pattern, other.pattern)
-
-    def moved(field: Floats) -> Floats:
-        whole = skin.gather_cells(field)
-        return (whole if target is problem else transfer.at_cells(whole))[other.owned_cells]
-
-    fields = map(moved, (like.density, like.filtered, like.projected))
-    like = replace(like, **dict(zip(("density", "filtered", "projected"), fields, strict=True)))
-    near = transfer.positions(skin.gather_vertices(like.equilibrium.positions))
+    fields = (like.density, like.filtered, like.projected)
+    density, filtered, projected = (skin.gather_cells(v)[other.owned_cells] for v in fields)
+    moved = replace(like, density=density, filtered=filtered, projected=projected)
+    near = make_transfer(skin.pattern, other.pattern).positions(
+        skin.gather_vertices(like.equilibrium.positions)
+    )
     start = there.physics.state_at(near)
-    return there, like, there.solver.model.assembled if start is None else start
+    return there, moved, there.solver.model.assembled if start is None else start
 
 
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
@@ -179,16 +174,14 @@ def printed(
     limits: PrintLimits,
     *,
     like: Evaluation | None = None,
-    on: ShapeDesign | None = None,
     start: Any = None,
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Measure a print, and simulate it as `simulate_binary` does (collective).
 
-    A `ShapeDesign` with `like` is simulated on a mesh that follows the print, its own or that of
-    the same problem `on` another one, if it has an equilibrium there; every other problem on its
-    own mesh. `cleaning` returns the print of the whole pattern, on the first rank.
+    A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
+    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank.
 
     Raises:
         PatternError: The skin is moulded.
@@ -204,44 +197,24 @@ def printed(
         return cleaned, before, after, part_regions(skin.pattern, cleaned.regions)
 
     cleaned, before, after, regions = on_first_rank(skin.comm, inspect)
+    if like is not None and isinstance(problem, ShapeDesign):
+        problem, like, start = followed(problem, like, regions)
+        skin = problem.skin
+        pattern = skin.pattern if problem.whole is None else problem.whole.pattern
 
-    def simulated(target: DesignProblem) -> PrintedDesign:
-        """Return the print, simulated on the mesh of a problem (collective)."""
-        there, own, state, parts, made = target, like, start, regions, cleaned
-        if target is not problem:
-            made, parts = on_first_rank(skin.comm, lambda: moved(pattern, cleaned, target))
-        if like is not None and isinstance(target, ShapeDesign):
-            there, own, state = followed(problem, like, target, parts)
-        whole = there.skin.pattern if there.whole is None else there.whole.pattern
+    def of_triangles() -> tuple[Bools, Floats]:
+        cells = printed_cells(pattern, cleaned.regions)
+        return cells, printed_fractions(skin.pattern, regions)
 
-        def of_triangles() -> tuple[Bools, Floats]:
-            cells = printed_cells(whole, made.regions)
-            return cells, printed_fractions(there.skin.pattern, parts)
+    cells, part = on_first_rank(skin.comm, of_triangles)
 
-        cells, part = on_first_rank(skin.comm, of_triangles)
+    def simulate() -> Evaluation:
+        own = part[skin.owned_cells]
+        return problem.simulate_binary(own, like, start=start, pressure=pressure)
 
-        def simulate() -> Evaluation:
-            density = part[there.skin.owned_cells]
-            return there.simulate_binary(density, own, start=state, pressure=pressure)
-
-        evaluation, failure = None, ""
-        try:
-            evaluation = kept_evaluation(journal, there, simulate)
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
-            failure = str(caught)
-        return PrintedDesign(whole, made, limits, before, after, cells, evaluation, failure)
-
-    found = simulated(problem if on is None else on)
-    return simulated(problem) if found.evaluation is None and on is not None else found
-
-
-def moved(
-    pattern: Pattern, cleaned: CleanedRegions, target: DesignProblem
-) -> tuple[CleanedRegions, list[BaseGeometry]]:
-    """Return a print of a pattern on the mesh of another problem, and that of its part."""
-    part = target.skin.pattern
-    whole = part if target.whole is None else target.whole.pattern
-    contours, regions = (
-        regions_on(pattern, found, whole) for found in (cleaned.contours, cleaned.regions)
-    )
-    return replace(cleaned, contours=contours, regions=regions), part_regions(part, regions)
+    evaluation, failure = None, ""
+    try:
+        evaluation = kept_evaluation(journal, problem, simulate)
+    except NoEquilibriumError as caught:  # raised by all ranks or by none
+        failure = str(caught)
+    return PrintedDesign(pattern, cleaned, limits, before, after, cells, evaluation, failure)

@@ -159,9 +159,8 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
         parts = _line_parts(scene, relaxed, finest)
     else:
         parts = _density_parts(scene, finest, comm.size)
-    largest = round(finest * _finer(scene))
-    unknowns = round(_unknowns(scene, made) * largest)
-    return Cost(largest, largest, unknowns, comm.size, parts, tried)
+    unknowns = round(_unknowns(scene, made) * finest)
+    return Cost(finest, finest, unknowns, comm.size, parts, tried)
 
 
 def probe_level(scene: ActuatorScene) -> Level:
@@ -189,7 +188,7 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
     except MeshSizeError as error:  # raised by all ranks
         area = error.area
     for edge in _edges(scene):
-        require_affordable(area, edge / math.sqrt(_finer(scene)))
+        require_affordable(area, edge)
     return area, made
 
 
@@ -204,12 +203,12 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
     lines = scene.design.start == "relaxed"
     area, made = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
     if comm.rank == 0:
-        count = round(finest_triangles(scene, area, made) * _finer(scene))
+        count = finest_triangles(scene, area, made)
         log.info("about %d triangles on the finest mesh", count)
 
 
 def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> int:
-    """Return the triangles of the design's finest mesh, from what `sized` has found."""
+    """Return the triangles of the finest mesh, from what `sized` has found."""
     if edges := _edges(scene):
         return round(expected_triangles(area, min(edges)))
     return 0 if made is None else round(len(made.pattern.panel) * 4.0 ** (scene.level_count - 1))
@@ -223,16 +222,6 @@ def _edges(scene: ActuatorScene) -> Sequence[float]:
     if scene.design.start == "relaxed":
         return (scene.lines.relaxed_edge_length, scene.lines.print_edge_length)
     return (edge,)
-
-
-def _finer(scene: ActuatorScene) -> float:
-    """Return how many triangles the mesh of prints has for one of the densities' finest mesh."""
-    prints, densities = scene.print_level, scene.finest_level
-    if scene.design.start == "relaxed":
-        return 1.0
-    if prints.edge_length is None or densities.edge_length is None:
-        return float(4.0 ** (prints.refinements - densities.refinements))
-    return float((densities.edge_length / prints.edge_length) ** 2)
 
 
 def _unknowns(scene: ActuatorScene, made: Case | None) -> float:
@@ -263,11 +252,10 @@ def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
     if rounds:
         likely = _times(DESIGN_STEP, more, more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
-    prints = round(finest * _finer(scene))
-    parts.append(Part("prints", prints, _times(PRINT, levels, levels + rounds)))
+    parts.append(Part("prints", finest, _times(PRINT, levels, levels + rounds)))
     if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(prints / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, prints)]
+        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
+    return [*parts, *_curve_part(scene, finest)]
 
 
 def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,17 +159,8 @@ class DensityDesigner(Job):
             result,
             printer.limits,
             island_area=printer.island_area,
-            on=self._finer,
             journal=self.journal,
         )
-
-    @cached_property
-    def _finer(self) -> ShapeDesign | None:
-        """The problem on the mesh of prints; None where it is that of the densities."""
-        scene, level = self.scene, self.scene.print_level
-        if scene.design.start == "relaxed" or level == scene.finest_level:
-            return None
-        return self.problem(scene.case(self.comm, level), level)
 
     def corrected(
         self,

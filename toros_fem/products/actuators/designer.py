@@ -233,13 +233,13 @@ class Designer(DensityDesigner):
         made = printed.evaluation
         if made is None:
             return None
-        problem = made.problem
+        problem, lines = made.problem, self.scene.design.start == "relaxed"
         assert isinstance(problem, ShapeDesign)
         keys = list(found.made.shape)
         measures = {metric.key: metric.measure for metric in problem.metrics}
         measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
         shape = limit_shape(problem.solver, made.equilibrium)
-        level = self.scene.print_level
+        level = self.scene.print_level if lines else self.scene.finest_level
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
         return metric_errors(self, level, shape, measures, regions, pressures)
 

@@ -323,11 +323,8 @@ class ActuatorScene(Scene):
 
     @property
     def print_level(self) -> Level:
-        """The mesh that prints are simulated on."""
-        if self.design.start == "relaxed":
-            return self._of_lines(self.lines.print_edge_length)
-        robust = self.design.robust_against is not None
-        return self.finest_level.scaled(1.0 if robust else self.print.edge_ratio)
+        """The mesh that printed lines are simulated on."""
+        return self._of_lines(self.lines.print_edge_length)
 
     @property
     def density_level(self) -> Level:

@@ -173,7 +173,7 @@ def _printed(
     stored = None
     if path.is_dir() and on_first_rank(comm, (path / PRINT).exists):
         stored = read_print_polygons(comm, path)
-    if stored is not None:
+    if stored is not None and scene.design.start == "relaxed":
         level = scene.print_level
         made = scene.case(comm, level)
     try:

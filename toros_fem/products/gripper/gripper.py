@@ -145,7 +145,7 @@ class GripperScene(ActuatorScene):
         "shape", "size", "mass", "finger_length", "finger_width", "pressure_max", "friction",
         "seed",
     )  # fmt: skip
-    COARSE: ClassVar = {"edge_length": 2.0, "edge_ratio": 5 / 7, "filter_radius": 74 / 43}
+    COARSE: ClassVar = {"edge_length": 2.0, "filter_radius": 74 / 43}
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -259,7 +259,6 @@ class OwnMeshScene(ActuatorScene):
         "constrained_iterations": 1 / 2,
         "corrections": 1 / 3,
         "polish_iterations": 1 / 2,
-        "edge_ratio": 1 / 2,
     }
     FEW: ClassVar = (
         "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "symmetry",

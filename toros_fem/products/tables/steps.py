@@ -243,11 +243,6 @@ class Printer(Table):
     """Printer."""
 
     print_width: Length = key(0.6e-3, "thinnest line and gap that the printer makes")
-    edge_ratio: Annotated[float, In(above=0, at_most=1)] = key(
-        1.0,
-        "edge length of the mesh that a print of densities is simulated on, over that of the "
-        "densities' finest mesh; a robust design takes 1",
-    )
     island_area: Annotated[float, In("m²", at_least=0)] = key(
         20e-6, "free islands smaller than this are removed, larger ones are joined to the rest"
     )

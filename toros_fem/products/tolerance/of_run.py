@@ -54,7 +54,7 @@ def tolerances_of_run(
     if failure:
         raise NoEquilibriumError(f"the print has no equilibrium: {failure}")
     scene = scene.with_files(comm, files)
-    level = scene.print_level
+    level = scene.print_level if scene.design.start == "relaxed" else scene.finest_level
     # A print has no eroded and dilated densities.
     level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
     case = scene.case(comm, level)

@@ -78,8 +78,6 @@ class TubeScene(ActuatorScene):
 
     COARSE: ClassVar = {
         "edge_length": 2.0,
-        "edge_ratio": 9 / 14,
-        "curve_steps": 1 / 2,
         "filter_radius": 88 / 43,
         "iterations": 2 / 3,
         "constrained_iterations": 3 / 4,

@@ -153,7 +153,6 @@ class WalkerScene(ActuatorScene):
     )  # fmt: skip
     COARSE: ClassVar = {
         "edge_length": 14 / 9,
-        "edge_ratio": 9 / 14,
         "filter_radius": 86 / 55,
         "iterations": 2 / 3,
         "constrained_iterations": 3 / 4,
