@@ -14,6 +14,7 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_possible
+from toros_fem.base.mpi import Distributed, collective
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.levels import optimize_levels
@@ -96,8 +97,9 @@ class Attempt:
         return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
 
 
+@collective("comm", owned=("journal",))
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Designer(Job):
+class Designer(Distributed, Job):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:
@@ -422,6 +424,7 @@ def _draw_lines(folder: Path, found: ActuatorResult) -> None:
             draw_lines(figure, lines.best.relaxed.field, printed.pattern, printed.regions)
 
 
+@collective("comm")
 def design_actuator(
     comm: MPI.Comm,
     output: Path | str,
