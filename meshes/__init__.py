@@ -18,15 +18,16 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import read_pattern, write_pattern
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.meshes.surfaces.files import from_mesh, read_surface
+from toros_fem.meshes.surfaces.remeshed import Remeshed, remeshed
 from toros_fem.meshes.surfaces.surface import Surface
 from toros_fem.meshes.surfaces.unwrap import Unwrapped, unwrap
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
 from toros_fem.meshes.triangles import triangle_limit
 
 __all__ = [
-    "GRIPPER", "SYMMETRIES", "WALKER", "Deformer", "Mirrored", "Pattern", "Repeated", "Skin",
-    "Star", "Surface", "Tile", "Unwrapped", "bend", "compose", "contract", "curl", "cylinder",
-    "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded", "plane_centroids",
-    "read_pattern", "read_surface", "rectangle", "rounded", "sew", "stand", "tile",
+    "GRIPPER", "SYMMETRIES", "WALKER", "Deformer", "Mirrored", "Pattern", "Remeshed", "Repeated",
+    "Skin", "Star", "Surface", "Tile", "Unwrapped", "bend", "compose", "contract", "curl",
+    "cylinder", "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded", "plane_centroids",
+    "read_pattern", "read_surface", "rectangle", "remeshed", "rounded", "sew", "stand", "tile",
     "triangle_limit", "twist", "two_panels", "unwrap", "walker", "write_pattern",
 ]  # fmt: skip

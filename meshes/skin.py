@@ -15,7 +15,7 @@ from mpi4py import MPI
 from toros_fem.base import compat
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PatternError, UnitWarning
-from toros_fem.base.mpi import collective, gather_by_index, warn_together
+from toros_fem.base.mpi import Distributed, collective, gather_by_index, warn_together
 from toros_fem.base.validation import require_kind
 from toros_fem.meshes.pattern import Pattern
 
@@ -24,7 +24,7 @@ SMALLEST, LARGEST = 1e-4, 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
+class Skin(Distributed):
     """A sewn pattern, distributed over the ranks of a communicator.
 
     The geometry is the flat pattern (gdim = tdim = 2, three corners per cell), the topology is the

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.meshes.gmsh_model import gmsh_model, meshed
 from toros_fem.meshes.triangles import flat_areas
 
 
@@ -109,21 +110,7 @@ def polygon_mesh(
         counts: Number of edges on the side that starts at each corner; None: one.
         faces: Corners of each polygon, counter-clockwise; None: one polygon, of all of them.
     """
-    import gmsh  # here, because it is slow, and structured meshes do not need it
-
-    ours = not gmsh.isInitialized()
-    if ours:
-        gmsh.initialize(["-noenv"], readConfigFiles=False, interruptible=False)
-    current = "" if ours else gmsh.model.getCurrent()
-    options = {
-        "General.Terminal": 0, "General.NumThreads": 1, "Mesh.Algorithm": 6, "Mesh.RandomSeed": 1,
-        "Mesh.MeshSizeMin": edge_length, "Mesh.MeshSizeMax": edge_length,
-    }  # fmt: skip
-    before = {name: gmsh.option.getNumber(name) for name in options}
-    try:
-        for name, value in options.items():
-            gmsh.option.setNumber(name, value)
-        gmsh.model.add("toros_fem panel")
+    with gmsh_model(edge_length) as gmsh:
         geo = gmsh.model.geo
         points = [geo.addPoint(x, y, 0, edge_length) for x, y in corners]
         sides: dict[tuple[int, int], int] = {}
@@ -136,20 +123,7 @@ def polygon_mesh(
                 loop.append(sides[a, b] if (a, b) in sides else -sides[b, a])
             geo.addPlaneSurface([geo.addCurveLoop(loop)])
         geo.synchronize()
-        gmsh.model.mesh.generate(2)
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        nodes = gmsh.model.mesh.getElementsByType(2)[1]
-        gmsh.model.remove()
-    finally:
-        for name, value in before.items():
-            gmsh.option.setNumber(name, value)
-        if ours:
-            gmsh.finalize()
-        elif current:
-            gmsh.model.setCurrent(current)
-    used, triangles = np.unique(nodes, return_inverse=True)
-    place = np.argsort(tags)[np.searchsorted(np.sort(tags), used)]
-    flat = np.asarray(coordinates).reshape(-1, 3)[place, :2]
-    triangles = triangles.reshape(-1, 3).astype(np.int64)
+        places, triangles, _ = meshed(gmsh)
+    flat = places[:, :2]
     clockwise = flat_areas(flat[triangles]) < 0
     return flat, np.where(clockwise[:, None], triangles[:, ::-1], triangles)

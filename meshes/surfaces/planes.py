@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import csr_array, eye_array
-from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.mirror import first_chain, flip, plane_border
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.surfaces.nearest import nearest
 from toros_fem.meshes.surfaces.surface import Surface
 from toros_fem.meshes.triangles import edges_of, half_edges, lengths
 
@@ -27,17 +27,19 @@ FLAT = 1e-6
 STRAIGHT = 0.02
 
 
-def cut_at_planes(surface: Surface, axes: Sequence[int]) -> tuple[Surface, csr_array]:
+def cut_at_planes(
+    surface: Surface, axes: Sequence[int], near: float = NEAR
+) -> tuple[Surface, csr_array]:
     """Cut a symmetric surface at coordinate planes x, y or z = 0, given by their axes.
 
     Triangles that a plane crosses are divided, so that the mesh need not be symmetric. A vertex
-    near a crossing moves into the plane. `require_symmetric` checks the surface before. A part that
-    lies on one side of a plane already is taken as it is. The matrix, (m, n), interpolates values
-    at the whole's vertices to those of the part.
+    near a crossing, a part `near` of an edge, moves into the plane. `require_symmetric` checks the
+    surface before. A part that lies on one side of a plane already is taken as it is. The matrix,
+    (m, n), interpolates values at the whole's vertices to those of the part.
     """
     part, weights = surface, csr_array(eye_array(len(surface.points)))
     for axis in axes:
-        part, own = _cut(part, axis, FLAT * surface.size)
+        part, own = _cut(part, axis, FLAT * surface.size, near)
         weights = own @ weights
     return part, weights
 
@@ -68,13 +70,8 @@ def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
 
 def asymmetry(surface: Surface, axis: int) -> float:
     """Return the largest distance in m of a mirrored vertex from the surface."""
-    points, corners = surface.points, surface.points[surface.triangles]
-    image, centre = points * flip(axis), corners.mean(axis=1)
-    reach = float(np.linalg.norm(corners - centre[:, None], axis=2).max())
-    bound = cKDTree(points).query(image)[0] + reach
-    around = cKDTree(centre).query_ball_point(image, bound)
-    near = zip(image, around, strict=True)
-    return max(float(_distances(point, corners[cells]).min()) for point, cells in near)
+    image = surface.points * flip(axis)
+    return float(nearest(image, surface.points, surface.triangles).distance.max())
 
 
 def require_symmetric(surface: Surface, axis: int, what: str = "the surface") -> None:
@@ -92,31 +89,17 @@ def require_symmetric(surface: Surface, axis: int, what: str = "the surface") ->
         )
 
 
-def _distances(point: Floats, corners: Floats) -> Floats:
-    """Return the distance of a point from triangles (k, 3, 3)."""
-    a, along = corners, np.roll(corners, -1, axis=1) - corners
-    way = np.einsum("ksi,ksi->ks", point - a, along) / np.einsum("ksi,ksi->ks", along, along)
-    on_side = a + np.clip(way, 0, 1)[..., None] * along
-    found = np.linalg.norm(point - on_side, axis=2).min(axis=1)
-    normal = np.cross(along[:, 0], along[:, 1])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    side = np.einsum("ksi,ksi->ks", np.cross(along, point - a), normal[:, None])
-    inside = (side >= 0).all(axis=1)
-    height = np.abs(np.einsum("ki,ki->k", point - a[:, 0], normal))
-    return np.where(inside, height, found)
-
-
-def _cut(surface: Surface, axis: int, near: float) -> tuple[Surface, csr_array]:
+def _cut(surface: Surface, axis: int, flat: float, near: float) -> tuple[Surface, csr_array]:
     """Cut at one plane."""
     points, triangles, count = surface.points, surface.triangles, len(surface.points)
-    away = np.where(np.abs(points[:, axis]) <= near, 0.0, points[:, axis])
+    away = np.where(np.abs(points[:, axis]) <= flat, 0.0, points[:, axis])
     # A vertex near a crossing moves into the plane, and has the values of the nearest crossing.
     ends, part = _crossings(triangles, away)
     to, fraction = np.arange(count), np.zeros(count)
     order = np.argsort(-np.minimum(part, 1 - part), kind="stable")
     for (a, b), at in zip(ends[order], part[order], strict=True):
-        if min(at, 1 - at) < NEAR:
-            mover, other = (a, b) if at < NEAR else (b, a)
+        if min(at, 1 - at) < near:
+            mover, other = (a, b) if at < near else (b, a)
             to[mover], fraction[mover], away[mover] = other, min(at, 1 - at), 0.0
     # Other crossings become vertices.
     ends, part = _crossings(triangles, away)

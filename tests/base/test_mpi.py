@@ -75,6 +75,16 @@ def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
             mpi.require_alike(comm, first=0, second=value)
 
 
+def test_arguments_of_one_rank_alone_are_told(comm: MPI.Comm) -> None:
+    if comm.size == 1:
+        return
+    given = {} if comm.rank == 0 else {"third": comm.rank}
+    with pytest.raises(
+        ParameterError, match="third differs between the ranks: None on rank 0, 1 o"
+    ):
+        mpi.require_alike(comm, first=0, **given)
+
+
 def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")

@@ -33,6 +33,27 @@ def prism(around: int = 12, rows: int = 5, radius: float = 0.01, length: float =
     return Surface(points, rings(rows + 1, around))
 
 
+def long_tube(around: int = 64, radius: float = 0.01, length: float = 0.08) -> Surface:
+    """A closed tube as of a CAD program: triangles as long as it is, and fans of them as caps."""
+    points = turned(np.full(2, radius), np.array([0, length]), around)
+    k, after = np.arange(around), np.roll(np.arange(around), -1)
+    caps = np.column_stack([after, k, np.full(around, 2 * around)])
+    caps = np.vstack([caps, np.column_stack([k, after, caps[:, 2] + 1]) + [around, around, 0]])
+    ends = np.array([[0, 0, 0], [0, 0, length]])
+    return Surface(np.vstack([points, ends]), np.vstack([rings(2, around), caps]))
+
+
+def ellipsoid(axes: tuple[float, ...], rows: int = 9, around: int = 16) -> Surface:
+    """A coarse ellipsoid of rings and two tips; 256 triangles."""
+    polar = np.pi * np.arange(1, rows) / rows
+    points = turned(np.sin(polar), -np.cos(polar), around)
+    first, last = np.arange(around), np.arange(around) + (rows - 2) * around
+    low = np.column_stack([np.roll(first, -1), first, np.full(around, len(points))])
+    high = np.column_stack([last, np.roll(last, -1), np.full(around, len(points) + 1)])
+    points = np.vstack([points, [[0, 0, -1], [0, 0, 1]]]) * axes
+    return Surface(points, np.vstack([rings(rows - 1, around), low, high]))
+
+
 def cone(around: int = 12, rows: int = 5, radius: float = 0.01, height: float = 0.02) -> Surface:
     """An open cone with its tip, a pyramid."""
     fraction = np.arange(rows, 0, -1) / rows

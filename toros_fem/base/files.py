@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError, TorosError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 
 T = TypeVar("T")
 # Most bytes of a file that is read whole, by what it is, far beyond what makes sense.
@@ -250,6 +250,7 @@ def naming(
         raise error(says.format(path, caught)) from None
 
 
+@collective("comm", owned=("action",))
 def guarded(
     comm: MPI.Comm,
     folder: str | Path,
@@ -268,7 +269,6 @@ def guarded(
         ParameterError: The folder differs between the ranks.
         Exception: `error`, as of `naming`, or what the action raises; on all ranks.
     """
-    require_alike(comm, folder=folder)
     folder = Path(folder)
 
     def named() -> T:

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, Generic, NoReturn, ParamSpec, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ OWN = (f"{_PACKAGE}{os.sep}", f"{_PACKAGE.parent / 'meshes'}{os.sep}")
 T = TypeVar("T")
 R = TypeVar("R")
 P = ParamSpec("P")
+E = TypeVar("E", bound=Callable[..., Any])
 
 
 def total(comm: MPI.Comm, value: float) -> float:
@@ -127,58 +128,73 @@ def require_comm(comm: Any) -> None:
     require_kind("comm", comm, MPI.Comm, "an MPI communicator, one of mpi4py.MPI")
 
 
+class Distributed:
+    """Base of classes whose objects hold what their rank owns; of those only the type is compared.
+
+    Their numbers that are equal on all ranks were found by all of them together.
+    """
+
+
 def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
     """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
 
-    Of functions and other objects only the type is compared. It comes before any other check: what
-    one rank alone refuses would leave the others waiting. A ParameterError is raised on all ranks.
+    Of functions, of `Distributed` and of other objects only the type is compared. It comes before
+    any other check: what one rank alone refuses would leave the others waiting. A ParameterError
+    is raised on all ranks; of settings it names the field.
     """
     require_comm(comm)
     if comm.size == 1:
         return
-    digests = comm.allgather([_digest(value) for value in arguments.values()])
-    for number, name in enumerate(arguments):
-        other = next((r for r, own in enumerate(digests) if own[number] != digests[0][number]), 0)
+    digests = comm.allgather({name: _digest(value) for name, value in arguments.items()})
+    for name in dict.fromkeys(name for own in digests for name in own):  # some may leave it out
+        first = digests[0].get(name)
+        other = next((rank for rank, own in enumerate(digests) if own.get(name) != first), 0)
         if other:
-            texts = comm.allgather(shown(arguments[name]))
-            raise ParameterError(
-                f"{name} differs between the ranks: {texts[0]} on rank 0, {texts[other]} on rank "
-                f"{other}. Give the same on all ranks: draw or read it on one and bcast it."
-            )
+            _tell_different(comm, name, arguments.get(name), other)
 
 
-def collective(
-    comm: str, *, owned: Sequence[str] = ()
-) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def collective(comm: str, *, owned: Sequence[str] = ()) -> Callable[[E], E]:
     """Decorate an entry that all ranks call: its arguments must be equal on all of them.
 
+    An entry is a function, a method, or a class, whose objects all ranks make.
+
     `comm` says where its communicator is: an argument and attributes, as "self.skin.comm". Where it
-    cannot be found the entry is called as it is, and refuses what it was given. Of the arguments in
-    `owned` each rank has its own part: their type is compared, of arrays also the number of axes.
+    cannot be found, or is None, the entry is called as it is, and refuses what it was given. Of the
+    arguments in `owned` each rank has its own part: their type is compared, of arrays also the
+    number of axes.
     """
     first, *path = comm.split(".")
 
-    def decorate(entry: Callable[P, T]) -> Callable[P, T]:
+    def decorate(entry: E) -> E:
+        if isinstance(entry, type):
+            entry.__init__ = decorate(entry.__init__)  # type: ignore[misc]
+            return entry
         signature = inspect.signature(entry)
+        known = signature.parameters.values()
+        several = next((one.name for one in known if one.kind == one.VAR_KEYWORD), "")
 
         @functools.wraps(entry)
-        def checked(*args: P.args, **kwargs: P.kwargs) -> T:
+        def checked(*args: Any, **kwargs: Any) -> Any:
             try:
-                given = signature.bind(*args, **kwargs).arguments
+                bound = signature.bind(*args, **kwargs)
+                bound.apply_defaults()  # ranks may differ in what they leave out
+                given = bound.arguments
                 over = functools.reduce(getattr, path, given[first])
             except (TypeError, KeyError, AttributeError):
                 return entry(*args, **kwargs)
+            if over is None:
+                return entry(*args, **kwargs)
             require_comm(over)
             if over.size > 1:
-                alike = {
-                    name: _Owned(value) if name in owned else value
-                    for name, value in given.items()
-                    if name != first
-                }
+                given |= given.pop(several, {})
+                given.pop(first)
+                if (owner := given.pop("self", None)) is not None:
+                    given[type(owner).__name__] = owner
+                alike = {n: _Owned(one) if n in owned else one for n, one in given.items()}
                 require_alike(over, **alike)
             return entry(*args, **kwargs)
 
-        return checked
+        return cast(E, checked)
 
     return decorate
 
@@ -212,6 +228,25 @@ class _Owned:
         return f"{type(self.value).__qualname__} {getattr(self.value, 'ndim', '')}"
 
 
+def _tell_different(comm: MPI.Comm, name: str, value: Any, other: int) -> NoReturn:
+    """Raise on all ranks that an argument differs, by the part of it that does (collective)."""
+    parts = {f"{name}.{field}": one for field, one in _fields(value).items()}
+    if len(set(comm.allgather((type(value).__qualname__, *parts)))) == 1:
+        require_alike(comm, **parts)
+    texts = comm.allgather(shown(value))
+    raise ParameterError(
+        f"{name} differs between the ranks: {texts[0]} on rank 0, {texts[other]} on rank {other}. "
+        "Give the same on all ranks: draw or read it on one and bcast it."
+    )
+
+
+def _fields(value: Any) -> dict[str, Any]:
+    """Return the fields of settings by name; of other objects none."""
+    if not dataclasses.is_dataclass(value) or isinstance(value, Distributed | type):
+        return {}
+    return {one.name: getattr(value, one.name, None) for one in dataclasses.fields(value)}
+
+
 def _digest(value: Any) -> bytes:
     """Return a hash of a value that does not depend on the rank or the run."""
     found = hashlib.blake2b(digest_size=16)
@@ -234,8 +269,10 @@ def _digest(value: Any) -> bytes:
         found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
         if isinstance(value, functools.partial):
             parts = (value.args, value.keywords)
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            parts = [getattr(value, one.name, None) for one in dataclasses.fields(value)]
+        elif isinstance(wkb := getattr(value, "wkb", None), bytes):  # a shape of Shapely
+            found.update(wkb)
+        else:
+            parts = _fields(value).values()
     for part in parts:
         found.update(_digest(part))
     return found.digest()

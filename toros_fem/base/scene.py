@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -14,6 +15,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Table, nearest
+from toros_fem.base.mpi import collective
 
 # Order of tables in files.
 ORDER = (
@@ -44,6 +46,13 @@ class Scene:
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Let all methods that take a communicator compare the scene and their arguments."""
+        super().__init_subclass__()
+        for name, method in vars(cls).copy().items():
+            if inspect.isfunction(method) and "comm" in inspect.signature(method).parameters:
+                setattr(cls, name, collective("comm")(method))
 
     def __post_init__(self) -> None:
         for name, of in self.tables().items():

@@ -103,8 +103,8 @@ RANGES: Mapping[str, Range] = {
         "number of edges around the skin, its girth 2 π r over the mean edge length, with r twice "
         "its volume over its area",
         (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
-        "Each step of `refinements` halves the edges. Long thin triangles of a CAD file stay so: "
-        "remesh it first.",
+        "Each step of `refinements` halves the edges. `remesh` makes a new mesh, where a CAD file "
+        "has long thin triangles.",
     ),
 }  # fmt: skip
 

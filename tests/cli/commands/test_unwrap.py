@@ -55,3 +55,12 @@ def test_wrong_values(
 def test_an_unlikely_size_is_told(alone: MPI.Comm, caplog: pytest.LogCaptureFixture) -> None:
     Unwrapping(scale=5e-5).surface(alone, FINGER)
     assert "0.0045 m across with scale = 5e-05 m. Millimetres? Give scale = 1e-3." in caplog.text
+
+
+def test_a_new_mesh(alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Edges of 4 mm instead of 2.5 mm."""
+    words = ["unwrap", str(FINGER), "--output", str(tmp_path / "flat"), "--json"]
+    assert run(alone, [*words, "--remesh", "4mm"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["triangles"] == len(read_pattern(alone, found["pattern"]).panel) < 1000
+    assert f"1832 triangles meshed anew by {found['triangles']}" in found["repairs"]

@@ -50,6 +50,7 @@ class Unwrap(Command, Unwrapping):
 
         output = self.output or Path(self.mesh.stem)
         surface = self.surface(comm, self.mesh)
+        surface, _ = self.meshed(comm, surface)
         unwrapped = self.unwrapped(comm, surface)
         distortion, pattern = unwrapped.distortion, unwrapped.pattern
         summary: dict[str, Any] = {

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.linear import Filter, Linear
 from toros_fem.design.density.neighbours import (
@@ -19,6 +20,7 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
 
+@collective("skin.comm")
 def cone_filter(
     skin: Skin, radius: float, lattice: Floats | None = None, whole: Mirrored | None = None
 ) -> Filter:

@@ -9,7 +9,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import dot, together, total
+from toros_fem.base.mpi import Distributed, collective, dot, together, total
 from toros_fem.base.validation import real_numbers
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.linear import Filter
@@ -89,8 +89,9 @@ def area_fractions(fields: Fields) -> Floats:
     return np.asarray(areas / total(skin.comm, areas.sum()))
 
 
+@collective("skin.comm", owned=("filter", "passive"))
 @dataclass(frozen=True, eq=False)
-class DensityFields:
+class DensityFields(Distributed):
     """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
 
     Attributes:

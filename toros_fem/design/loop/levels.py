@@ -11,7 +11,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import free_dropped
+from toros_fem.base.mpi import collective, free_dropped, require_alike
 from toros_fem.base.validation import require_count, require_kind
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
@@ -75,14 +75,18 @@ def optimize_levels(
         PanelError: Two problems have other panels.
         DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
+    remaining, finish = iter(problems), finish or (lambda result: result)
+    problem = next(remaining, None)
+    if isinstance(problem, DesignProblem):
+        require_alike(problem.comm, options=options)
     if not isinstance(options, list | tuple):
         raise ParameterError("options must be a list of DesignOptions, one for each level.")
     for rules in options:
         require_kind("options", rules, DesignOptions, "DesignOptions, one for each level")
     if not options:
         raise ParameterError("options is empty; give DesignOptions for each level.")
-    remaining, finish = iter(problems), finish or (lambda result: result)
-    problem = _following(remaining, 0, len(options))
+    if problem is None:
+        raise _too_few(0, len(options))
     run = partial(optimize, callback=callback, journal=journal)
     result = finish(run(problem, options[0], start=start, seed=seed, after=after))
     del problem
@@ -91,7 +95,8 @@ def optimize_levels(
         design, comm = gathered(result), result.problem.comm
         del result
         free_dropped(comm)
-        problem = _following(remaining, level, len(options))
+        if (problem := next(remaining, None)) is None:
+            raise _too_few(level, len(options))
         spent = design.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
         design = replace(design, seconds={**design.seconds, SETUP: spent})
         result = finish(run(problem, rules, after=design))
@@ -99,6 +104,7 @@ def optimize_levels(
     return result
 
 
+@collective("design.comm")
 def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     """Yield a design on its own mesh, then on meshes that are refined uniformly (collective).
 
@@ -120,9 +126,7 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
         yield design
 
 
-def _following(problems: Iterable[DesignProblem], level: int, levels: int) -> DesignProblem:
-    for problem in problems:
-        return problem
-    raise ParameterError(
+def _too_few(level: int, levels: int) -> ParameterError:
+    return ParameterError(
         f"there are {level} problems for {levels} levels; options needs one entry for each problem."
     )

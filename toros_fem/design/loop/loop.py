@@ -16,7 +16,7 @@ import numpy as np
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import collective, largest, norm
+from toros_fem.base.mpi import Distributed, collective, largest, norm
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
@@ -45,7 +45,7 @@ SETUP = "next levels"
 
 
 @dataclass(frozen=True, eq=False)
-class DesignResult:
+class DesignResult(Distributed):
     """The result of the design loop.
 
     Attributes:

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
 from toros_fem.design.loop.fields import Fields, designed_cells
@@ -55,7 +56,7 @@ class ObjectiveTerm:
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Slopes(Distributed):
     """Gradients around a design.
 
     Attributes:
@@ -73,7 +74,7 @@ class Slopes:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation(Generic[R]):
+class Evaluation(Distributed, Generic[R]):
     """One pass ρ → ρ̃ → ρ̄ → x → T.
 
     Attributes:
@@ -135,8 +136,9 @@ class Evaluation(Generic[R]):
         return sum(response.factorisations for response in self.responses)
 
 
+@collective("physics.comm", owned=("fields", "objective", "terms", "length_scale", "robust"))
 @dataclass(eq=False)
-class DesignProblem(Generic[R]):
+class DesignProblem(Distributed, Generic[R]):
     """A skin or tile whose print is designed, made of parts.
 
     T is the objective of what the physics makes of ρ̄, plus terms of ρ̄ alone. Each part is a pair
@@ -224,6 +226,7 @@ class DesignProblem(Generic[R]):
         assert found is not None
         return {m.key: m.value(self.skin.pattern, found) for m in self.metrics}
 
+    @collective("self.comm", owned=("density", "start"))
     def simulate(
         self,
         density: Floats,
@@ -250,6 +253,7 @@ class DesignProblem(Generic[R]):
             patterns += self.robust.patterns(self.fields, filtered)
         return self._evaluated(density, filtered, patterns, start, pressure, begin, trial=trial)
 
+    @collective("self.comm", owned=("printed", "start"))
     def simulate_binary(
         self,
         printed: Floats | Bools,
@@ -391,6 +395,7 @@ class DesignProblem(Generic[R]):
             replace(found, gradients=rows),
         )
 
+    @collective("self.comm", owned=("density", "start"))
     def evaluate(
         self, density: Floats, start: Any = None, pressure: Pressure | None = None
     ) -> tuple[Evaluation[R], Slopes]:

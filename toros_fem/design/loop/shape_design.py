@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
-from toros_fem.base.mpi import require_alike
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import (
     checked_axes,
     checked_floats,
@@ -67,6 +67,7 @@ class ShapeDesign(ShapeProblem):
 
     fields: DensityFields
 
+    @collective("comm")
     def __init__(
         self,
         comm: MPI.Comm,
@@ -78,9 +79,6 @@ class ShapeDesign(ShapeProblem):
     ) -> None:
         require_kind("case", case, Case, "a Case")
         require_kind("regularisation", regularisation, Regularisation, "a Regularisation")
-        parts = (case, regularisation)
-        given = {f.name: getattr(part, f.name) for part in parts for f in fields(part)}
-        require_alike(comm, **given, options=options, log=log)
         _check_kinds(case, regularisation, log)
         self.case, self.regularisation, self._log = case, regularisation, log
         skin = sew(comm, case.pattern)
@@ -136,6 +134,7 @@ class ShapeDesign(ShapeProblem):
                 parts=self.parts,
             )
 
+    @collective("self.comm")
     def towards(self, case: Case) -> Self:
         """Return the same design with the target and the parts of another case (collective).
 
@@ -154,6 +153,7 @@ class ShapeDesign(ShapeProblem):
         plain = replace(self.regularisation, width_tolerance=None)
         return self.changed(robust=None, regularisation=plain)
 
+    @collective("self.comm")
     def on(self, pattern: Pattern) -> ShapeDesign:
         """Return the same design on the same triangles, whose vertices have moved (collective).
 
@@ -165,6 +165,7 @@ class ShapeDesign(ShapeProblem):
         """
         return self._with(self.case.on(pattern), self.regularisation)
 
+    @collective("self.comm")
     def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
         """Return the design whose mesh follows a print, with smoothed strains (collective).
 

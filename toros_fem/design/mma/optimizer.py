@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import largest, require_comm, together, total
+from toros_fem.base.mpi import Distributed, collective, largest, require_comm, together, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import (
     checked_floats,
@@ -61,7 +61,7 @@ class MMAOptions:
 
 
 @dataclass
-class MMAState:
+class MMAState(Distributed):
     """State of the iteration as plain arrays; a run that starts from it continues exactly.
 
     Attributes:
@@ -81,7 +81,7 @@ class MMAState:
 
 
 @dataclass(frozen=True, eq=False)
-class Functions:
+class Functions(Distributed):
     """What MMA minimises, at one point: values, which are alike on all ranks, and owned gradients.
 
     Where only values are asked for, gradients are left out.
@@ -185,6 +185,7 @@ class MMA:
             steps do not depend on the rounding of gradients; None for Svanberg's method as it is.
     """
 
+    @collective("comm", owned=("lower", "upper", "move"))
     def __init__(
         self,
         comm: MPI.Comm,

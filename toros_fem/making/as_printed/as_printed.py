@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
@@ -104,6 +104,7 @@ def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Flo
     return at_points, at_centroids
 
 
+@collective("problem.comm", owned=("journal",))
 def as_printed(
     problem: DesignProblem,
     result: DesignResult,
@@ -140,6 +141,7 @@ def as_printed(
     return printed(problem, cleaning, limits, like=result.final, journal=journal)
 
 
+@collective("problem.comm")
 def followed(
     problem: DesignProblem, like: Evaluation, regions: Regions
 ) -> tuple[DesignProblem, Evaluation, Any]:
@@ -160,14 +162,15 @@ def followed(
     return there, moved, there.solver.model.assembled if start is None else start
 
 
+@collective("problem.comm")
 def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: float) -> None:
     """Check types and values of what a print is made of, alike on all ranks (collective)."""
     require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
     require_kind("limits", limits, PrintLimits, "PrintLimits")
-    require_alike(problem.skin.comm, limits=limits, island_area=island_area)
     require_island_area(problem.skin.pattern, island_area)
 
 
+@collective("problem.comm", owned=("cleaning", "start", "journal"))
 def printed(
     problem: DesignProblem,
     cleaning: Callable[[], CleanedRegions],

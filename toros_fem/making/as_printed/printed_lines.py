@@ -8,7 +8,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
@@ -23,6 +23,7 @@ from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 
 
+@collective("problem.comm", owned=("journal",))
 def printed_lines(
     problem: DesignProblem,
     pattern: Pattern,
@@ -64,6 +65,7 @@ def printed_lines(
     return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
 
 
+@collective("comm")
 def case_of_print(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
 ) -> tuple[Case, list[BaseGeometry]]:
@@ -91,6 +93,7 @@ def print_on(comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions) -> 
     return on_first_rank(comm, laid)
 
 
+@collective("problem.comm")
 def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
     """Return the state of a problem with the shape of another mesh of its panels (collective).
 

@@ -13,7 +13,7 @@ from dolfinx import fem
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled, work_vector
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot, require_alike, total
+from toros_fem.base.mpi import collective, dot, total
 from toros_fem.base.validation import require_callable, require_kind
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.materials.sheet import Composite
@@ -81,6 +81,7 @@ class SkinModel:
         size_local: Number of owned unknowns.
     """
 
+    @collective("skin.comm", owned=("terms",))
     def __init__(
         self,
         skin: Skin,
@@ -373,6 +374,7 @@ class Further(TypedDict, total=False):
     periodic: Periodic | None
 
 
+@collective("skin.comm")
 def make_model(
     skin: Skin, composite: Composite, supports: Supports, **further: Unpack[Further]
 ) -> SkinModel:
@@ -393,7 +395,6 @@ def make_model(
             f"{', '.join(Further.__annotations__)}."
         )
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-    require_alike(skin.comm, composite=composite, supports=supports, **further)
     require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
     require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
     for name, (kind, wanted) in _KINDS.items():

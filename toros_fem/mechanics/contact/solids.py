@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import collective
 from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.meshes.surfaces.files import read_surface
@@ -155,6 +156,7 @@ def rigid_cylinder(
     return _made(name, points @ frame, triangles, centre, mass)
 
 
+@collective("comm")
 def rigid_mesh(
     comm: MPI.Comm,
     name: str,

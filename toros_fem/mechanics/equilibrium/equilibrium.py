@@ -10,6 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.mpi import Distributed
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.diagnostics import Condition
@@ -18,7 +19,7 @@ from toros_fem.mechanics.skin.load import Load
 
 
 @dataclass(frozen=True, eq=False)
-class Equilibrium:
+class Equilibrium(Distributed):
     """Result of a solve; later solves, tangents and reactions need nothing else.
 
     Attributes:

@@ -10,7 +10,6 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, ParameterError, UnitWarning
 from toros_fem.base.mpi import (
     collective,
-    require_alike,
     together,
     warn_together,
 )
@@ -62,6 +61,7 @@ class EquilibriumSolver(TangentSolver):
         ParameterError: An argument is of another type, or does not fit the skin.
     """
 
+    @collective("skin.comm")
     def __init__(
         self,
         skin: Skin,
@@ -72,7 +72,6 @@ class EquilibriumSolver(TangentSolver):
         **further: Unpack[Further],
     ) -> None:
         model = make_model(skin, composite, supports, **further)
-        require_alike(skin.comm, options=options)
         require_kind("options", options, (NewtonOptions, type(None)), "NewtonOptions, or None")
         if log is not None:
             require_callable("log", log, "a function of a Newton step, or None")
@@ -241,6 +240,7 @@ class EquilibriumSolver(TangentSolver):
         self._at = found
         return found
 
+    @collective("self.skin.comm")
     def like(self, **changes: Any) -> EquilibriumSolver:
         """Return another solver, which differs in some arguments of the class (collective)."""
         model = self.model
@@ -254,6 +254,7 @@ class EquilibriumSolver(TangentSolver):
         }
         return EquilibriumSolver(**{**own, **changes})
 
+    @collective("self.skin.comm")
     def refined(self, finer: Refinement, **changes: Any) -> EquilibriumSolver:
         """Return the solver of the skin with each triangle divided into four (collective).
 

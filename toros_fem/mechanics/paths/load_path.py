@@ -51,6 +51,7 @@ class LoadPath:
         self.solver = solver
         self.steps = tuple(load_of(step).on(solver.model) for step in steps)
 
+    @collective("self.solver.skin.comm", owned=("density",))
     def solve(
         self,
         density: Floats,
@@ -77,6 +78,7 @@ class LoadPath:
             found.append(self.solver.solve(density, load, start, after=after))
         return tuple(found)
 
+    @collective("self.solver.skin.comm", owned=("density", "slopes"))
     def gradient(
         self,
         density: Floats,

@@ -125,6 +125,7 @@ def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:
             return
 
 
+@collective("solver.skin.comm", owned=("density", "start"))
 def follow_pressures(
     solver: EquilibriumSolver,
     density: Floats,

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PanelError
 from toros_fem.base.files import guarded, if_possible
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import Distributed, collective, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import DesignResult
@@ -46,8 +46,9 @@ if TYPE_CHECKING:  # a scene is designed here, and says so
 log = logging.getLogger(__name__)
 
 
+@collective("comm", owned=("journal",))
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Designer(DensityDesigner):
+class Designer(Distributed, DensityDesigner):
     """The design of an actuator, from start to files; all methods are collective.
 
     Attributes:
@@ -255,6 +256,7 @@ def _draw_lines(folder: Path, found: ActuatorResult) -> None:
             draw_lines(figure, lines.best.relaxed.field, printed.pattern, printed.regions)
 
 
+@collective("comm")
 def design_actuator(
     comm: MPI.Comm,
     output: Path | str,

@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, write_table
+from toros_fem.base.mpi import collective
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -50,6 +51,7 @@ class PressureCurve:
     failure_above: str | None
 
 
+@collective("problem.comm")
 def trace_pressure_curve(
     problem: ShapeProblem,
     made: Evaluation[Equilibrium],
@@ -166,6 +168,7 @@ class CurveFigures:
     seconds: float | None = None
 
 
+@collective("comm", owned=("printed", "measured"))
 def write_curve(
     comm: MPI.Comm,
     folder: Path,

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import NAME as PRINT
@@ -74,6 +74,7 @@ class SimulationResult(RunResult):
         return f"{self.path.told(self.figures)}, {what}{ended}"
 
 
+@collective("comm")
 def simulate_actuator(
     comm: MPI.Comm,
     output: Path | str,

@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MeasurementError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import sew
@@ -57,6 +57,7 @@ class SheetFit(Fit):
         ]
 
 
+@collective("comm")
 def fit_printed_sheet(
     comm: MPI.Comm,
     tests: Sequence[TensileTest],
@@ -90,7 +91,6 @@ def fit_printed_sheet(
     require_kind("options", options, FitOptions, "FitOptions, or None")
     require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
     options = replace(options, intervals="hessian")
-    require_alike(comm, along=along, across=across)
     samples = on_first_rank(comm, lambda: _samples(tests, options))
     model = _SheetModel(comm, samples, printed_tile, along, across)
     curve, bound = remembered(model), np.full(2, np.log(FARTHEST))

@@ -24,7 +24,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.surfaces.files import from_copy, from_mesh
-from toros_fem.meshes.surfaces.planes import cut_at_planes, require_symmetric, straightened
+from toros_fem.meshes.surfaces.planes import NEAR, cut_at_planes, require_symmetric, straightened
 from toros_fem.meshes.surfaces.surface import Surface, volume
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.transfer import refine
@@ -51,6 +51,8 @@ SYMMETRIES = (*COMPONENTS[:-1], "auto")
 METRICS = ("distance", "angle", "twist", "shortening")
 # Filter radius over the mean edge length, where none is given.
 FILTER_EDGES = 1.5
+# Part of an edge within which a vertex moves into a plane where the part is meshed anew.
+EXACT = 1e-3
 MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, XDMF), or a {NAME} with its panels"}
 TARGET = {
     "target": "the same mesh deformed to the target, its triangles in the same order; none: the "
@@ -512,7 +514,7 @@ def read_skin(
 
     Args:
         comm: Communicator.
-        scene: Scale, cuts and symmetry.
+        scene: Scale, new mesh, cuts and symmetry.
         mesh: Mesh file; or a pattern file, or the folder that it lies in.
         target: Mesh file of the target; None for none.
 
@@ -531,6 +533,8 @@ def read_skin(
                 f"cut there: {mesh} is that of a whole skin.",
                 "symmetry",
             )
+        if scene.skin.remesh is not None:
+            raise ParameterError(f"remesh needs the mesh file; {mesh} has flat panels.", "remesh")
         goal = from_mesh(comm, target, pattern) if target else None
         for axis in axes:
             scene.require_symmetric(mirrored(pattern, axes).pattern, goal, axis)
@@ -546,6 +550,8 @@ def read_skin(
             log.info("not cut at %s = 0: %s", "xyz"[axis], error)
         else:
             found.append(axis)
-    part, weights = cut_at_planes(surface, found)
+    near = NEAR if scene.skin.remesh is None else EXACT  # a new mesh needs no good triangles here
+    part, of_part = cut_at_planes(surface, found, near)
+    part, weights = scene.skin.meshed(comm, part)
     pattern = straightened(scene.skin.unwrapped(comm, part).pattern, found)
-    return OwnSkin(pattern, None if goal is None else weights @ goal, tuple(found))
+    return OwnSkin(pattern, None if goal is None else weights @ (of_part @ goal), tuple(found))

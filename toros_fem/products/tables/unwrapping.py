@@ -13,6 +13,8 @@ from mpi4py import MPI
 from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
 
 if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
+    from scipy.sparse import csr_array
+
     from toros_fem.meshes.surfaces.surface import Surface
     from toros_fem.meshes.surfaces.unwrap import Unwrapped
 
@@ -29,6 +31,11 @@ class Unwrapping(Table):
     component: Number | None = key(
         None, "connected component of the file, 0 for the largest; none: it holds only one"
     )
+    remesh: Length | None = key(
+        None,
+        "edge length of a new mesh of the surface, on which creases, seams and borders of parts "
+        "stay edges; none keeps the triangles of the file",
+    )
     cuts: Annotated[str, OneOf(("given", "auto"))] = key(
         "given",
         "where the surface is cut into panels: at the lines and parts of the file, found "
@@ -38,7 +45,8 @@ class Unwrapping(Table):
         "auto", "how panels are laid flat"
     )
     crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
-        45.0, "angle between normals above which a found cut follows an edge"
+        45.0,
+        "angle between normals above which a found cut, or a new mesh, follows an edge",
     )
     max_stretch: Positive | None = key(
         None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
@@ -58,6 +66,27 @@ class Unwrapping(Table):
             hint = unit_hint(size / self.scale)
             log.warning("%s is %.3g m across with scale = %g m. %s", path, size, self.scale, hint)
         return surface
+
+    def meshed(self, comm: MPI.Comm, surface: Surface) -> tuple[Surface, csr_array]:
+        """Mesh a surface anew if that is asked for, and tell it (collective).
+
+        The matrix, (m, n), interpolates values at the given vertices to those that are returned.
+
+        Raises:
+            ParameterError, SurfaceError: As of `remeshed`.
+        """
+        from scipy.sparse import eye_array
+
+        from toros_fem.meshes.surfaces.remeshed import remeshed
+
+        if self.remesh is None:
+            return surface, eye_array(len(surface.points), format="csr")
+
+        crease = float(np.radians(self.crease_angle))
+        made = remeshed(comm, surface, self.remesh, crease_angle=crease)
+        if comm.rank == 0:
+            log.info("%s", made.surface.repairs)
+        return made.surface, made.weights
 
     def unwrapped(self, comm: MPI.Comm, surface: Surface) -> Unwrapped:
         """Cut a surface and lay it flat (collective).

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import together
+from toros_fem.base.mpi import Distributed, collective, together
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.print.printability import printed_cells
@@ -52,7 +52,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class TileResult:
+class TileResult(Distributed):
     """A design of a tile and its print.
 
     Attributes:
@@ -95,6 +95,7 @@ class PrintSimulation:
     The ranks of the case share the directions of the objective.
     """
 
+    @collective("case.comm")
     def __init__(self, case: TileCase, config: TileDesignScene) -> None:
         self.case, self.config, fine = case, config, case.fine.tile
         skin = sew(MPI.COMM_SELF, fine.pattern)

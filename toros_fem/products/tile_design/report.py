@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
+from toros_fem.base.mpi import collective
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
@@ -123,6 +124,7 @@ class TileRun(RunResult):
         )
 
 
+@collective("found.case.comm")
 def write_tile_results(folder: Path | str, found: TileRun) -> None:
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 

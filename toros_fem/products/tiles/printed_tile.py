@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import DensityError, ParameterError, TileFileError
-from toros_fem.base.mpi import on_first_rank, on_root
+from toros_fem.base.mpi import collective, on_first_rank, on_root
 from toros_fem.base.validation import (
     checked_path,
     require_between,
@@ -92,6 +92,7 @@ class PrintedTile:
                 "a printed tile is one panel: the grain of its knit must be one angle."
             )
 
+    @collective("comm")
     def tile(self, comm: MPI.Comm) -> Tile:
         """Make the tile on its mesh (collective).
 
@@ -139,6 +140,7 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     return read_archive(path, KIND, make, TileFileError, remedy)
 
 
+@collective("comm")
 def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> PrintedTile:
     """Return the same print on a mesh of another edge length in m (collective).
 

@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.mpi import Distributed, collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import Evaluation
@@ -52,7 +52,7 @@ STIFFNESSES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class Change(Distributed):
     """A skin of which one quantity is off.
 
     Attributes:
@@ -93,6 +93,7 @@ class Drawn:
     own_mesh: Mapping[str, float] = field(default_factory=dict)
 
 
+@collective("problem.comm")
 def tolerances(
     problem: ShapeDesign, printed: PrintedDesign, config: ToleranceConfig | None = None
 ) -> Tolerances:
@@ -114,7 +115,6 @@ def tolerances(
     require_kind("problem", problem, ShapeDesign, "a ShapeDesign")
     require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
     require_kind("config", config, (ToleranceConfig, type(None)), "a ToleranceConfig, or None")
-    require_alike(problem.comm, config=config)
     made = printed.evaluation
     if made is None:
         raise NoEquilibriumError(f"the print has no equilibrium: {printed.failure}")
@@ -133,6 +133,7 @@ def tolerances(
     return simulated_tolerances(following, drawn, config)
 
 
+@collective("problem.comm")
 def simulated_tolerances(
     problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:

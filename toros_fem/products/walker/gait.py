@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_table
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_count
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.opening import opened
@@ -199,6 +199,7 @@ class Walk:
         return replace(found, stride_mm=stride, slip_mm=slip, lost_energy_j=lost)
 
 
+@collective("comm")
 def flat_on_ground(
     comm: MPI.Comm, pattern: Pattern, supports: Supports, sizes: ContactSizes
 ) -> tuple[Floats, float]:
@@ -244,6 +245,7 @@ def walk_of(
     return Walk(gait, points, whole, feet, np.array(lowest) <= reach)
 
 
+@collective("comm", owned=("walk",))
 def write_gait(
     comm: MPI.Comm,
     folder: Path,

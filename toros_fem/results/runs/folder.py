@@ -272,6 +272,7 @@ def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_:
     log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
+@collective("comm")
 def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | None]:
     """Return the record of a run and the text of its scene, None without (collective).
 

@@ -1,0 +1,68 @@
+"""A model of gmsh whose session, options and models of others are left as they were."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats, Ints
+
+NAME = "toros_fem"
+
+
+@contextmanager
+def gmsh_model(edge_length: float, options: Mapping[str, float] | None = None) -> Iterator[Any]:
+    """Open an empty model whose mesh has edges of a length in m, and drop it (one rank).
+
+    It yields the module `gmsh`. The options are further ones, by their names.
+    """
+    import gmsh  # here, because it is slow, and structured meshes do not need it
+
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(["-noenv"], readConfigFiles=False, interruptible=False)
+    current = "" if ours else gmsh.model.getCurrent()
+    wanted = {
+        "General.Terminal": 0, "General.NumThreads": 1, "Mesh.Algorithm": 6, "Mesh.RandomSeed": 1,
+        "Mesh.MeshSizeMin": edge_length, "Mesh.MeshSizeMax": edge_length, **(options or {}),
+    }  # fmt: skip
+    before = {name: gmsh.option.getNumber(name) for name in wanted}
+    try:
+        for name, value in wanted.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.model.add(NAME)
+        try:
+            yield gmsh
+        finally:
+            gmsh.model.setCurrent(NAME)
+            gmsh.model.remove()
+    finally:
+        for name, value in before.items():
+            gmsh.option.setNumber(name, value)
+        if ours:
+            gmsh.finalize()
+        elif current:
+            gmsh.model.setCurrent(current)
+
+
+def meshed(gmsh: Any) -> tuple[Floats, Ints, Ints]:
+    """Mesh the surfaces of the current model.
+
+    Returned are the points (n, 3) that triangles use, the triangles (t, 3), and the edges on the
+    model's curves whose ends are among the points, (k, 2).
+    """
+    gmsh.model.mesh.generate(2)
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    corners = gmsh.model.mesh.getElementsByType(2)[1]
+    ends = gmsh.model.mesh.getElementsByType(1)[1].reshape(-1, 2)
+    used, triangles = np.unique(corners, return_inverse=True)
+    place = np.argsort(tags)[np.searchsorted(np.sort(tags), used)]
+    ends = ends[np.isin(ends, used).all(axis=1)]
+    return (
+        np.asarray(coordinates, dtype=np.float64).reshape(-1, 3)[place],
+        triangles.reshape(-1, 3).astype(np.int64),
+        np.searchsorted(used, ends).astype(np.int64),
+    )

@@ -1,0 +1,167 @@
+"""Surfaces meshed anew keep their shape and what is named on them, and tell how far they are."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import surfaces
+from helpers.scenes import square
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError, SurfaceError
+from toros_fem.meshes import Surface, gmsh_model, remeshed
+from toros_fem.meshes.surfaces import remeshed as remeshed_module
+from toros_fem.meshes.surfaces.nearest import nearest
+from toros_fem.meshes.surfaces.planes import cut_at_planes
+from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.meshes.triangles import edges_of, expected_triangles, lengths, shapes
+
+BOX = np.array([[x, y, z] for x in (0, 0.02) for y in (0, 0.03) for z in (0, 0.08)])
+SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+BOX_TRIANGLES = np.array([[s[0], s[k], s[k + 1]] for s in SIDES for k in (1, 2)])
+
+
+def sampled(surface: Surface, parts: int) -> np.ndarray:
+    """Places all over each triangle, on a grid of barycentric coordinates."""
+    share = [(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)]
+    corners = surface.points[surface.triangles]
+    return np.einsum("pk,tki->tpi", np.array(share) / parts, corners).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(
+    ("given", "edge"),
+    [
+        (surfaces.long_tube(), 3e-3),
+        (surfaces.ellipsoid((0.012, 0.012, 0.04)), 3e-3),
+        (Surface(BOX, BOX_TRIANGLES), 4e-3),
+        (surfaces.prism(), 2e-3),
+    ],
+    ids=["long tube", "ellipsoid", "box", "open tube"],
+)
+def test_mesh_of_equal_edges_on_the_surface(alone: MPI.Comm, given: Surface, edge: float) -> None:
+    made = remeshed(alone, given, edge)
+    new = made.surface
+    assert new.closed == given.closed
+    assert len(new.triangles) == pytest.approx(expected_triangles(given.area, edge), rel=0.3)
+    of_edges = lengths(new.points, edges_of(new.triangles).ends)
+    assert of_edges.min() > 0.3 * edge
+    assert np.median(of_edges) == pytest.approx(edge, rel=0.15)
+    assert of_edges.max() < 2.2 * edge
+    assert shapes(new.points, new.triangles).min() > 0.1
+    assert nearest(new.points, given.points, given.triangles).distance.max() < 1e-12
+    np.testing.assert_allclose(made.weights @ given.points, new.points, atol=1e-15)
+    apart = max(
+        nearest(sampled(one, parts), other.points, other.triangles).distance.max()
+        for one, other, parts in ((given, new, 12), (new, given, 4))
+    )
+    assert 0.75 * apart - 1e-12 <= made.distance <= apart + 1e-12
+    told = f"{len(given.triangles)} triangles meshed anew by {len(new.triangles)}, "
+    assert new.repairs == f"{told}{1e3 * made.distance:.2g} mm apart at most"
+
+
+def test_distance_of_a_round_border(alone: MPI.Comm) -> None:
+    """A chord of the mean edge leaves a circle by its sagitta; the longest one by some more."""
+    made = remeshed(alone, surfaces.long_tube(around=256), 3e-3)
+    assert 3e-3**2 / 8 / 0.01 < made.distance < 2 * 3e-3**2 / 8 / 0.01
+
+
+def test_creases_stay(alone: MPI.Comm) -> None:
+    new = remeshed(alone, Surface(BOX, BOX_TRIANGLES), 4e-3).surface
+    assert volume(new.points, new.triangles) == pytest.approx(0.02 * 0.03 * 0.08, rel=1e-9)
+    assert new.area == pytest.approx(Surface(BOX, BOX_TRIANGLES).area, rel=1e-9)
+    with pytest.raises(SurfaceError, match="up to .* m away from the surface; the bound is 0.35"):
+        remeshed(alone, Surface(BOX, BOX_TRIANGLES), 4e-3, crease_angle=np.pi)
+
+
+def test_tips_stay(alone: MPI.Comm) -> None:
+    """No crease leads to the tip of a flat cone."""
+    given = surfaces.cone(around=24, rows=4, radius=0.02, height=0.012)
+    new = remeshed(alone, given, 3e-3).surface
+    assert new.points[:, 2].max() == pytest.approx(0.012, abs=1e-12)
+
+
+def test_parts_and_seams_stay(alone: MPI.Comm) -> None:
+    """A flat square of two parts, with a seam across one of them."""
+    sheet = square(n=8)
+    x = sheet.points[sheet.triangles].mean(axis=1)[:, 0]
+    middle = np.ptp(sheet.points[:, 0]) / 2
+    u, v, _ = sheet.points.T
+    on = np.flatnonzero(np.isclose(v, middle) & (u < 1.01 * middle))
+    seam = np.column_stack([on[:-1], on[1:]])
+    given = Surface(sheet.points, sheet.triangles, (x > middle).astype(int), ("a", "b"), seam)
+    new = remeshed(alone, given, middle / 5).surface
+    assert new.part_names == ("a", "b")
+    corners = new.points[new.triangles]
+    np.testing.assert_array_equal(new.parts, corners.mean(axis=1)[:, 0] > middle)
+    inside = np.where(new.parts[:, None] == 1, 1, -1) * (corners[..., 0] - middle)
+    assert inside.min() > -1e-9, "no triangle crosses the border"
+    assert len(new.seams) in (5, 6)
+    places = new.points[new.seams]
+    np.testing.assert_allclose(places[..., 1], middle, atol=1e-9)
+    assert lengths(new.points, new.seams).sum() == pytest.approx(middle, rel=1e-6)
+
+
+def test_border_stays_in_a_plane(alone: MPI.Comm) -> None:
+    """Exactly: images of a part are sewn to it there."""
+    half, _ = cut_at_planes(surfaces.ellipsoid((0.012, 0.011, 0.04)), (1,), 1e-3)
+    new = remeshed(alone, half, 3e-3).surface
+    border = edges_of(new.triangles)
+    assert (new.points[border.ends[border.border], 1] == 0).all()
+    assert new.points[:, 1].min() == 0
+
+
+def test_nearest_places() -> None:
+    """Beside a corner, a side and the inside of a triangle, and of the nearer of two."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 9.0], [40, 0, 9], [0, 40, 9]])
+    points = np.array([[-1, -1, 0], [0.5, -1, 0], [0.25, 0.25, 1], [0.25, 0.25, 8], [20, 1, 9.5]])
+    found = nearest(points, vertices, np.array([[0, 1, 2], [3, 4, 5]]))
+    assert found.distance == pytest.approx([np.sqrt(2), 1, 1, 1, 0.5])
+    np.testing.assert_array_equal(found.triangle, [0, 0, 0, 1, 1])
+    shares = np.array([[1, 0, 0], [0.5, 0.5, 0], [0.5, 0.25, 0.25]])
+    np.testing.assert_allclose(found.shares[:3], shares)
+
+
+def test_nearest_of_long_triangles() -> None:
+    """Each triangle by itself gives no nearer place."""
+    tube = surfaces.long_tube()
+    points = np.random.default_rng(1).uniform([-0.02, -0.02, -0.01], [0.02, 0.02, 0.09], (300, 3))
+    found = nearest(points, tube.points, tube.triangles)
+    alone = [nearest(points, tube.points, one[None]).distance for one in tube.triangles]
+    np.testing.assert_allclose(found.distance, np.min(alone, axis=0), rtol=1e-12)
+    places = found.weights(tube.triangles, len(tube.points)) @ tube.points
+    np.testing.assert_allclose(np.linalg.norm(places - points, axis=1), found.distance)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t[1:], "it would have other holes or handles"),
+        (lambda t: np.vstack([t, t[:1]]), "it would be no surface: 3 edges have more than two"),
+    ],
+)
+def test_another_surface_is_refused(
+    alone: MPI.Comm,
+    monkeypatch: pytest.MonkeyPatch,
+    change: Callable[[np.ndarray], np.ndarray],
+    message: str,
+) -> None:
+    """As if gmsh had left a triangle out, or made one twice."""
+
+    def meshed(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        points, triangles, ends = gmsh_model.meshed(gmsh)
+        return points, change(triangles), ends
+
+    monkeypatch.setattr(remeshed_module, "meshed", meshed)
+    with pytest.raises(SurfaceError, match=message):
+        remeshed(alone, Surface(BOX, BOX_TRIANGLES), 4e-3)
+
+
+def test_what_is_refused(alone: MPI.Comm) -> None:
+    given = surfaces.long_tube()
+    with pytest.raises(SurfaceError, match="256 triangles cannot be meshed anew with edges of 0.0"):
+        remeshed(alone, given, 0.05)
+    with pytest.raises(ParameterError, match="edge_length = 0.0 must be"):
+        remeshed(alone, given, 0.0)
+    with pytest.raises(ParameterError, match="triangles on 0.00565 m², more than"):
+        remeshed(alone, given, 1e-6)
