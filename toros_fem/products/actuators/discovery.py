@@ -58,6 +58,7 @@ class Round:
         of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Misses`;
             infinite without an equilibrium.
         missed: Size of all misses, as of `Misses`.
+        uncertain: Half-width of its interval, from two elements on the mesh of the print.
         failure: Why the print has no equilibrium; empty if it has one.
         answer: What was asked of the shape, and what its print has; None where metrics are asked,
             or without an equilibrium.
@@ -71,6 +72,7 @@ class Round:
     of_metrics: float
     of_shape: float
     missed: float
+    uncertain: float
     failure: str
     answer: Answer | None
     mended: Mending | None
@@ -219,10 +221,14 @@ class _Search:
         return self._mended(best, found)
 
     def enough(self, rounds: Sequence[Round]) -> bool:
-        """Return whether the search ends with these rounds."""
+        """Return whether the search ends with these rounds.
+
+        Within the tolerances, what a print misses by less than the error of its mesh is no guide.
+        """
         last, best = rounds[-1], _best(rounds)
         return (
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
+            or (last.error < TOLERANCE and last.missed < last.uncertain)
             or (bool(last.failure) and last.mended is None)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
         )
@@ -326,12 +332,13 @@ class _Search:
         mended: Mending | None,
     ) -> Round:
         """Return the round of a print, report it, and keep the print if it is the best."""
-        of_metrics = of_shape = missed = np.inf
+        of_metrics = of_shape = missed = uncertain = np.inf
         failure = made.printed.failure
         if not failure:
             misses, shape = misses_of(made.case), made.shape[1]
             of_metrics, of_shape = misses.of_metrics(shape), misses.of_shape(shape)
             missed = float(np.linalg.norm(misses(shape)))
+            uncertain = made.limit.half_width(lambda _, positions: misses(positions))
         found = Round(
             asked,
             relaxed,
@@ -340,6 +347,7 @@ class _Search:
             of_metrics,
             of_shape,
             missed,
+            uncertain,
             failure,
             answer,
             mended,

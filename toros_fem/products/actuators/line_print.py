@@ -17,6 +17,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign, printed
 from toros_fem.making.as_printed.printed_lines import clean_print, state_near
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
 
@@ -49,10 +50,15 @@ class LinePrint:
         return self.printed.metrics
 
     @property
+    def limit(self) -> LimitShape:
+        """Its shape under pressure as it is computed, and as it is told."""
+        assert self.printed.evaluation is not None
+        return limit_shape(self.problem.solver, self.printed.evaluation.equilibrium)
+
+    @property
     def shape(self) -> Shape:
         """The mesh, and its shape under pressure."""
-        assert self.printed.evaluation is not None
-        return self.case.pattern, self.problem.physics.shape_of(self.printed.evaluation.equilibrium)
+        return self.case.pattern, self.limit.limit
 
 
 def print_of_lines(
