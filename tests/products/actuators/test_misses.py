@@ -108,3 +108,20 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(search, "_mending", lambda _: None)
     search.again([a_round(1.0)])
     assert made[-1] == "asked"
+
+
+def test_what_is_missed_within_the_error_of_the_mesh_is_no_guide() -> None:
+    """The search ends there, but only within the tolerances; else it ends near the target alone."""
+    search = object.__new__(discovery._Search)
+
+    def enough(error: float, missed: float, uncertain: float) -> bool:
+        one: Any = SimpleNamespace(
+            error=error, of_metrics=error, of_shape=error, missed=missed, uncertain=uncertain,
+            failure="", mended=None,
+        )  # fmt: skip
+        return search.enough([one])
+
+    assert enough(0.02, 0.7, 0.8)
+    assert not enough(0.02, 0.7, 0.6)
+    assert not enough(0.04, 1.4, 3.0)
+    assert enough(0.004, 0.1, 0.05)

@@ -22,7 +22,7 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.readings.error_estimate import SHARE
 from toros_fem.meshes import Skin, bend
-from toros_fem.products.actuators import designer
+from toros_fem.products.actuators import densities
 from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
@@ -229,7 +229,7 @@ def test_a_corrected_design(
         asked.append(asked_next(*given))
         return asked[-1]
 
-    monkeypatch.setattr(designer, "asked_next", spied)
+    monkeypatch.setattr(densities, "asked_next", spied)
     made = design_actuator(alone, tmp_path, config)
     assert [set(found) for found in asked] == [{"angle_deg"}]
     assert asked[0]["angle_deg"] != 40.0
