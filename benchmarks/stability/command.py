@@ -15,14 +15,12 @@ import numpy as np
 
 from benchmarks.bench import (
     IN_ALL,
-    ROWS,
     Case,
     Command,
     Row,
     Rows,
     Table,
     markdown,
-    read,
     values_of,
 )
 from benchmarks.stability import drawn, matrix
@@ -51,9 +49,6 @@ def cases(quick: bool) -> list[Case]:
         for scene in BUILDERS
         for cell in cells(scene)
     ]
-    for row in [] if quick else folded():
-        again = partial(matrix.rows_of, cell_of(row.variant), contact=True)
-        found.append(Case("matrix with contact", again, row.variant))
     for name, seeds, play in (
         ("random", RANDOM, drawn.outcome_of),
         ("random with contact", CONTACTS, contact.drawn_with_contact),
@@ -72,15 +67,6 @@ def cases(quick: bool) -> list[Case]:
             size = "coarse" if coarse else "default mesh"
             found.append(Case("design in contact", steps, f"{name}, {size}"))
     return found
-
-
-def folded() -> list[Row]:
-    """Return the rows of the committed cells that are no equilibria, the solvable ones first."""
-    rows = [r for r in read(ROWS / "stability.csv") if r.case == "matrix"]
-    return sorted(
-        (r for r in rows if r.figure in ("failed", "error right")),
-        key=lambda row: row.figure != "failed",
-    )
 
 
 def cell_of(label: str) -> Cell:
@@ -192,20 +178,6 @@ def matrix_table(rows: Rows) -> str:
     return text + "".join(_listed(rows, "matrix", verdict) for verdict in ("wrong", "failed"))
 
 
-def with_contact_table(rows: Rows) -> str:
-    """Return what becomes of folded cells in contact, counted."""
-    before = {row.variant: row.figure for row in rows if row.case == "matrix"}
-    known = ("failed", "error right")
-    found = Counter(
-        (of if (of := before.get(row.variant)) in known else "not known",
-         row.note if row.figure == "late" else row.figure)
-        for row in rows
-        if row.case == "matrix with contact"
-    )  # fmt: skip
-    lines = [(*outcome, count) for outcome, count in sorted(found.items())]
-    return markdown(("without contact", "with self-contact", "cells"), lines)
-
-
 def random_table(rows: Rows) -> str:
     """Return outcomes and Newton steps by shape, and the scenes that contradict the solver."""
     text = "`refused`: a typed error before anything is solved. `no equilibrium`: an error of the "
@@ -270,7 +242,6 @@ COMMAND = Command(
     serial=True,
     tables=(
         Table("stability.md", "the matrix", matrix_table),
-        Table("stability.md", "with contact", with_contact_table),
         Table("stability.md", "random scenes", random_table),
         Table("contact.md", "cost of contact", cost_table),
         Table("contact.md", "design steps with contact", design_table),

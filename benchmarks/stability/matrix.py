@@ -26,7 +26,6 @@ from benchmarks.stability.scenes import (
     neighbour,
 )
 from toros_fem.base.errors import TorosError
-from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -104,23 +103,16 @@ def quick_matrix(scene: str) -> list[Cell]:
 
 
 class Stage:
-    """One scene; every cell has a solver of its own, so that it does not depend on others.
+    """One scene, by its name; every cell has a solver of its own, independent of others."""
 
-    Args:
-        name: Of the scene.
-        contact: What its skin touches; None for nothing.
-    """
-
-    def __init__(self, name: str, contact: Contact | None = None) -> None:
-        self.scene, self.contact = build(name), contact
+    def __init__(self, name: str) -> None:
+        self.scene = build(name)
 
     def solver(self, contrast: float, *, many_steps: bool = False) -> EquilibriumSolver:
         """Return a solver at a contrast; with `many_steps` it has few levels of load."""
         options = NewtonOptions(max_steps=400, min_increment=1.0) if many_steps else None
         scene = self.scene
-        return EquilibriumSolver(
-            scene.skin, scene.composite(contrast), scene.supports, options, contact=self.contact
-        )
+        return EquilibriumSolver(scene.skin, scene.composite(contrast), scene.supports, options)
 
     def density(self, request: Request) -> Floats:
         """Return the densities of a request in the order of the solver's."""
@@ -136,9 +128,9 @@ class Stage:
 
 
 @cache
-def stage_of(name: str, contact: bool = False) -> Stage:
+def stage_of(name: str) -> Stage:
     """Return a scene, made once in a process."""
-    return Stage(name, Contact() if contact else None)
+    return Stage(name)
 
 
 @dataclass
@@ -201,14 +193,14 @@ def play(run: Run, scene: Scene) -> tuple[Equilibrium, float]:
     return again, float(moved / scene.skin.pattern.size)
 
 
-def rows_of(cell: Cell, *, contact: bool = False) -> list[Row]:
+def rows_of(cell: Cell) -> list[Row]:
     """Run one cell and check its result; the figure of its row is the verdict."""
-    begin, case = time.perf_counter(), "matrix with contact" if contact else "matrix"
+    begin = time.perf_counter()
     run: Run | None = None
     result: Equilibrium | None = None
     verdict, why, moved = "converged", "", 0.0
     try:
-        stage = stage_of(cell.scene, contact)
+        stage = stage_of(cell.scene)
         with deadline(LONGEST):
             run = Run(stage, cell)
             result, moved = play(run, stage.scene)
@@ -222,7 +214,7 @@ def rows_of(cell: Cell, *, contact: bool = False) -> list[Row]:
         verdict, why = "wrong", f"{type(error).__name__}: {error}"
         # PETSc passes the interruption on as its own error.
         if time.perf_counter() - begin >= LONGEST:
-            verdict, why = "late" if contact else "wrong", f"stopped after {LONGEST:g} s"
+            verdict, why = "wrong", f"stopped after {LONGEST:g} s"
     residual = None
     # A failed solve that got nowhere returns its start and says so: no equilibrium is claimed.
     if run is not None and result is not None:
@@ -230,20 +222,17 @@ def rows_of(cell: Cell, *, contact: bool = False) -> list[Row]:
         judge, density = stage.judge(cell.contrast), stage.density(run.request)
         found = judge.check(run.solver.model, density, load, result.state)
         residual, faults = found.residual, found.faults
-        contact = run.solver.model.contact
-        if verdict == "converged" and contact is not None and contact.crossed(result.state):
-            faults.append("surfaces cross")
         if faults and not (verdict == "error" and np.array_equal(result.state, run.start)):
             verdict, why = "wrong", "; ".join(faults)
-    if verdict == "error" and run is not None and not contact:
+    if verdict == "error" and run is not None:
         solvable, why = ask_oracle(stage, run.request)
         verdict = "failed" if solvable else "error right"
     if moved > SAME_SHAPE:
         why = f"back in another shape, off by {moved:.1e} of the size"
-    row = Row(case, cell.label, "", verdict, float(run.steps if run else 0), "steps", note=why)
+    row = Row("matrix", cell.label, "", verdict, float(run.steps if run else 0), "steps", note=why)
     return [
         replace(row, seconds=time.perf_counter() - begin),
-        Row(case, cell.label, "", "residual", residual, "", 0.0),
+        Row("matrix", cell.label, "", "residual", residual, "", 0.0),
     ]
 
 
