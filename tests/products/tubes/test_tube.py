@@ -109,7 +109,7 @@ def test_coarse_variant_is_of_the_skin_s_own_size(size: float, edge: float, long
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
         "edge_length", "filter_radius", "iterations", "constrained_iterations",
-        "relaxed_edge_length", "print_edge_length", "laid_width",
+        "relaxed_edge_length", "print_edge_length", "laid_width", "curve_steps",
     }  # fmt: skip
     assert coarse.skin.edge_length == pytest.approx(longest, abs=1e-5)
     assert config.updated(diameter=0.04, levels=2).coarse().design.levels == 1

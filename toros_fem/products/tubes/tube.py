@@ -87,6 +87,7 @@ class TubeScene(ActuatorScene):
         "laid_width": 4 / 3,
         "second_laid_width": 4 / 3,
         "print_edge_length": 6 / 5,
+        "curve_steps": 1 / 2,
         "corrections": 2 / 3,
     }
 
