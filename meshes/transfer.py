@@ -175,8 +175,11 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     return Transfer(source, target, overlap, cell, inner / inner.sum(axis=1, keepdims=True))
 
 
-def scaled_points(source: Pattern, target: Pattern) -> Floats:
-    """Return the target's flat points, each panel scaled to the source's bounding box."""
+def scaled_points(source: Pattern, target: Pattern, *, any_size: bool = False) -> Floats:
+    """Return the target's flat points, each panel scaled to the source's bounding box.
+
+    A PanelError says that the panels are others, or that their sizes differ if they may not.
+    """
     if sorted(source.panel_names) != sorted(target.panel_names):
         raise PanelError(
             f"the panels are named {list(source.panel_names)} on one mesh and "
@@ -188,7 +191,7 @@ def scaled_points(source: Pattern, target: Pattern) -> Floats:
         own = target.flat_points[points]
         other = source.flat_points[source.panel_of_point == source.panel_index(name)]
         size, wanted = np.ptp(own, axis=0), np.ptp(other, axis=0)
-        if np.any(np.abs(size - wanted) > SAME_SIZE * wanted):
+        if not any_size and np.any(np.abs(size - wanted) > SAME_SIZE * wanted):
             raise PanelError(
                 f"panel {name!r} is {size} m wide on one mesh and {wanted} m on the other; the "
                 f"bound is a relative difference of {SAME_SIZE:g}. Both must be meshes of the "

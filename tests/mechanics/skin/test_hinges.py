@@ -58,7 +58,7 @@ def test_a_hinged_seam_folds_freely(alone: MPI.Comm, curvature: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "side"), [(149, 0), (151, -1), (-149, 0), (-151, 1), (175, 1), (180, 1)]
+    ("degrees", "side"), [(149, 0), (151, -1), (-149, 0), (-151, 1), (175, -1), (180, 1), (-180, 1)]
 )
 def test_edges_that_are_assembled_steep(alone: MPI.Comm, degrees: float, side: int) -> None:
     """A panel is folded along its middle, of four edges: each is seen from both sides."""

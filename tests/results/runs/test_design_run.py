@@ -106,20 +106,18 @@ def test_a_finished_run_goes_further(comm: MPI.Comm, tmp_path: Path) -> None:
         design(comm, folder / "further", longer.updated(angle=41.0))
 
 
-def test_steps_of_a_stage_that_is_over(
-    comm: MPI.Comm, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    """They change nothing, which is told; other loops than those of the run are designed anew."""
+def test_steps_of_a_stage_that_is_over(comm: MPI.Comm, tmp_path: Path) -> None:
+    """They change nothing, and are refused; without the next stage it is another loop."""
     folder = shared(comm, tmp_path)
     config = TWO_LEVELS.updated(levels=1, corrections=0, polish_iterations=0)
     design(comm, folder, config)
-    assert design(comm, folder, config.updated(iterations=5)) == 0
-    assert ("stages before stage 1 are over" in caplog.text) == (comm.rank == 0)
+    with pytest.raises(CheckpointError, match="1 steps is over, .* 5 steps change nothing"):
+        design(comm, folder, config.updated(iterations=5))
+    with pytest.raises(RunError, match="is finished"):
+        design(comm, folder, config)
     changed = config.updated(iterations=2, constrained_iterations=0)
     assert design(comm, folder, changed) == 3, "one stage, from its start"
-    caplog.clear()
-    design(comm, folder, changed.updated(iterations=3))
-    assert "are over" not in caplog.text
+    assert design(comm, folder, changed.updated(iterations=3)) == 1
 
 
 def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -109,27 +109,40 @@ def test_other_inputs_or_loops_are_refused(comm: MPI.Comm, folder: Path) -> None
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-def test_what_followed_a_loop_that_goes_further_is_made_anew(comm: MPI.Comm, folder: Path) -> None:
-    """In its own branch and in the journal around it; what came before stays."""
+def test_inputs_that_may_change(comm: MPI.Comm, folder: Path) -> None:
+    """A run goes on with others; an error before it writes leaves the record as it was."""
 
-    def run(steps: int, *, resume: bool, further: bool = False) -> list[bool]:
-        """Run through four entries, write those that are missing; return which were there."""
-        with open_run(comm, folder, {**INPUTS, FREE: steps}, resume=resume) as opened:
-            journal = opened.journal(folder)
-            entries = [journal.entry(comm, "loop")]
-            branch = journal.branch("seed")
-            entries += [one.entry(comm, "loop") for one in (branch, branch, journal)]
-            there = []
-            for number, entry in enumerate(entries):
-                there.append(entry.saved() is not None)
-                if not there[-1] or (further and number == 1):
-                    entry.offer(lambda: STATE, last=True)
+    def run(steps: int, loop: str, *, resume: bool = True) -> bool:
+        """Run through an entry, and write it if it is missing; return whether it was there."""
+        inputs = {**INPUTS, FREE: steps}
+        with open_run(comm, folder, inputs, scene=f"# {steps}\n", resume=resume) as opened:
+            entry = opened.journal(folder).branch("part").entry(comm, loop)
+            there = entry.saved() is not None
+            if loop == "faulty":
+                raise ParameterError("wrong")
+            if not there:
+                entry.offer(lambda: STATE, last=True)
         return there
 
-    assert run(1, resume=False) == [False] * 4
-    assert run(2, resume=True) == [True] * 4
-    assert run(3, resume=True, further=True) == [True, True, False, False]
-    assert run(4, resume=True) == [True] * 4
+    def recorded() -> tuple[Any, str | None]:
+        record, scene = read_record(comm, folder)
+        return (record.inputs[FREE], record.finished, record.changed), scene
+
+    assert not run(1, "loop", resume=False)
+    assert run(2, "loop")
+    assert recorded() == ((2, True, False), "# 2\n")
+    with pytest.raises(ParameterError):
+        run(3, "faulty")
+    assert recorded() == ((2, True, False), "# 2\n")
+    with pytest.raises(RunError, match="is finished"):
+        run(2, "loop")
+    assert not run(3, "another loop"), "it is made anew"
+
+
+def test_branches_are_found_again(comm: MPI.Comm, folder: Path) -> None:
+    with open_run(comm, folder, INPUTS) as run:
+        journal = run.journal(folder)
+        assert journal.branch("polish") is journal.branch("polish")
 
 
 def test_files_of_earlier_runs_are_moved_aside(

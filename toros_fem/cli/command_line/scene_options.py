@@ -120,6 +120,7 @@ class RunCommand(SceneCommand, Progress):
                 f"toros {name}: scenes of the kind {scene.kind.KIND!r} take no {option}."
             )
         scene = replace(scene, files={**scene.files, **given})
+        scene.require_files(comm)
         with self.meshes_allowed(), self.petsc_given():
             own = f"{self.file.stem}-simulated" if name == "simulate" else self.file.stem
             folder = self.output or Path(own)

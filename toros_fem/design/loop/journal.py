@@ -17,6 +17,7 @@ from toros_fem.base.errors import CheckpointError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
+from toros_fem.meshes.skin import Skin
 
 # Kind of the archives: states that any number of ranks can go on from, equal on all ranks.
 KIND = "checkpoint"
@@ -80,8 +81,16 @@ def signature_of(problem: DesignProblem, *parts: object) -> str:
     return found.hexdigest()
 
 
+def content_of(skin: Skin, density: Floats) -> str:
+    """Return a text that tells the densities of owned triangles from others (collective)."""
+    return hashlib.sha256(np.ascontiguousarray(by_cell(skin, density)).tobytes()).hexdigest()
+
+
 def kept_evaluation(
-    journal: Journal | None, problem: DesignProblem, simulate: Callable[[], Evaluation]
+    journal: Journal | None,
+    problem: DesignProblem,
+    simulate: Callable[[], Evaluation],
+    like: Evaluation | None = None,
 ) -> Evaluation:
     """Return an evaluation, from a journal if it is there already (collective).
 
@@ -89,13 +98,15 @@ def kept_evaluation(
         journal: The journal; None keeps nothing.
         problem: The problem that is simulated.
         simulate: Returns the evaluation; it ends in a complete solve.
+        like: The design that it belongs to, on the mesh of the problem; None for none.
 
     Raises:
         NoEquilibriumError: As `simulate` does; a failure is not kept.
     """
     if journal is None:
         return simulate()
-    entry = journal.entry(problem.comm, signature_of(problem))
+    of = [] if like is None else [content_of(problem.skin, like.density)]
+    entry = journal.entry(problem.comm, signature_of(problem, *of))
     saved = entry.saved()
     if saved is not None:
         found = restored_evaluation(problem, saved)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+import hashlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ import numpy as np
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import Distributed, collective, largest, norm
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
@@ -24,6 +24,7 @@ from toros_fem.design.loop.journal import (
     KIND,
     Journal,
     JournalEntry,
+    content_of,
     fitting,
     restored_evaluation,
     restored_rows,
@@ -37,8 +38,6 @@ from toros_fem.design.loop.steps import Steps, resolution_of
 from toros_fem.design.loop.stop import reason_to_end
 from toros_fem.design.loop.variables import Variables
 from toros_fem.design.mma.optimizer import Functions
-
-log = logging.getLogger(__name__)
 
 # Key of the wall time for meshes, problems and transfers of all levels but the first.
 SETUP = "next levels"
@@ -144,7 +143,7 @@ def optimize(
     entry = None
     if journal is not None:
         stages = tuple(replace(stage, iterations=1) for stage in options.stages)  # may go further
-        signature = signature_of(problem, replace(options, stages=stages))
+        signature = signature_of(problem, replace(options, stages=stages), _content(after))
         entry = journal.entry(problem.comm, signature)
     run = _Run(problem, options, callback, entry)
     run.begin_at(start, seed, after)
@@ -171,6 +170,15 @@ def optimize(
         seconds=run.phases,
         initial=run.initial,
     )
+
+
+def _content(after: DesignResult | CarriedDesign | None) -> str:
+    """Return a text that tells a design that a loop continues from others (collective)."""
+    if after is None:
+        return ""
+    if isinstance(after, DesignResult):
+        return content_of(after.problem.skin, after.density)
+    return hashlib.sha256(np.ascontiguousarray(after.density).tobytes()).hexdigest()
 
 
 class _Run:
@@ -247,13 +255,12 @@ class _Run:
             self.begin = time.perf_counter() - float(numbers["seconds"])
             stage = int(numbers["stage"])
             limits = list(map(int, numbers["iterations"]))
-        over = zip(self.options.stages[: stage - first], limits, strict=False)
-        if self.comm.rank == 0 and any(one.iterations != then for one, then in over):
-            log.warning(
-                "stages before stage %d are over: another number of their steps changes nothing. "
-                "It takes a new run.",
-                stage,
-            )
+        for one, then in zip(self.options.stages[: stage - first], limits, strict=False):
+            if one.iterations != then:
+                raise CheckpointError(
+                    f"a stage of {then} steps is over, and another one followed: {one.iterations} "
+                    f"steps change nothing. Go on with {then}, or start a new run."
+                )
         if isinstance(self.callback, ResumableCallback):
             self.callback.restored(self.history[before:])
         self.iteration_begin = time.perf_counter()
@@ -308,6 +315,8 @@ class _Run:
                 return
             there = self.next_design(problem, steps, here, functions)
             if there is None:
+                if self.entry is not None:
+                    self.entry.offer(partial(self.checkpoint, number, steps, here), last=True)
                 self.over = True
                 self.reason = "The last step has no equilibrium; this is the last design with one."
                 return

@@ -217,7 +217,7 @@ def printed(
 
     evaluation, failure = None, ""
     try:
-        evaluation = kept_evaluation(journal, problem, simulate)
+        evaluation = kept_evaluation(journal, problem, simulate, like)
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(pattern, cleaned, limits, before, after, cells, evaluation, failure)

@@ -78,17 +78,21 @@ def case_of_print(
     return case.following(comm, own).smoothed(), own
 
 
-def print_on(comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions) -> list[BaseGeometry]:
+def print_on(
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, any_size: bool = False
+) -> list[BaseGeometry]:
     """Return a print on the pattern of a case (collective).
 
     The print's own pattern is another mesh of the whole skin, perhaps of another size.
 
     Raises:
-        PanelError: The panels are others, or the number of regions is not theirs.
+        PanelError: The panels or, unless they may, their sizes are others, or the number of
+            regions is not theirs.
     """
 
     def laid() -> list[BaseGeometry]:
-        return part_regions(case.pattern, regions_on(pattern, regions, case.whole_pattern))
+        there = regions_on(pattern, regions, case.whole_pattern, any_size=any_size)
+        return part_regions(case.pattern, there)
 
     return on_first_rank(comm, laid)
 

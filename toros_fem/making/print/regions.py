@@ -17,7 +17,9 @@ from toros_fem.meshes.transfer import scaled_points
 GRID = 1e-9
 
 
-def regions_on(source: Pattern, regions: Regions, target: Pattern) -> list[BaseGeometry]:
+def regions_on(
+    source: Pattern, regions: Regions, target: Pattern, *, any_size: bool = False
+) -> list[BaseGeometry]:
     """Return regions on another mesh of the same pattern, scaled where it has another size.
 
     Raises:
@@ -26,7 +28,7 @@ def regions_on(source: Pattern, regions: Regions, target: Pattern) -> list[BaseG
     source.require_regions(regions)
     if source is target:
         return list(regions)
-    there = scaled_points(source, target)
+    there = scaled_points(source, target, any_size=any_size)
     found = []
     for name in target.panel_names:
         points = np.unique(target.flat_triangles[target.cells_of(name)])

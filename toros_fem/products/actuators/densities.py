@@ -133,7 +133,7 @@ class DensityDesigner(Job):
                 start=_without_free_islands(result, printed),
                 callback=self.reporter,
                 after=result,
-                journal=self.journal,
+                journal=self.branch("polish"),
             )
             printed = self.print_of(result)
             return result
@@ -220,7 +220,7 @@ class DensityDesigner(Job):
                 scene.design.finer_options,
                 callback=self.reporter,
                 after=last.result,
-                journal=self.journal,
+                journal=self.branch("correction"),
             )
             shape = problem.objective.forward(found.final.equilibrium.positions)
             found = replace(found, problem=problem, final=replace(found.final, shape=shape))

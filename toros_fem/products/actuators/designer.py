@@ -80,7 +80,7 @@ class Designer(Distributed, DensityDesigner):
         options = scene.density_options if lines else scene.design.finer_options
         stored, case = read_print_polygons(comm, source), scene.case(comm, level)
         try:
-            own = print_on(comm, case, stored.pattern, stored.regions)
+            own = print_on(comm, case, stored.pattern, stored.regions, any_size=True)
         except PanelError as caught:
             raise PanelError(f"{source} is the design of another skin: {caught}") from None
         density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
@@ -117,7 +117,7 @@ class Designer(Distributed, DensityDesigner):
             made = self.over_levels(problems(), options, after)
             attempts = self.corrected(lambda other: other.case(comm, levels[-1]), *made)
         chosen = self.best(attempts)
-        if chosen.problem.fields.centre is not None:
+        if self.source is None and chosen.problem.fields.centre is not None:
             search = replace(search, start="pattern")
         search = replace(search, rounds=len(attempts) - 1, robust=chosen.robust)
         return self._written(chosen.result, chosen.printed, search)

@@ -34,6 +34,10 @@ class Job:
     journal: Journal | None = None
     verbose: bool = False
 
+    def branch(self, name: str) -> Journal | None:
+        """Return the branch of its journal for a part of the run; None keeps nothing."""
+        return None if self.journal is None else self.journal.branch(name)
+
     def problem(self, case: Case, level: Level) -> ShapeDesign:
         """Return the design problem of a case on the mesh of a level (collective)."""
         return self.scene.problem(self.comm, case, level, verbose=self.verbose)

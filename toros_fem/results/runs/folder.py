@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import os
 import shlex
 import signal
 from collections.abc import Callable, Mapping
@@ -64,7 +65,7 @@ class RunRecord:
         inputs: All inputs, as JSON has them.
         identity: What tells runs apart: a hash of the inputs but for those under `FREE`.
         finished: Whether it came to its end.
-        changed: Whether some of these were changed since it began.
+        changed: Whether some of these were changed, and the run has not ended since.
         written_by: Version of the package that began it.
         format: Format of the record.
     """
@@ -139,7 +140,7 @@ class OpenRun:
             kind = RunStoppedError
         try:
             if kind is None:
-                done = replace(self.record, finished=True)
+                done = replace(self.record, finished=True, changed=False)
                 _in_folder(self.comm, self.folder, lambda: _write_record(self.folder, done))
         finally:
             self._closing.__exit__(kind, error, trace)
@@ -226,10 +227,28 @@ def _resume(folder: Path, new: RunRecord, scene: str | None, stack: ExitStack) -
             "start a new run without resuming."
         )
     remove_unfinished(folder)
-    if record.inputs != new.inputs:
-        record = replace(record, inputs=new.inputs, finished=False, changed=True)
+    if record.inputs == new.inputs:
+        return record
+    changed = replace(record, inputs=new.inputs, finished=False, changed=True)
+    before = None if scene is None else (folder / SCENE).read_text(encoding="utf-8")
+    _write_run(folder, changed, scene)
+    stack.push(partial(_unchange, folder, record, before, (folder / STATE / RECORD).stat()))
+    return changed
+
+
+def _unchange(
+    folder: Path,
+    record: RunRecord,
+    scene: str | None,
+    since: os.stat_result,
+    kind: type[BaseException] | None,
+    *_: Any,
+) -> None:
+    """Write a record and a scene back, where an error ended the run before it wrote a state."""
+    states = [path.stat().st_mtime_ns for path in (folder / STATE).glob("*.npz")]
+    written = max(states, default=0) > since.st_mtime_ns
+    if kind is not None and not issubclass(kind, RunStoppedError) and not written:
         _write_run(folder, record, scene)
-    return record
 
 
 def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) -> RunRecord:
@@ -252,9 +271,9 @@ def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) 
 
 
 def _write_run(folder: Path, record: RunRecord, scene: str | None) -> None:
-    _write_record(folder, record)
     if scene is not None:
         replace_file(folder / SCENE, scene.encode())
+    _write_record(folder, record)
 
 
 def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_: Any) -> None:

@@ -47,36 +47,21 @@ class RunJournal:
     Args:
         run: The run.
         name: Beginning of the names of all files.
-        around: The journal that it is a branch of, and the number of the entry that comes after
-            the branch; None for none.
     """
 
-    def __init__(self, run: Owner, name: str, around: tuple[RunJournal, int] | None = None) -> None:
-        self.run, self._name, self._count, self._around = run, name, 0, around
+    def __init__(self, run: Owner, name: str) -> None:
+        self._run, self._name, self._count = run, name, 0
+        self._branches: dict[str, RunJournal] = {}
 
     def branch(self, name: str) -> RunJournal:
         """Return a journal inside this one, with a sequence of its own."""
-        return RunJournal(self.run, f"{self._name}{name}.", (self, self._count))
+        return self._branches.setdefault(name, RunJournal(self._run, f"{self._name}{name}."))
 
     def entry(self, comm: MPI.Comm, signature: str) -> RunEntry:
         """Return the next entry (collective)."""
+        path = self._run.folder / STATE / f"{self._name}{self._count:03d}.npz"
         self._count += 1
-        return RunEntry(comm, self, self._count - 1, signature)
-
-    def paths(self, number: int) -> tuple[Path, Path]:
-        """Return the file of an entry, and that of its checkpoint before the last one."""
-        path = self.run.folder / STATE / f"{self._name}{number:03d}.npz"
-        return path, path.with_name(path.name + BEFORE)
-
-    def forget(self, number: int) -> None:
-        """Remove the entries from a number on, as what they follow from is another (one rank)."""
-        while there := [path for path in self.paths(number) if path.exists()]:
-            for path in there:
-                path.unlink()
-            number += 1
-        if self._around is not None:
-            around, after = self._around
-            around.forget(after)
+        return RunEntry(comm, self._run, path, signature)
 
 
 class RunEntry:
@@ -84,22 +69,22 @@ class RunEntry:
 
     Args:
         comm: Communicator of the loop, which may be a part of the run's.
-        journal, number: Its journal, and its place there.
+        run: The run.
+        path: Its file.
         signature: Tells the loop from others.
     """
 
-    def __init__(self, comm: MPI.Comm, journal: RunJournal, number: int, signature: str) -> None:
-        run = journal.run
-        self._comm, self._run, self._journal, self._number = comm, run, journal, number
-        self._path, self._before = journal.paths(number)
+    def __init__(self, comm: MPI.Comm, run: Owner, path: Path, signature: str) -> None:
+        self._comm, self._run, self._path = comm, run, path
+        self._before = path.with_name(path.name + BEFORE)
         self._belongs_to = {"inputs": run.record.identity, "problem": signature}
         self._since = run.every  # the first one is written
 
     def saved(self) -> Archive | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
-        Where it was removed, the one before it is taken. That of another loop is removed if the
-        run's inputs were changed. From now on a stop waits for the next `offer`.
+        Where it was removed, the one before it is taken. That of another loop is none, if the run's
+        inputs were changed. From now on a stop waits for the next `offer`.
 
         Raises:
             CheckpointError: It is damaged, of a newer version, or belongs to something else; the
@@ -119,7 +104,7 @@ class RunEntry:
                     damaged = CheckpointError(text)
                 raise damaged from None
             if found is None:
-                self._journal.forget(self._number)
+                log.warning("%s is of another loop, and is made anew", there[0])
                 return None
             if there[0] == self._before:
                 log.warning("%s is missing; the one before it is taken", self._path)
@@ -175,7 +160,6 @@ class RunEntry:
         numbers = {**checkpoint.numbers, OWNER: self._belongs_to}
 
         def write() -> None:
-            self._journal.forget(self._number + 1)
             try:
                 whole = replace(checkpoint, numbers=numbers)
                 with suppress(OSError):  # there is none, or no links on this disk
