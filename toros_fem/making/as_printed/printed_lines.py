@@ -78,6 +78,7 @@ def case_of_print(
     return case.following(comm, own).smoothed(), own
 
 
+@collective("comm")
 def print_on(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, any_size: bool = False
 ) -> list[BaseGeometry]:
