@@ -42,7 +42,8 @@ def steep(points: np.ndarray) -> Jet:
 
 def inside_out(points: np.ndarray) -> Jet:
     """A fold that begins closed, by 185 degrees and a bit."""
-    return fold(*nodes(points - BENT + turned(3.23)), ufl.as_ufl(1.0))
+    a, b, c, d = nodes(points - BENT + turned(3.23))
+    return fold(a, b, c, d, ufl.as_ufl(1.0))
 
 
 def mirrored(points: np.ndarray) -> Jet:
