@@ -22,11 +22,27 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, bend
 from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tubes.bend import BendScene
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the
 # refined mesh: tests/products/actuators looks at them.
 DESIGN_ALONE: dict[str, Any] = {"curve_pressure": None, "estimate_error": False}
+# A short tube with all parts of a design: two meshes, polish, a correction.
+TWO_LEVELS = BendScene.of(
+    length=0.04,
+    angle=40.0,
+    edge_length=1.7e-3,
+    filter_radius=4e-3,
+    levels=2,
+    iterations=1,
+    constrained_iterations=1,
+    level_iterations=1,
+    polish_iterations=1,
+    corrections=1,
+    island_area=0.0,
+    **DESIGN_ALONE,
+)
 
 
 def case_of(comm: MPI.Comm, scene: ActuatorScene) -> Case:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from helpers.designs import DESIGN_ALONE
+from helpers.designs import TWO_LEVELS
 from helpers.scenes import shared, square
 from mpi4py import MPI
 
@@ -19,23 +19,16 @@ from toros_fem.making.print.print_file import NAME, write_print_polygons
 from toros_fem.making.print.printability import DEFAULT_LIMITS
 from toros_fem.products.actuators import densities
 from toros_fem.products.actuators.designer import design_actuator
-from toros_fem.products.tubes.bend import BendScene
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
-SMALL = BendScene.of(
-    length=0.04,
-    angle=40.0,
+SMALL = TWO_LEVELS.updated(
+    levels=1,
     edge_length=2.2e-3,
     filter_radius=5e-3,
-    levels=1,
     iterations=2,
-    constrained_iterations=1,
-    level_iterations=1,
     polish_iterations=0,
     corrections=0,
-    island_area=0.0,
-    **DESIGN_ALONE,
 )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.designs import DESIGN_ALONE
+from helpers.designs import DESIGN_ALONE, TWO_LEVELS
 from helpers.run_files import content
 from helpers.scenes import shared
 from mpi4py import MPI
@@ -15,26 +15,11 @@ from mpi4py import MPI
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.products.actuators.designer import design_actuator
-from toros_fem.products.tubes import bend, twist
+from toros_fem.products.tubes import twist
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import FREE, open_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
-
-TWO_LEVELS = bend.BendScene.of(
-    length=0.04,
-    angle=40.0,
-    edge_length=1.7e-3,
-    filter_radius=4e-3,
-    levels=2,
-    iterations=1,
-    constrained_iterations=1,
-    level_iterations=1,
-    polish_iterations=1,
-    corrections=1,
-    island_area=0.0,
-    **DESIGN_ALONE,
-)
 
 
 def design(comm: MPI.Comm, folder: Path, config: Any, stop_at: int | None = None) -> int:

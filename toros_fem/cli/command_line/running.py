@@ -134,15 +134,14 @@ def resume_scene(
             f"the scene of the run in {folder} cannot be read any more: {error}"
         ) from None
     scene.require_files(comm)
-    known, then = scene.config.described(), record.inputs.get("config", {})
-    values = json.loads(json.dumps(scene.config.as_dict()))
-    fixed = [key for key in known if not known[key].free and values[key] != then.get(key)]
-    if changes and fixed:
-        free = ", ".join(key for key in known if known[key].free)
-        raise UsageError(
-            f"toros resume: {fixed[0]} tells another problem. A run that goes on may change "
-            f"{free}; for all else start a new run by toros design."
-        )
+    if changes:
+        inputs, then = on_first_rank(comm, lambda: inputs_of(scene, name)), record.inputs
+        values, before = inputs["config"], then.get("config", {})
+        if fixed := [key for key in values if values[key] != before.get(key)]:
+            raise UsageError(
+                f"toros resume: {fixed[0]} tells another problem. A run that goes on may change "
+                f"{', '.join(inputs[FREE])}; for all else start a new run by toros design."
+            )
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
 
 

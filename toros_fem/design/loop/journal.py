@@ -17,7 +17,6 @@ from toros_fem.base.errors import CheckpointError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
-from toros_fem.meshes.skin import Skin
 
 # Kind of the archives: states that any number of ranks can go on from, equal on all ranks.
 KIND = "checkpoint"
@@ -81,9 +80,9 @@ def signature_of(problem: DesignProblem, *parts: object) -> str:
     return found.hexdigest()
 
 
-def content_of(skin: Skin, density: Floats) -> str:
-    """Return a text that tells the densities of owned triangles from others (collective)."""
-    return hashlib.sha256(np.ascontiguousarray(by_cell(skin, density)).tobytes()).hexdigest()
+def content_of(density: Floats) -> str:
+    """Return a text that tells densities of all triangles from others."""
+    return hashlib.sha256(np.ascontiguousarray(density).tobytes()).hexdigest()
 
 
 def kept_evaluation(
@@ -105,7 +104,7 @@ def kept_evaluation(
     """
     if journal is None:
         return simulate()
-    of = [] if like is None else [content_of(problem.skin, like.density)]
+    of = [] if like is None else [content_of(by_cell(problem.skin, like.density))]
     entry = journal.entry(problem.comm, signature_of(problem, *of))
     saved = entry.saved()
     if saved is not None:

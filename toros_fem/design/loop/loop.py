@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -36,7 +35,7 @@ from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.steps import Steps, resolution_of
 from toros_fem.design.loop.stop import reason_to_end
-from toros_fem.design.loop.variables import Variables
+from toros_fem.design.loop.variables import Variables, by_cell
 from toros_fem.design.mma.optimizer import Functions
 
 # Key of the wall time for meshes, problems and transfers of all levels but the first.
@@ -177,8 +176,8 @@ def _content(after: DesignResult | CarriedDesign | None) -> str:
     if after is None:
         return ""
     if isinstance(after, DesignResult):
-        return content_of(after.problem.skin, after.density)
-    return hashlib.sha256(np.ascontiguousarray(after.density).tobytes()).hexdigest()
+        return content_of(by_cell(after.problem.skin, after.density))
+    return content_of(after.density)
 
 
 class _Run:

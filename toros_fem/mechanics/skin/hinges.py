@@ -21,7 +21,7 @@ from toros_fem.meshes.triangles import edge_keys, opposite_edges
 # five times too stiff. Meshes by gmsh have 0.6 and more; a vertex with three triangles has 0.
 CONIC = 0.2
 # Two layers lie on each other where an angle is so near to 180°, in rad.
-CLOSED = 1e-6
+TOUCHING = 1e-6
 # A rest angle beyond this, in rad, may have either sign.
 FOLDED = np.radians(170)
 
@@ -119,7 +119,7 @@ def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) ->
 
 def _sides(assembled: Floats, mirrored: Bools) -> Floats:
     """Return the sides of steep folds; two layers on each other, ±180°, open as a convex skin."""
-    convex = (assembled > 0) | (np.abs(assembled) > np.pi - CLOSED)
+    convex = (assembled > 0) | (np.abs(assembled) > np.pi - TOUCHING)
     side = np.where(mirrored, EITHER, np.where(convex, 1.0, -1.0))
     return np.where(np.abs(assembled) > STEEP, side, 0.0)
 
