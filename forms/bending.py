@@ -83,17 +83,25 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) ->
     an assembly that turns inside out comes back; with `EITHER` it jumps at ±180°.
     """
 
-    def angle(uu: Any, uv: Any, uw: Any, vw: Any, volume: Any) -> Any:
-        sine, cosine = -ufl.sqrt(uu) * volume, uw * uv - uu * vw
-        plain = ufl.atan2(sine, cosine)
+    way = 0 if side is None else ufl.conditional(ufl.eq(side, EITHER), 0.0, side)
+
+    def turned(sine: Any, cosine: Any) -> Any:
         if side is None:
-            return stopped(plain)
-        ahead = 1 - abs(side)  # from the angle's own direction, or from that of ±90°
-        turned = ufl.atan2(ahead * sine - side * cosine, ahead * cosine + side * sine)
-        return ufl.conditional(ufl.eq(side, EITHER), plain, stopped(turned) + side * ufl.pi / 2)
+            return ufl.atan2(sine, cosine)
+        ahead = 1 - abs(way)  # from the angle's own direction, or from that of ±90°
+        return ufl.atan2(ahead * sine - way * cosine, ahead * cosine + way * sine)
+
+    def ending(angle: Any) -> Any:
+        if side is None:
+            return stopped(angle)
+        ends = ufl.conditional(ufl.eq(side, EITHER), angle, stopped(angle))
+        return ends + way * ufl.pi / 2
 
     def of_edges(u: Vector, v: Vector, w: Vector) -> Jet:
-        return compose(angle, [dot(u, u), dot(u, v), dot(u, w), dot(v, w), dot(u, cross(v, w))])
+        length = compose(ufl.sqrt, [dot(u, u)])
+        sine = -length * dot(u, cross(v, w))
+        cosine = dot(u, w) * dot(u, v) - dot(u, u) * dot(v, w)
+        return compose(ending, [compose(turned, [sine, cosine])])
 
     return by_vectors(of_edges, minus(b, a), minus(c, a), minus(d, a))
 
@@ -106,13 +114,8 @@ def stopped(angle: Any) -> Any:
     has two continuous derivatives.
     """
     room = ufl.pi - STEEP
-
-    def beyond(angle: Any) -> Any:
-        return (angle - STEEP) ** 3 / (room * (ufl.pi - angle + CLOSED))
-
-    one_way = ufl.conditional(ufl.gt(angle, STEEP), beyond(angle), 0.0)
-    other_way = ufl.conditional(ufl.lt(angle, -STEEP), -beyond(-angle), 0.0)
-    return angle + one_way + other_way
+    beyond = ufl.conditional(ufl.gt(abs(angle), STEEP), abs(angle) - STEEP, 0.0)
+    return angle + ufl.sign(angle) * beyond**3 / (room * (room - beyond + CLOSED))
 
 
 def reflected(at: Vector, through: Vector, normal: Any) -> Vector:

@@ -8,7 +8,7 @@ import ufl
 from helpers.expressions import number
 from kit.slopes import slope
 
-from toros_fem.forms.bending import STEEP, fold, reflected
+from toros_fem.forms.bending import EITHER, STEEP, fold, reflected
 from toros_fem.forms.jets import Jet, Vector, compose, dot, total
 
 FLAT = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.8, 0], [0.6, -0.7, 0]], dtype=float)
@@ -75,6 +75,13 @@ def test_a_fold_that_begins_closed_may_turn_inside_out(side: float) -> None:
     found = np.array([number(folded(turned(angle), side).value) for angle in angles])
     assert found[:4] == pytest.approx(angles[:4], rel=1e-12)
     assert side * (found[4] - angles[4]) > 1.0
+
+
+def test_a_fold_at_a_mirror_goes_to_either_side() -> None:
+    """One that begins steep is the plain angle, which jumps at 180°."""
+    angles = np.radians([-179, -120, 0, 120, 179])
+    found = [number(folded(turned(angle), EITHER).value) for angle in angles]
+    assert found == pytest.approx(angles, rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

@@ -121,6 +121,7 @@ def _compiling(folder: Path) -> Generator[None]:
 
 
 def _remove_unmarked(folder: Path) -> None:
-    for path in folder.glob("libffcx_*.c"):
-        if not path.with_suffix(".c.cached").exists():
-            path.unlink(missing_ok=True)
+    names = set(os.listdir(folder))
+    for name in names:
+        if name.startswith("libffcx_") and name.endswith(".c") and f"{name}.cached" not in names:
+            (folder / name).unlink(missing_ok=True)
