@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import basix.ufl
@@ -13,7 +14,7 @@ from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
 
 from toros_fem.base import compat
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.errors import PatternError, UnitWarning
 from toros_fem.base.mpi import Distributed, collective, gather_by_index, warn_together
 from toros_fem.base.validation import require_kind
@@ -61,6 +62,22 @@ class Skin(Distributed):
     def owned_cells(self) -> Ints:
         """Pattern triangles that this rank owns, in the order of their density dofs."""
         return self.cell[: self.density_space.dofmap.index_map.size_local]
+
+    @cached_property
+    def neighbours(self) -> tuple[LocalInts, LocalInts]:
+        """Local triangle across each edge, or itself, and its corner off the edge, (cells, 3)."""
+        topology = self.mesh.topology
+        topology.create_connectivity(2, 1)
+        topology.create_connectivity(1, 2)
+        facets = topology.connectivity(2, 1).array.reshape(-1, 3)
+        around = topology.connectivity(1, 2)
+        start, count = around.offsets[:-1], np.diff(around.offsets)
+        first = around.array[start]
+        second = around.array[np.minimum(start + 1, len(around.array) - 1)]
+        cell = np.arange(len(facets))[:, None]
+        other = np.where(first[facets] == cell, second[facets], first[facets])
+        other = np.where(count[facets] == 2, other, cell)
+        return other, np.argmax(facets[other] == facets[:, :, None], axis=2)
 
     def gather_vertices(self, owned: Floats) -> Floats:
         """Return values at all vertices on every rank, from owned ones, (k, …) (collective)."""

@@ -21,6 +21,7 @@ from toros_fem.meshes.triangles import gradients
 METRIC_STEP = 1e-5
 # Largest move of a flat point in differences of forces, over the size of the least triangle.
 FLAT_STEP = 1e-3
+TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(eq=False)
@@ -66,28 +67,30 @@ class ShapeProblem(DesignProblem[Equilibrium]):
         here, rest, flat = skin.gather_vertices(at.positions), places.copy(), _flat_points(skin)
         least = FLAT_STEP * float(np.sqrt(pattern.areas.min()))
 
-        def put(now: Floats) -> None:
-            places[:] = now
+        def put(way: Floats | None) -> None:
+            places[:] = rest
+            if way is not None:
+                places[: len(flat), :2] += way[flat]
             for term in model.terms:
                 term.after_move()
 
         def force(way: Floats) -> Floats:
-            moved = rest.copy()
-            moved[: len(flat), :2] += way[flat]
-            try:
-                put(moved)
-                return np.array(model.residual(at.state))
-            finally:
-                put(rest)
+            put(way)
+            return np.array(model.residual(at.state))
 
+        steps = [least / max(float(np.abs(move).max()), TINY) for move in moves]
+        try:
+            pushes = [
+                np.asarray((force(-step * move) - force(step * move)) / (2 * step))
+                for step, move in zip(steps, moves, strict=True)
+            ]
+        finally:
+            put(None)
         columns = []
-        for move in moves:
-            step = least / max(float(np.abs(move).max()), np.finfo(float).tiny)
-            push = np.asarray((force(-step * move) - force(step * move)) / (2 * step))
+        for push, move in zip(pushes, moves, strict=True):
             motion = skin.gather_vertices(model.positions(self.solver.solve_tangent(push, at)))
             motion = motion - carried_along(pattern, here, move)
-            longest = max(float(np.abs(motion).max()), np.finfo(float).tiny)
-            step = METRIC_STEP * pattern.size / longest
+            step = METRIC_STEP * pattern.size / max(float(np.abs(motion).max()), TINY)
             ends = (values(here + sign * step * motion) for sign in (1, -1))
             columns.append(np.subtract(*ends) / (2 * step))
         return np.stack(columns, axis=1)

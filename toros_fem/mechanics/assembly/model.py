@@ -23,7 +23,6 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.coefficients import cell_space
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
-from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import make_patch, positions
 from toros_fem.mechanics.skin.periodicity import Periodic
@@ -405,7 +404,7 @@ def make_model(
     if make_design is not None:
         require_callable("design", make_design, "a function of skin and composite, or None")
     if make_design is None:
-        design = Densities(skin, neighbours(skin)[0] if composite.membrane.smoothed else None)
+        design = Densities(skin, skin.neighbours[0] if composite.membrane.smoothed else None)
     else:
         design = make_design(skin, composite)
     if isinstance(design, LineDesign):

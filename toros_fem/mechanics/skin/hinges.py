@@ -71,7 +71,7 @@ def find_hinges(
     whatever bends the sheet. A skin that `repeats` is assembled flat.
     """
     corner = skin.position_space.dofmap.list
-    neighbour, opposite = neighbours(skin)
+    neighbour, opposite = skin.neighbours
     alone = neighbour == np.arange(len(corner))[:, None]
     flap = np.where(alone, corner, corner[neighbour, opposite])
     normals, mirrored = guided_edges(skin, corner, supports)
@@ -108,13 +108,14 @@ def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) ->
     """Return `Hinges.tensors` for the flat corners where they are; known edges have an angle."""
     flat = flat_corners(skin)
     average = _average(flat)
-    angles: Floats = np.asarray(np.linalg.inv(average))
-    if bending.curvature == "quadratic":
-        corner = skin.position_space.dofmap.list
-        fitted = _quadratic_angles(flat, unfolded(flat, corner, *neighbours(skin)))
-        smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
-        angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
-    return _tensors(angles, known, poisson)
+    if bending.curvature != "quadratic":
+        return _tensors(average, known, poisson)
+    corner = skin.position_space.dofmap.list
+    fitted = _quadratic_angles(flat, unfolded(flat, corner, *skin.neighbours))
+    smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
+    good = smallest >= CONIC
+    average[good] = np.linalg.inv(fitted[good])
+    return _tensors(average, known, poisson)
 
 
 def _sides(assembled: Floats, mirrored: Bools) -> Floats:
@@ -133,22 +134,6 @@ def _require_unfolded(skin: Skin, rest: Floats) -> None:
             f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
             "take the flat rest shape."
         )
-
-
-def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
-    """Return the local triangle across each edge, or itself, and its corner off the edge."""
-    topology = skin.mesh.topology
-    topology.create_connectivity(2, 1)
-    topology.create_connectivity(1, 2)
-    facets = topology.connectivity(2, 1).array.reshape(-1, 3)
-    around = topology.connectivity(1, 2)
-    start, count = around.offsets[:-1], np.diff(around.offsets)
-    first = around.array[start]
-    second = around.array[np.minimum(start + 1, len(around.array) - 1)]
-    cell = np.arange(len(facets))[:, None]
-    other = np.where(first[facets] == cell, second[facets], first[facets])
-    other = np.where(count[facets] == 2, other, cell)
-    return other, np.argmax(facets[other] == facets[:, :, None], axis=2)
 
 
 def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
@@ -260,19 +245,21 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
     return np.asarray(lift / height[:, :, None])
 
 
-def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
+def _tensors(columns: Floats, known: Bools, poisson: float) -> Floats:
     """Tensors Tᵢ of the curvature of least energy with given angles at the edges that have one.
 
-    With rows g of `angles` at these edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
+    With all three edges they are the columns. With rows g of the inverse at known edges they are
+    D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹.
     """
-    tensors = np.zeros_like(angles)
+    tensors = columns.transpose(0, 2, 1).copy()
     compliance = np.linalg.inv(
         np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     )
-    for edges in list(product((False, True), repeat=3))[1:]:
+    for edges in list(product((False, True), repeat=3))[:-1]:
         cells = np.flatnonzero((known == edges).all(axis=1))
         chosen = np.flatnonzero(edges)
-        g = angles[cells][:, chosen]
+        tensors[cells] = 0.0
+        g = np.linalg.inv(columns[cells])[:, chosen]
         soft = compliance @ g.transpose(0, 2, 1)
         tensors[np.ix_(cells, chosen)] = (soft @ np.linalg.inv(g @ soft)).transpose(0, 2, 1)
     return tensors * [1, 1, 0.5]
@@ -302,7 +289,7 @@ class Flaps:
 def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     """Return the flaps of the triangles of a skin with planes of symmetry."""
     corner, flat = skin.position_space.dofmap.list, flat_corners(skin)
-    neighbour, opposite = neighbours(skin)
+    neighbour, opposite = skin.neighbours
     alone = neighbour == np.arange(len(corner))[:, None]
     _, mirrored = guided_edges(skin, corner, supports)
     own = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
@@ -310,9 +297,10 @@ def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     share: Floats = area[neighbour] / (area[:, None] + area[neighbour])
     start, end = np.roll(flat, -1, axis=1), np.roll(flat, -2, axis=1)
     there = unfolded(flat, corner, neighbour, opposite)
-    across = np.asarray(
-        np.linalg.inv(np.stack([end - start, there - start], axis=3)), dtype=np.float64
-    )
+    along, aside = np.moveaxis(end - start, 2, 0), np.moveaxis(there - start, 2, 0)
+    rows = [[aside[1], -aside[0]], [-along[1], along[0]]]
+    across: Floats = np.moveaxis(np.array(rows), (0, 1), (2, 3))
+    across = across / (along[0] * aside[1] - along[1] * aside[0])[:, :, None, None]
     flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
     share = np.where(alone & ~mirrored, 0.0, share)
     chart = np.asarray(across @ own[:, None], dtype=np.float64)

@@ -10,7 +10,6 @@ from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
-from toros_fem.mechanics.skin.hinges import neighbours
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns, blocks_of_first_rank
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.terms.term import Term
@@ -100,7 +99,7 @@ class Images(Term):
 def _wraps_of_flaps(skin: Skin, wraps: Ints) -> Ints:
     """Wraps of the flaps as the triangle sees them, (cells, 3, 2)."""
     corner = skin.position_space.dofmap.list
-    neighbour, opposite = neighbours(skin)
+    neighbour, opposite = skin.neighbours
     first = np.roll(corner, -1, axis=1)
     there = np.argmax(corner[neighbour] == first[:, :, None], axis=2)
     own = np.roll(wraps, -1, axis=1)
