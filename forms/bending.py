@@ -82,7 +82,6 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) ->
     It is `stopped` about 0; with `side` 1 or −1 about ±90°, so that a fold may begin at ±180°, and
     an assembly that turns inside out comes back; with `EITHER` it jumps at ±180°.
     """
-
     way = 0 if side is None else ufl.conditional(ufl.eq(side, EITHER), 0.0, side)
 
     def turned(sine: Any, cosine: Any) -> Any:

@@ -136,14 +136,28 @@ def test_a_skin_blown_up_to_its_bounds_says_so(alone: MPI.Comm) -> None:
     assert held.condition.sentences == ""
 
 
-def jump_of(path: Callable[[float], float], end: float) -> tuple[bool | None, float]:
-    """The answer for a path of one number that is known."""
+def slope(path: Callable[[float], float], at: float) -> float:
+    """The derivative of a path."""
+    return (path(at + 1e-6) - path(at - 1e-6)) / 2e-6
+
+
+def jump_of(
+    path: Callable[[float], float], end: float, solved: list[float] | None = None
+) -> tuple[bool | None, float]:
+    """The answer for a path of one number that is known; `solved` takes the places of solves."""
+    places = [] if solved is None else solved
+
+    def attempt(_: Floats, at: float) -> Attempt:
+        places.append(at)
+        return Attempt(np.array([path(at)]), 1, 1)
+
     one = np.zeros(1)
     load = Load(one)
     begin, last = (PathPoint(one, load, np.array([x])) for x in (path(0.0), end))
     found, reached = find_jump(
         lambda a, b: float(abs(a - b)[0]),
-        lambda _, f: Attempt(np.array([path(f)]), 1, 1),
+        attempt,
+        lambda a, f, b, g: abs(a + (g - f) * slope(path, f) - b)[0] <= 0.5 * abs(b - a)[0],
         begin,
         last,
     )
@@ -155,5 +169,8 @@ def test_jumps_of_known_paths() -> None:
     assert jump_of(lambda f: f**4, 1.0) == (False, 1.0)
     for place in (0.02, 0.3, 0.77, 0.99):
         assert jump_of(lambda f, p=place: 0.1 * f + (f > p), 1.1) == (True, 1.1)  # type: ignore[misc]
+    solved: list[float] = []
+    assert jump_of(lambda f: f + 0.3 * f * f, 1.3, solved) == (False, 1.3)
+    assert solved == [0.5], "the tangent in the middle leads to both ends"
     # The path is smooth, but the end that was found lies elsewhere.
     assert jump_of(lambda f: f, 3.0)[1] == 1.0

@@ -184,7 +184,8 @@ def printed(
     """Measure a print, and simulate it as `simulate_binary` does (collective).
 
     A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
-    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank.
+    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank; `start`
+    is where the simulation starts, or a function that returns this where it is not in the journal.
 
     Raises:
         PatternError: The skin is moulded.
@@ -212,8 +213,8 @@ def printed(
     cells, part = on_first_rank(skin.comm, of_triangles)
 
     def simulate() -> Evaluation:
-        own = part[skin.owned_cells]
-        return problem.simulate_binary(own, like, start=start, pressure=pressure)
+        own, begin = part[skin.owned_cells], start() if callable(start) else start
+        return problem.simulate_binary(own, like, start=begin, pressure=pressure)
 
     evaluation, failure = None, ""
     try:

@@ -24,9 +24,9 @@ NEAR = 0.05
 LOAD_STEP, MOTION = 1e-3, 1e-4
 # Inverse iterations for the softest mode.
 ITERATIONS = 12
-# A path that leads straight back to its start explains the motion up to EXPLAINED of it. Where
-# Newton's method met negative curvature on its way, which tells of its guesses more than of the
-# path, the rest must be SMALL.
+# A path that leads straight to another of its points explains the motion up to EXPLAINED of it.
+# For the whole of it the rest must be SMALL where Newton's method met negative curvature on its
+# way, which tells of its guesses more than of the path.
 EXPLAINED, SMALL = 0.5, 0.15
 # Halvings of the interval in which the state moves most. Where an interval that is NARROW still
 # has LEAP of the whole motion, the state jumps there.
@@ -72,10 +72,15 @@ def connect(
     def distance(a: Floats, b: Floats) -> float:
         return norm(comm, (a - b) * model.free)
 
-    if same(begin.state, end.state):
+    rest = EXPLAINED if definite else SMALL
+    if same(begin.state, end.state) or leads(model, newton.factor, end, begin, rest):
         return False, end
-    if leads_back(model, newton.factor, begin, end, EXPLAINED if definite else SMALL):
-        return False, end
+
+    def at(state: Floats, fraction: float) -> PathPoint:
+        return PathPoint(*begin.towards(end, fraction), state)
+
+    def straight(here: Floats, fraction: float, there: Floats, other: float) -> bool:
+        return leads(model, newton.factor, at(here, fraction), at(there, other), SMALL)
 
     def between(start: Floats, fraction: float) -> Attempt:
         density, load = begin.towards(end, fraction)
@@ -83,7 +88,7 @@ def connect(
         model.set_load(load)
         return attempt(start, load)
 
-    jumps, reached = find_jump(distance, between, begin, end)
+    jumps, reached = find_jump(distance, between, straight, begin, end)
     if not same(reached, end.state):
         end = PathPoint(end.density, end.load, reached)
     model.set_density(end.density)
@@ -129,30 +134,31 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
     return 1 - now / change
 
 
-def leads_back(
-    model: SkinModel, factor: TangentFactor, begin: PathPoint, end: PathPoint, rest: float
+def leads(
+    model: SkinModel, factor: TangentFactor, here: PathPoint, there: PathPoint, rest: float
 ) -> bool:
-    """Return whether the tangent at the end of a path predicts its begin (collective).
+    """Return whether the tangent at a point of a path predicts another one (collective).
 
     Across a jump it does not: the path behind the jump leads elsewhere. The prediction may leave
-    the part `rest` of the motion over. Model and factors are those of the end, before and after.
+    the part `rest` of the motion over. Model and factors are those of `here`, before and after.
     """
     comm = model.skin.comm
-    model.set_density(begin.density)
-    model.set_load(begin.load)
-    chord = (begin.state - end.state) * model.free
+    model.set_density(there.density)
+    model.set_load(there.load)
+    chord = (there.state - here.state) * model.free
     # Prescribed positions move the fixed components without any force on the free ones.
-    with_supports = np.where(model.free, end.state, begin.state)
+    with_supports = np.where(model.free, here.state, there.state)
     feasible = model.admits(with_supports)
     predicted = -factor.solve(model.residual(with_supports)) if feasible else 0 * chord
-    model.set_density(end.density)
-    model.set_load(end.load)
+    model.set_density(here.density)
+    model.set_load(here.load)
     return norm(comm, predicted - chord) <= rest * norm(comm, chord)
 
 
 def find_jump(
     distance: Callable[[Floats, Floats], float],
     attempt: Callable[[Floats, float], Attempt],
+    straight: Callable[[Floats, float, Floats, float], bool],
     begin: PathPoint,
     end: PathPoint,
 ) -> tuple[bool | None, Floats]:
@@ -160,7 +166,8 @@ def find_jump(
 
     The interval in which the state moves most is halved again and again. On a smooth path the
     motion in it halves too; at a jump it stays. Each solve starts from the equilibrium before, at
-    a fraction of the way.
+    a fraction of the way. Where the path leads `straight` from the middle to both ends of the
+    interval, as its tangent there tells, no jump is left.
 
     Returns:
         Whether it jumps, None if a solve on the way fails; and the state that the path reaches at
@@ -174,6 +181,9 @@ def find_jump(
         if not found.converged:  # solves next to a jump are hard: one nearer to the left side
             middle = (low + middle) / 2
             continue
+        ends = (left, low), (right, high)
+        if all(straight(found.state, middle, *other) for other in ends):
+            return False, reached
         if distance(found.state, left) >= LEAP * distance(left, right):
             high, right = middle, found.state
         else:  # what lies right of the middle is reached from there

@@ -8,16 +8,13 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import on_first_rank
-from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
-from toros_fem.making.print.printability import printed_fractions
 from toros_fem.mechanics.readings.error_estimate import LimitShape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.other_mesh import Printed, simulated_on
 from toros_fem.results.shape_miss import shape_of
 
 if TYPE_CHECKING:
@@ -27,7 +24,6 @@ if TYPE_CHECKING:
 COARSER = 1.5
 
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
-Regions = tuple[Pattern, Sequence[BaseGeometry]]
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ def metric_errors(
     level: Level,
     shape: LimitShape,
     measures: Measures,
-    regions: Regions | None,
+    printed: Printed | None,
     pressures: Sequence[float] | None,
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on a coarser mesh (collective).
@@ -77,17 +73,18 @@ def metric_errors(
         shape: Its shape.
         measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
             what the shape misses.
-        regions: A pattern and the print on each of its panels, polygons in m; None for a skin
-            without a print.
+        printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.
     """
     begin = time.perf_counter()
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
     try:
         ratio, other = job.scene.coarser(level)
-        coarser = _told(job, other, shape, regions, pressures)
+        near = shape.pattern, shape.computed
+        made = simulated_on(job, other, near, printed, pressures)
     except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
         return MetricErrors(computed, failure=str(caught))
+    coarser = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
     intervals = {
         key: shape.half_width(measures[key])
         + abs(measures[key](shape.pattern, shape.limit) - value) / (ratio - 1)
@@ -95,27 +92,3 @@ def metric_errors(
         if key in measures and np.isfinite(value)
     }
     return MetricErrors(computed, coarser, intervals, seconds=time.perf_counter() - begin)
-
-
-def _told(
-    job: Job,
-    level: Level,
-    near: LimitShape,
-    regions: Regions | None,
-    pressures: Sequence[float] | None,
-) -> dict[str, float]:
-    """Return what would be told of a print on another mesh (collective).
-
-    Raises:
-        NoEquilibriumError: There is none.
-    """
-    comm, case = job.comm, job.scene.case(job.comm, level)
-    part: Floats = np.zeros(len(case.pattern.panel))
-    if regions is not None:
-        case, own = case_of_print(comm, case, *regions)
-        fine = case.pattern
-        part = on_first_rank(comm, lambda: printed_fractions(fine, own))
-    problem = job.problem(case.smoothed(), level)
-    start = state_near(problem, near.pattern, near.computed)
-    made = problem.simulate_binary(part[problem.skin.owned_cells], start=start, pressure=pressures)
-    return {**problem.metrics_of(made.equilibrium), **shape_of(made)}

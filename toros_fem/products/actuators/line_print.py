@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
@@ -18,14 +17,11 @@ from toros_fem.making.as_printed.printed_lines import clean_print, state_near
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.other_mesh import Shape, near_on_coarser
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
-
-# A pattern and the positions of its points, from which another print starts.
-Shape = tuple[Pattern, Floats]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +72,7 @@ def print_of_lines(
         level: The mesh.
         case: The case on it, before it is moved.
         laid: The lines.
-        near: The shape that the simulation starts from.
+        near: The shape that its simulation on coarser meshes starts from.
         pressures: Pressure of each chamber in Pa; None takes those of the case.
     """
     part, printer = case.pattern, job.scene.print
@@ -89,11 +85,18 @@ def print_of_lines(
     cleaned, regions = on_first_rank(job.comm, cleaning)
     fine = case.following(job.comm, regions).smoothed()
     problem = job.problem(fine, level)
+
+    whole = case.whole_pattern, cleaned.regions
+
+    def start() -> Any:
+        shape = near_on_coarser(job, level, near, whole, pressures)
+        return state_near(problem, *shape)
+
     made = printed(
         problem,
         lambda: cleaned,
         printer.limits,
-        start=state_near(problem, *near),
+        start=start,
         pressure=pressures,
         journal=job.journal,
     )

@@ -28,8 +28,9 @@ from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.products.actuators.estimates import MetricErrors, Regions, metric_errors
+from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.other_mesh import Printed
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import RunResult, write_summary
@@ -161,7 +162,7 @@ def simulate_actuator(
 
 def _printed(
     comm: MPI.Comm, scene: ActuatorScene, pattern: Path | str | None
-) -> tuple[Case, Level, Floats, Regions | None]:
+) -> tuple[Case, Level, Floats, Printed | None]:
     """Return the case on the mesh to simulate on, the density of all triangles, and the print."""
     level = scene.finest_level
     made = scene.case(comm, level)

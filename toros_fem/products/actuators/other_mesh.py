@@ -1,0 +1,83 @@
+"""A print on another mesh than its own: a coarser one to compare with, or to start from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
+from toros_fem.making.print.printability import printed_fractions
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.job import Job
+
+if TYPE_CHECKING:
+    from toros_fem.products.actuators.scene import Level
+
+# A pattern and the positions of its points, from which another print starts.
+Shape = tuple[Pattern, Floats]
+# Number of coarser meshes that a print is simulated on before its own.
+COARSER_MESHES = 2
+# A pattern and the print on each of its panels, polygons in m.
+Printed = tuple[Pattern, Sequence[BaseGeometry]]
+
+
+def simulated_on(
+    job: Job,
+    level: Level,
+    near: Shape,
+    printed: Printed | None,
+    pressures: Sequence[float] | None,
+) -> Evaluation[Equilibrium]:
+    """Simulate a print on another mesh (collective).
+
+    Args:
+        job: What was printed.
+        level: The mesh.
+        near: The shape that the simulation starts from.
+        printed: The print; None for a skin without one.
+        pressures: Pressure of each chamber in Pa; None takes those of the scene.
+
+    Raises:
+        NoEquilibriumError: There is none.
+    """
+    comm, case = job.comm, job.scene.case(job.comm, level)
+    part: Floats = np.zeros(len(case.pattern.panel))
+    if printed is not None:
+        case, own = case_of_print(comm, case, *printed)
+        fine = case.pattern
+        part = on_first_rank(comm, lambda: printed_fractions(fine, own))
+    problem = job.problem(case.smoothed(), level)
+    here = part[problem.skin.owned_cells]
+    return problem.simulate_binary(here, start=state_near(problem, *near), pressure=pressures)
+
+
+def near_on_coarser(
+    job: Job,
+    level: Level,
+    near: Shape,
+    printed: Printed,
+    pressures: Sequence[float] | None,
+) -> Shape:
+    """Return the shape of a print on a coarser mesh, or the given one without any (collective).
+
+    The steps from a far start are cheap there. The coarsest mesh comes first.
+    """
+    levels: list[Level] = []
+    with suppress(ParameterError):  # raised by all ranks or by none, as the one below
+        for _ in range(COARSER_MESHES):
+            levels.append(job.scene.coarser(levels[-1] if levels else level)[1])
+    for other in reversed(levels):
+        with suppress(ParameterError, NoEquilibriumError):
+            made = simulated_on(job, other, near, printed, pressures)
+            skin = made.problem.skin
+            near = skin.pattern, skin.gather_vertices(made.equilibrium.positions)
+    return near
