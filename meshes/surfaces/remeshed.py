@@ -32,6 +32,9 @@ FAR = 0.35
 TIP = 0.25
 # Distance from a kept curve, over the edge length, within which a tip is of the curve.
 ALONG = 0.25
+# Largest angle in rad between triangles side by side, unless the surface has a larger one: beyond
+# it some face inwards.
+FOLDED = np.radians(120)
 # Part of the size within which a place is on a line.
 EXACT = 1e-6
 # Lengths of edges are those asked for, whatever the given vertices or a curvature would ask for.
@@ -113,6 +116,13 @@ def remeshed(
         raise _refusal(surface, edge_length, why) from error
     if made.closed != surface.closed or euler(triangles) != euler(surface.triangles):
         raise _refusal(surface, edge_length, "it would have other holes or handles")
+    folds = (surface.points, surface.triangles), (points, triangles)
+    before, after = (_sharpest_fold(*each) for each in folds)
+    if after > max(FOLDED, before):
+        raise _refusal(
+            surface, edge_length, f"it would be folded by {np.degrees(after):.0f} degrees; the "
+            f"bound is {np.degrees(FOLDED):.0f}, or what the surface has"
+        )  # fmt: skip
     return Remeshed(made, weights, distance)
 
 
@@ -160,7 +170,7 @@ def _keep_tips(
     for tip in tips[_from_lines(points[tips], places[on_curves]) > ALONG * edge_length]:
         away = np.where(free, np.linalg.norm(places - points[tip], axis=1), np.inf)
         mover = int(away.argmin())
-        if free[mover]:
+        if away[mover] < edge_length:
             at.triangle[mover], corner = divmod(first(tip), 3)
             at.shares[mover], free[mover] = np.eye(3)[corner], False
 
@@ -183,6 +193,15 @@ def _largest_distance(
     there = nearest(used, points, triangles)
     sides = nearest(points[ends].mean(axis=1), surface.points, surface.triangles)
     return max(float(one.distance.max()) for one in (there, sides, middle))
+
+
+def _sharpest_fold(points: Floats, triangles: Ints) -> float:
+    """Return the largest angle between the normals of two triangles side by side, in rad."""
+    edges, normal = edges_of(triangles), normals(points, triangles)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    one, two = normal[edges.sides[edges.inner]].swapaxes(0, 1)
+    cosine = np.einsum("ei,ei->e", one, two)
+    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max(initial=0.0))
 
 
 def _seams(surface: Surface, points: Floats, on_curves: Ints, near: float) -> Ints:

@@ -157,6 +157,15 @@ def test_another_surface_is_refused(
         remeshed(alone, Surface(BOX, BOX_TRIANGLES), 4e-3)
 
 
+def test_triangles_that_would_face_inwards_are_refused(alone: MPI.Comm) -> None:
+    """Of a ball of few triangles, at edges that are longer than its own."""
+    ball = surfaces.sphere(1)
+    edge = lengths(ball.points, edges_of(ball.triangles).ends).mean()
+    assert remeshed(alone, ball, 0.8 * edge).surface.closed
+    with pytest.raises(SurfaceError, match=r"it would be folded by 1\d\d degrees; the bound is 120"):
+        remeshed(alone, ball, 1.6 * edge)
+
+
 def test_what_is_refused(alone: MPI.Comm) -> None:
     given = surfaces.long_tube()
     with pytest.raises(SurfaceError, match="256 triangles cannot be meshed anew with edges of 0.0"):

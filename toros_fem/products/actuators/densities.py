@@ -26,9 +26,9 @@ from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
     HELPS,
-    Aim,
     aims_of,
     asked_next,
+    follows,
     largest_error,
 )
 from toros_fem.results.reporter import DesignReporter
@@ -39,8 +39,6 @@ if TYPE_CHECKING:  # a scene is designed by what imports this
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
-# A design that changes by less than this part of what was asked beyond the last is at its limit.
-FOLLOWS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,15 +58,6 @@ class Attempt:
     result: DesignResult
     printed: PrintedDesign
     spread: PrintSpread | None
-
-    def follows(self, before: Attempt, aims: Mapping[str, Aim]) -> bool:
-        """Return whether the design has changed with what was asked since an attempt before it."""
-        designed, earlier = (one.result.history[-1].metrics for one in (self, before))
-        changes = [
-            float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
-            for now, then in ((designed, earlier), (self.asked, before.asked))
-        ]
-        return changes[0] >= FOLLOWS * changes[1]
 
     @property
     def problem(self) -> ShapeDesign:
@@ -193,7 +182,9 @@ class DensityDesigner(Job):
             if len(attempts) > 1:
                 now, before = _error(last), min(map(_error, attempts[:-1]))
                 hardly = now > HELPS * before and min(now, before) < FINE
-                if hardly or not last.follows(attempts[-2], free):
+                both = attempts[-2:]
+                designed = [one.result.history[-1].metrics for one in both]
+                if hardly or not follows(designed, [one.asked for one in both], free):
                     return True
             return close(last)
 

@@ -33,7 +33,7 @@ from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, Shape, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
 from toros_fem.products.actuators.misses import misses_of
-from toros_fem.products.actuators.space_mapping import CLOSE, FINE, asked_next
+from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
 
 # Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
@@ -230,8 +230,18 @@ class _Search:
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
             or (last.error < TOLERANCE and last.missed < last.uncertain)
             or (bool(last.failure) and last.mended is None)
+            or self._at_limit(rounds)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
         )
+
+    def _at_limit(self, rounds: Sequence[Round]) -> bool:
+        """Return whether the last print has neither followed what was asked nor become better."""
+        both = [one for one in rounds if one.mended is None][-2:]
+        if len(both) < 2 or rounds[-1] is not both[1] or not all(one.metrics for one in both):
+            return False
+        better = rounds[-1].missed < HELPS * _best(rounds[:-1]).missed
+        got, asked = [one.metrics for one in both], [one.asked for one in both]
+        return not (better or follows(got, asked, self.misses.aims))
 
     def _asked_again(self, rounds: Sequence[Round]) -> Round | None:
         """Return a round that asks for what the prints of laid lines have missed."""

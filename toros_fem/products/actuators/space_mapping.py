@@ -18,6 +18,8 @@ CLOSE = 5e-3
 FINE = 5e-2
 # A correction helps if the error is at most this fraction of the one before.
 HELPS = 0.7
+# What changes by less than this part of a change of what is asked is at its limit.
+FOLLOWS = 0.25
 # What is asked is rounded to this part of its metric's scale.
 RESOLUTION = 1e-5
 # Bounds on the change of a printed metric over that of the one asked.
@@ -63,6 +65,19 @@ def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> floa
         return np.inf
     errors = (abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
     return max(errors, default=0.0)
+
+
+def follows(
+    got: Sequence[Mapping[str, float]],
+    asked: Sequence[Mapping[str, float]],
+    aims: Mapping[str, Aim],
+) -> bool:
+    """Return whether metrics have changed with what was asked, both before and now, by key."""
+    changes = [
+        float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
+        for then, now in (got, asked)
+    ]
+    return changes[0] >= FOLLOWS * changes[1]
 
 
 def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:
