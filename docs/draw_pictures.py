@@ -272,6 +272,7 @@ def draw_intervals(path: Path) -> None:
         right.text(30, 24, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
         right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
         left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
+        left.set(xticks=[0.5, 1, 2, 4], yticks=[2, 5, 10, 20])
         left.set_ylabel("error of reported values (% of the change), median")
         right.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
         right.set(xlabel="true error (% of the change)", ylabel="half-width (% of the change)")
@@ -279,6 +280,7 @@ def draw_intervals(path: Path) -> None:
             axes.xaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter(NullFormatter())
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.grid()
         right.legend(loc="lower right", frameon=False)
 
