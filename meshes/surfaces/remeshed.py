@@ -35,6 +35,8 @@ ALONG = 0.25
 # Largest angle in rad between triangles side by side, unless the surface has a larger one: beyond
 # it some face inwards.
 FOLDED = np.radians(120)
+# How much sharper than the surface's own such a fold may be, in rad.
+SHARPER = np.radians(10)
 # Part of the size within which a place is on a line.
 EXACT = 1e-6
 # Lengths of edges are those asked for, whatever the given vertices or a curvature would ask for.
@@ -80,8 +82,8 @@ def remeshed(
 
     Raises:
         ParameterError: An argument is out of its bounds, or the mesh has too many triangles.
-        SurfaceError: gmsh fails, or the mesh is another surface, further away than a third of an
-            edge for instance.
+        SurfaceError: gmsh fails, or the mesh is another surface: further away than a third of an
+            edge, or folded back onto itself, for instance.
     """
     require_kind("surface", surface, Surface, "a Surface, by read_surface")
     require_positive(edge_length=edge_length)
@@ -118,10 +120,11 @@ def remeshed(
         raise _refusal(surface, edge_length, "it would have other holes or handles")
     folds = (surface.points, surface.triangles), (points, triangles)
     before, after = (_sharpest_fold(*each) for each in folds)
-    if after > max(FOLDED, before):
+    bound = max(FOLDED, before + SHARPER)
+    if after > bound:
         raise _refusal(
             surface, edge_length, f"it would be folded by {np.degrees(after):.0f} degrees; the "
-            f"bound is {np.degrees(FOLDED):.0f}, or what the surface has"
+            f"bound is {np.degrees(bound):.0f}"
         )  # fmt: skip
     return Remeshed(made, weights, distance)
 

@@ -162,8 +162,24 @@ def test_triangles_that_would_face_inwards_are_refused(alone: MPI.Comm) -> None:
     ball = surfaces.sphere(1)
     edge = lengths(ball.points, edges_of(ball.triangles).ends).mean()
     assert remeshed(alone, ball, 0.8 * edge).surface.closed
-    with pytest.raises(SurfaceError, match=r"it would be folded by 1\d\d degrees; the bound is 120"):
+    with pytest.raises(
+        SurfaceError, match=r"it would be folded by 1\d\d degrees; the bound is 120"
+    ):
         remeshed(alone, ball, 1.6 * edge)
+
+
+def test_a_sharp_edge_stays(alone: MPI.Comm) -> None:
+    """A wedge is folded by 150 degrees at its edge, and its mesh may be."""
+    half = 0.02 * np.tan(np.radians(15))
+    corners = np.array([[0, 0], [0.02, -half], [0.02, half]])
+    turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    points = np.array([[x, y, z] for z in (0, 0.03) for x, y in corners]) @ turn.T
+    triangles = np.array(
+        [[0, 2, 1], [3, 4, 5], [0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4], [2, 0, 3], [2, 3, 5]]
+    )
+    if np.linalg.det(turn) < 0:
+        triangles = triangles[:, ::-1]
+    assert remeshed(alone, Surface(points, triangles), 4e-3).surface.closed
 
 
 def test_what_is_refused(alone: MPI.Comm) -> None:

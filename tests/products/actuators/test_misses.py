@@ -13,6 +13,7 @@ from toros_fem.measures.figures import TOLERANCE
 from toros_fem.products.actuators import discovery
 from toros_fem.products.actuators.asked_shape import Answer, asking, strains_beyond, strains_to_ask
 from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.space_mapping import Aim
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
 from toros_fem.products.tubes.contract import ContractScene
@@ -125,3 +126,24 @@ def test_what_is_missed_within_the_error_of_the_mesh_is_no_guide() -> None:
     assert not enough(0.02, 0.7, 0.6)
     assert not enough(0.04, 1.4, 3.0)
     assert enough(0.004, 0.1, 0.05)
+
+
+def test_a_print_that_does_not_follow_ends_the_search() -> None:
+    """Unless it misses much less than all before, or its lines were only changed."""
+    search = object.__new__(discovery._Search)
+    search.misses = SimpleNamespace(aims={"twist": Aim(300.0, 300.0)})  # type: ignore[assignment]
+
+    def at_limit(twist: float, missed: float, *, mended: Any = None) -> bool:
+        def a_round(asked: float, twist: float, missed: float, mended: Any) -> Any:
+            return SimpleNamespace(
+                asked={"twist": asked}, metrics={"twist": twist}, missed=missed, mended=mended
+            )
+
+        first, last = a_round(400.0, 280.0, 6.0, None), a_round(480.0, twist, missed, mended)
+        return search._at_limit([first, last])
+
+    assert at_limit(290.0, 5.0)
+    assert not at_limit(301.0, 5.0), "it follows by more than a quarter"
+    assert not at_limit(290.0, 4.0), "it misses a third less"
+    assert not at_limit(290.0, 5.0, mended="lines")
+    assert not search._at_limit([SimpleNamespace(mended=None, metrics={"twist": 1.0})])  # type: ignore[list-item]

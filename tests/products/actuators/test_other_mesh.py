@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.products.actuators import other_mesh
@@ -33,7 +34,7 @@ def levels_tried(
         return SimpleNamespace(problem=problem, equilibrium=SimpleNamespace(positions="shape"))
 
     monkeypatch.setattr(other_mesh, "simulated_on", simulated)
-    job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser))
+    job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser), comm=MPI.COMM_SELF)
     level: Any = 0
     return tried, near_on_coarser(job, level, ("given", "far"), (None, ()), None)  # type: ignore[arg-type]
 

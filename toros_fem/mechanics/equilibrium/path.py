@@ -24,9 +24,9 @@ NEAR = 0.05
 LOAD_STEP, MOTION = 1e-3, 1e-4
 # Inverse iterations for the softest mode.
 ITERATIONS = 12
-# A path that leads straight to another of its points explains the motion up to EXPLAINED of it.
-# For the whole of it the rest must be SMALL where Newton's method met negative curvature on its
-# way, which tells of its guesses more than of the path.
+# The tangent at the end of a path predicts its begin up to EXPLAINED of the motion. Where Newton's
+# method met negative curvature on its way, which tells of its guesses more than of the path, and
+# from the middle of a path, the rest must be SMALL.
 EXPLAINED, SMALL = 0.5, 0.15
 # Halvings of the interval in which the state moves most. Where an interval that is NARROW still
 # has LEAP of the whole motion, the state jumps there.
@@ -167,7 +167,7 @@ def find_jump(
     The interval in which the state moves most is halved again and again. On a smooth path the
     motion in it halves too; at a jump it stays. Each solve starts from the equilibrium before, at
     a fraction of the way. Where the path leads `straight` from the middle to both ends of the
-    interval, as its tangent there tells, no jump is left.
+    interval, as its tangent there tells, there is no jump in it.
 
     Returns:
         Whether it jumps, None if a solve on the way fails; and the state that the path reaches at

@@ -235,7 +235,7 @@ class _Search:
         )
 
     def _at_limit(self, rounds: Sequence[Round]) -> bool:
-        """Return whether the last print has neither followed what was asked nor become better."""
+        """Return whether the last print has neither followed what was asked nor helped."""
         both = [one for one in rounds if one.mended is None][-2:]
         if len(both) < 2 or rounds[-1] is not both[1] or not all(one.metrics for one in both):
             return False

@@ -82,9 +82,9 @@ def metric_errors(
         ratio, other = job.scene.coarser(level)
         near = shape.pattern, shape.computed
         made = simulated_on(job, other, near, printed, pressures)
+        coarser = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
     except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
         return MetricErrors(computed, failure=str(caught))
-    coarser = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
     intervals = {
         key: shape.half_width(measures[key])
         + abs(measures[key](shape.pattern, shape.limit) - value) / (ratio - 1)

@@ -89,8 +89,8 @@ def print_of_lines(
     whole = case.whole_pattern, cleaned.regions
 
     def start() -> Any:
-        shape = near_on_coarser(job, level, near, whole, pressures)
-        return state_near(problem, *shape)
+        found = state_near(problem, *near_on_coarser(job, level, near, whole, pressures))
+        return state_near(problem, *near) if found is None else found
 
     made = printed(
         problem,

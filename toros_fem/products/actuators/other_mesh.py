@@ -10,8 +10,8 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.errors import TorosError
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
 from toros_fem.making.print.printability import printed_fractions
@@ -72,12 +72,16 @@ def near_on_coarser(
     The steps from a far start are cheap there. The coarsest mesh comes first.
     """
     levels: list[Level] = []
-    with suppress(ParameterError):  # raised by all ranks or by none, as the one below
+    with suppress(TorosError):  # raised by all ranks or by none, as below
         for _ in range(COARSER_MESHES):
             levels.append(job.scene.coarser(levels[-1] if levels else level)[1])
     for other in reversed(levels):
-        with suppress(ParameterError, NoEquilibriumError):
-            made = simulated_on(job, other, near, printed, pressures)
-            skin = made.problem.skin
-            near = skin.pattern, skin.gather_vertices(made.equilibrium.positions)
+        with suppress(TorosError):
+            near = _shape(simulated_on(job, other, near, printed, pressures))
+        free_dropped(job.comm)
     return near
+
+
+def _shape(made: Evaluation[Equilibrium]) -> Shape:
+    skin = made.problem.skin
+    return skin.pattern, skin.gather_vertices(made.equilibrium.positions)

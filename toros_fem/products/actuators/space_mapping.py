@@ -72,7 +72,12 @@ def follows(
     asked: Sequence[Mapping[str, float]],
     aims: Mapping[str, Aim],
 ) -> bool:
-    """Return whether metrics have changed with what was asked, both before and now, by key."""
+    """Return whether metrics have changed with what was asked.
+
+    Args:
+        got, asked: Metrics of two rounds, the later one last, and what was asked of them, by key.
+        aims: The metrics that count.
+    """
     changes = [
         float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
         for then, now in (got, asked)
