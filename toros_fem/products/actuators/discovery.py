@@ -30,9 +30,10 @@ from toros_fem.products.actuators.asked_shape import (
     strains_to_ask,
 )
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.line_print import LinePrint, Shape, print_of_lines
+from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
 from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.other_mesh import Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
 
