@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,19 +82,7 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) ->
     It is `stopped` about 0; with `side` 1 or −1 about ±90°, so that a fold may begin at ±180°, and
     an assembly that turns inside out comes back; with `EITHER` it jumps at ±180°.
     """
-    way = 0 if side is None else ufl.conditional(ufl.eq(side, EITHER), 0.0, side)
-
-    def turned(sine: Any, cosine: Any) -> Any:
-        if side is None:
-            return ufl.atan2(sine, cosine)
-        ahead = 1 - abs(way)  # from the angle's own direction, or from that of ±90°
-        return ufl.atan2(ahead * sine - way * cosine, ahead * cosine + way * sine)
-
-    def ending(angle: Any) -> Any:
-        if side is None:
-            return stopped(angle)
-        ends = ufl.conditional(ufl.eq(side, EITHER), angle, stopped(angle))
-        return ends + way * ufl.pi / 2
+    turned, ending = (ufl.atan2, stopped) if side is None else _from_side(side)
 
     def of_edges(u: Vector, v: Vector, w: Vector) -> Jet:
         length = compose(ufl.sqrt, [dot(u, u)])
@@ -103,6 +91,21 @@ def fold(a: Vector, b: Vector, c: Vector, d: Vector, side: Any | None = None) ->
         return compose(ending, [compose(turned, [sine, cosine])])
 
     return by_vectors(of_edges, minus(b, a), minus(c, a), minus(d, a))
+
+
+def _from_side(side: Any) -> tuple[Callable[[Any, Any], Any], Callable[[Any], Any]]:
+    """Return the laws of an angle from ±90°, by its sine and cosine, and of its end."""
+    way = ufl.conditional(ufl.eq(side, EITHER), 0.0, side)
+
+    def turned(sine: Any, cosine: Any) -> Any:
+        ahead = 1 - abs(way)  # from the angle's own direction, or from that of ±90°
+        return ufl.atan2(ahead * sine - way * cosine, ahead * cosine + way * sine)
+
+    def ending(angle: Any) -> Any:
+        ends = ufl.conditional(ufl.eq(side, EITHER), angle, stopped(angle))
+        return ends + way * ufl.pi / 2
+
+    return turned, ending
 
 
 def stopped(angle: Any) -> Any:

@@ -165,7 +165,7 @@ def test_rounding_ends_a_solve_with_few_steps() -> None:
 
 
 def test_rounding_does_not_hide_a_step_that_moves_something() -> None:
-    """Slivers and a stiff helix: residuals before and after the last step are of its rounding."""
+    """Slivers and a stiff helix: the residual is of the size of rounding before the last step."""
     stage = Stage("slivers")
     request = Request("slivers", "helix", 1e4, 5e3)
     solver = stage.solver(1e4)

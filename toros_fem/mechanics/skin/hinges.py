@@ -107,15 +107,13 @@ def find_hinges(
 def hinge_tensors(skin: Skin, bending: Bending, known: Bools, poisson: float) -> Floats:
     """Return `Hinges.tensors` for the flat corners where they are; known edges have an angle."""
     flat = flat_corners(skin)
-    average = _average(flat)
-    if bending.curvature != "quadratic":
-        return _tensors(average, known, poisson)
-    corner = skin.position_space.dofmap.list
-    fitted = _quadratic_angles(flat, unfolded(flat, corner, *skin.neighbours))
-    smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
-    good = smallest >= CONIC
-    average[good] = np.linalg.inv(fitted[good])
-    return _tensors(average, known, poisson)
+    columns = _average(flat)
+    if bending.curvature == "quadratic":
+        corner = skin.position_space.dofmap.list
+        fitted = _quadratic_angles(flat, unfolded(flat, corner, *skin.neighbours))
+        good = np.linalg.svd(fitted @ columns, compute_uv=False)[:, -1] >= CONIC
+        columns[good] = np.linalg.inv(fitted[good])
+    return _tensors(columns, known, poisson)
 
 
 def _sides(assembled: Floats, mirrored: Bools) -> Floats:
