@@ -177,10 +177,7 @@ def rows_of(
                 np.linalg.norm(factor * np.asarray(measure(shape.pattern, x)) - limit)
                 for x in (shape.limit, shape.computed)
             )
-            change = np.subtract(
-                measure(shape.pattern, shape.limit), measure(coarser.pattern, coarser.limit)
-            )
-            width = shape.half_width(measure) + float(np.linalg.norm(change)) / (COARSER - 1)
+            width = shape.interval(measure, measure(coarser.pattern, coarser.limit), COARSER)
             yield Row(*place, f"{name}, error", float(told), unit, seconds=solving)
             yield Row(*place, f"{name}, half-width", factor * width, unit, seconds=estimating)
             yield Row(*place, f"{name}, error as computed", float(computed), unit)

@@ -64,9 +64,6 @@ def metric_errors(
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on a coarser mesh (collective).
 
-    Errors of first order are the change over the ratio of the edges less 1; those of higher orders
-    are smaller. What the limit of two elements corrects on the mesh itself comes on top.
-
     Args:
         job: What was printed.
         level: The mesh of the print.
@@ -86,8 +83,7 @@ def metric_errors(
     except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
         return MetricErrors(computed, failure=str(caught))
     intervals = {
-        key: shape.half_width(measures[key])
-        + abs(measures[key](shape.pattern, shape.limit) - value) / (ratio - 1)
+        key: shape.interval(measures[key], value, ratio)
         for key, value in coarser.items()
         if key in measures and np.isfinite(value)
     }
