@@ -11,7 +11,7 @@ takes up to ten minutes on one core; `--only coarse` takes the coarse scenes alo
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from pathlib import Path
@@ -24,7 +24,6 @@ from toros_fem.cli.commands.main import run
 from toros_fem.measures.figures import NONE, Figure, formatted, split_key
 from toros_fem.results.runs.summary_file import summary_of
 
-REACHED = {True: "yes", False: "no", None: "not sure"}
 SIZES = ("coarse", "full")
 # Folder of all runs.
 RUNS = ROOT / "output" / "figures"
@@ -110,11 +109,7 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     found = summary_of(folder)
     entries: Any = found.entries
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
-    for key, figure in found.figures.items():
-        width = "" if figure.interval is None else f"± {figure.interval!r}"
-        told = "" if figure.state is None else f", reached: {REACHED[figure.reached]}"
-        note = (width + told).removeprefix(", ")
-        yield Row(*place, key, figure.value, figure.unit, figure.target, seconds, note=note)
+    yield from figure_rows(place, found.figures.values(), seconds)
     # Beside laid lines there is no design by densities.
     designed = {} if entries.get("densities_kept") is False else entries.get("design", {})
     for key, value in designed.items():
@@ -125,6 +120,16 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
         if value is not None:
             unit = (split_key(key) or ("", ""))[1]
             yield Row(*place, key, float(value), unit, None, seconds)
+
+
+def figure_rows(
+    place: tuple[str, str, str], figures: Iterable[Figure], seconds: float
+) -> Iterator[Row]:
+    """Return rows of figures, with intervals and states in their notes."""
+    for one in figures:
+        width = "" if one.interval is None else f"± {one.interval!r}"
+        note = ", ".join(filter(None, (width, one.state)))
+        yield Row(*place, one.key, one.value, one.unit, one.target, seconds, note=note)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -143,9 +148,15 @@ def figure_of(row: Row) -> Figure:
     return Figure(name, unit, row.value, float(width) if width else None, row.reference)
 
 
+def state_in(row: Row) -> str:
+    """Return the state of a figure from its row; empty without one."""
+    last = row.note.rpartition(", ")[2]
+    return "" if last.startswith("±") else last
+
+
 def table(rows: Rows, size: str) -> str:
     """Return the table of all scenes of a size that have rows."""
-    head = ("scene", "the paper", "as printed", "reached", "as designed", "pressure", "islands")
+    head = ("scene", "the paper", "as printed", "states", "as designed", "pressure", "islands")
     lines = []
     for demo in DEMOS:
         own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
@@ -153,7 +164,7 @@ def table(rows: Rows, size: str) -> str:
             continue
         shown = [figure_of(own[key]) for key in demo.keys if key in own]
         designed = [own[DESIGN + key] for key in demo.keys if DESIGN + key in own]
-        told = [row.note.partition("reached: ")[2] for key, row in own.items() if key in demo.keys]
+        told = [state_in(row) for key, row in own.items() if key in demo.keys]
         pressure, islands = own.get("pressure_pa"), own.get(ISLANDS)
         lines.append((
             f"`{demo.name}`", demo.paper, "; ".join(figure.words for figure in shown),
@@ -174,7 +185,11 @@ def headline(rows: Rows) -> str:
             for size in SIZES
         }
         finest = own["full"] or own["coarse"]
-        told = [figure_of(finest[key]).words for key in demo.keys[:1] if key in finest]
+        told = [
+            ": ".join(filter(None, (state_in(finest[key]), figure_of(finest[key]).words)))
+            for key in demo.keys[:1]
+            if key in finest
+        ]
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"

@@ -1,51 +1,118 @@
 """Whole designs again, from several random starts and on several machines.
 
-`tubes` designs the tubes from several seeds and lists the figures of all stages: those of the
-relaxed design, those of its lines before any step on densities, and those of the final print.
-Nothing hints at a direction. Seconds are wall time of the run, files and pictures left out.
+`tubes` designs coarse tubes from several seeds: with targets of the demos, and with others. Whether
+a target is reached is what the run says. Nothing hints at a direction.
 
 `kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
-rounds, figure and time spread. Seconds are CPU seconds.
+rounds, figure and time spread.
+
+Seconds are CPU seconds of a design with its files, without the curve.
 """
 
 from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import gmsh
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial.transform import Rotation
 
-from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, values_of
+from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
+from benchmarks.figures import figure_of, figure_rows
+from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.case import Case as ShapeCase
+from toros_fem.measures.figures import Figure, State, formatted, overall
+from toros_fem.meshes.targets import Deformer
+from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.kinds import KINDS
+from toros_fem.products.tubes.bend_twist import BendTwistScene
 
-# Kind, title, least and largest value of each figure that counts as reached, what differs from the
-# demo's defaults.
-TUBES: dict[str, tuple[str, str, dict[str, tuple[float, float]], dict[str, Any]]] = {
-    "bend": ("bend", "bend by 180° at 5 kPa", {"angle_deg": (178, 182)}, {}),
-    "contract": (
-        "contract", "shorten by 8 % at 10 kPa",
-        {"shortening_percent": (7.7, 8.3), "twist_deg": (-3, 3)}, {},
-    ),
-    "twist": (
-        "twist", "twist by 300° at 15 kPa, length free",
-        {"twist_deg": (294, 306), "length_ratio": (0, np.inf)}, {},
-    ),
-    "twist, length kept": (
-        "twist", "twist by 300° at 15 kPa, length kept",
-        {"twist_deg": (250, 306), "length_ratio": (0.97, 1.03)}, {"keep_length": True},
-    ),
-    "bend and twist": (
-        "bend-twist", "bend by 90° and twist by 60° at 10 kPa",
-        {"angle_deg": (87, 93), "twist_deg": (57, 63)}, {},
-    ),
-}  # fmt: skip
-UNITS = {"deg": "°", "percent": " %", "ratio": "×"}
+# Places along a rod at which its frame is known.
+PLACES = 1000
+
+
+def rod(length: float, curvature: Callable[[Floats], Floats]) -> Deformer:
+    """Return a deformer of a tube along z to a centre line; cross-sections do not turn about it.
+
+    Args:
+        length: In m.
+        curvature: Angle of the whole length in rad by which the tube bends towards x and y at
+            places in [0, 1], (n,): (2, n).
+    """
+    places = (np.arange(PLACES) + 0.5) / PLACES
+    toward_x, toward_y = curvature(places) / PLACES
+    frames, centres = [Rotation.identity()], [np.zeros(3)]
+    for turn in np.stack([-toward_y, toward_x, 0 * toward_x], axis=1):
+        middle = frames[-1] * Rotation.from_rotvec(turn / 2)
+        centres.append(centres[-1] + length / PLACES * middle.apply([0, 0, 1]))
+        frames.append(middle * Rotation.from_rotvec(turn / 2))
+    turns, centre = Rotation.concatenate(frames).as_matrix(), np.array(centres)
+
+    def deform(points: Floats) -> Floats:
+        nearest = np.rint(np.clip(points[:, 2] / length, 0, 1) * PLACES).astype(int)
+        offset = points - [0, 0, 1] * (nearest * length / PLACES)[:, None]
+        return np.asarray(centre[nearest] + np.einsum("nij,nj->ni", turns[nearest], offset))
+
+    return deform
+
+
+class Rod(BendTwistScene):
+    """A tube whose centre line is the target; no number is."""
+
+    def curvature(self, at: Floats) -> Floats:
+        """Return the curvature of its centre line, as of `rod`."""
+        raise NotImplementedError
+
+    def case(self, comm: MPI.Comm, level: Level) -> ShapeCase:
+        """Return the tube and its target."""
+        return self.tube_case(comm, level, rod(self.skin.length, self.curvature), [])
+
+
+class EqualS(Rod):
+    """An S whose halves bend to opposite sides."""
+
+    ANGLES: ClassVar = (60.0, -60.0)  # of the halves, the one at the base first, in degrees
+
+    def curvature(self, at: Floats) -> Floats:
+        """Return the curvature of two arcs."""
+        first, second = 2 * np.radians(self.ANGLES)
+        return np.stack([np.where(at < 0.5, first, second), 0 * at])
+
+
+class UnequalS(EqualS):
+    """An S whose halves bend by different angles."""
+
+    ANGLES: ClassVar = (75.0, -45.0)
+
+
+class HalfHelix(Rod):
+    """Half a turn of a helix that leans by 45 degrees: as much curvature as torsion."""
+
+    def curvature(self, at: Floats) -> Floats:
+        """Return the curvature of a helix in a frame that does not turn about it."""
+        whole = np.pi * np.sqrt(0.5)
+        return whole * np.stack([np.cos(whole * at), np.sin(whole * at)])
+
+
+# Coarse scenes by their titles.
+TUBES: dict[str, Callable[[], ActuatorScene]] = {
+    "bend by 180°": lambda: KINDS["bend"]().coarse(),
+    "shorten by 8 %": lambda: KINDS["contract"]().coarse(),
+    "twist by 300°, length free": lambda: KINDS["twist"]().coarse(),
+    "twist by 300°, length kept": lambda: KINDS["twist"]().coarse().updated(keep_length=True),
+    "bend by 90° and twist by 60°": lambda: BendTwistScene().coarse(),
+    "bend by 60° and twist by −90°": lambda: BendTwistScene().coarse().updated(angle=60, twist=-90),
+    "S of 60° and −60°": lambda: EqualS().coarse(),
+    "S of 75° and −45°": lambda: UnequalS().coarse(),
+    "half a helix": lambda: HalfHelix().coarse(),
+}
+SEEDS = range(3)
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
 TYPES = ("Haswell", "SkylakeX")
@@ -65,58 +132,42 @@ QUICK = {
 }
 
 
-def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -> dict[str, Any]:
-    """Design a skin and return the entries of its summary, and its figures by their keys."""
-    scene: Any = KINDS[kind]()
-    scene = (scene.coarse() if coarse else scene).updated(**changes)
+def designed(scene: Any) -> tuple[Any, float]:
+    """Design a skin without a curve; return the result, and the CPU time in s."""
     if "curve_pressure" in scene.described():
         scene = scene.updated(curve_pressure=None)
-    run = scene.run_design if hasattr(scene, "run_design") else scene.run_simulation
+    begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        found = run(MPI.COMM_SELF, Path(folder))
-    told = {figure.key: figure.value for figure in found.figures}
-    errors = {f"{one.name}_error_{one.unit}": one.interval for one in found.figures}
-    return {**found.entries(), **told, **errors}
+        found = scene.run_design(MPI.COMM_SELF, Path(folder))
+    return found, time.process_time() - begin
 
 
-def tube_rows(scene: str, seed: int, quick: bool) -> Iterator[Row]:
-    """Design a tube from a seed."""
-    kind, _, reach, changes = TUBES[scene]
-    place = ("tubes", f"{scene}, seed {seed}", "quick" if quick else "full")
-    more = QUICK if quick else {}
-    found = summary_of(kind, {**changes, **more, "seed": seed}, coarse=quick)
-    made, relaxed = found["manufacture"], found.get("relaxed")
-    stages = {"relaxed": relaxed, "lines": found.get("lines"), "printed": found}
-    for stage, of in stages.items():
-        for key in reach if of else ():
-            yield Row(*place, f"{stage} {key}", of.get(key), key.rpartition("_")[2])
-    yield Row(*place, "line", made["smallest_width_mm"], "mm")
-    yield Row(*place, "gap", made["smallest_gap_mm"], "mm")
-    if relaxed:
-        yield Row(*place, "relaxed steps", float(relaxed["steps"]))
-    seconds = found["seconds"]["total"]
-    yield Row(*place, "density steps", float(found["iterations"]), seconds=seconds)
+def tube_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row]:
+    """Design a tube from a seed; its figures that have a target, and its state."""
+    place = ("tubes", f"{title}, seed {seed}", "")
+    found, seconds = designed(TUBES[title]().updated(**changes, seed=seed))
+    told = [figure for figure in found.figures if figure.state is not None]
+    yield from figure_rows(place, told, round(seconds, 1))
+    yield Row(*place, "state", None, seconds=round(seconds, 1), note=str(overall(told)))
 
 
 def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) -> Iterator[Row]:
     """Design a coarse demo on one kernel type, which the environment sets."""
     place = ("kernels", f"{scene}, seed {seed}, {kernel}", "ranks 1")
-    begin = time.process_time()
-    found = summary_of(scene, {**changes, "seed": seed}, coarse=True)
-    spent = time.process_time() - begin
+    found, spent = designed(KINDS[scene]().coarse().updated(**changes, seed=seed))
     note = f"gmsh {gmsh.__version__}"
-    figure = found[FIGURES[scene]]
-    yield Row(*place, "rounds", float(found["rounds"]))
+    yield Row(*place, "rounds", float(found.entries()["rounds"]))
+    figure = found.value(FIGURES[scene])
     yield Row(*place, FIGURES[scene], figure, seconds=round(spent, 1), note=note)
 
 
 def cases(quick: bool) -> list[Case]:
     """Return all designs; a quick selection takes few steps, and few of them."""
     found = [
-        Case("tubes", partial(tube_rows, scene, seed, quick), f"{scene}, seed {seed}",
-             alone=True, environment={"OMP_NUM_THREADS": "2"})
-        for scene in (["contract"] if quick else TUBES)
-        for seed in (range(1) if quick else range(5))
+        Case("tubes", partial(tube_rows, title, seed, QUICK if quick else {}),
+             f"{title}, seed {seed}", alone=True)
+        for seed in (range(1) if quick else SEEDS)
+        for title in (["S of 60° and −60°"] if quick else TUBES)
     ]  # fmt: skip
     found += [
         Case("kernels", partial(kernel_rows, scene, seed, kernel, QUICK if quick else {}),
@@ -130,34 +181,31 @@ def cases(quick: bool) -> list[Case]:
 
 
 def tubes_table(rows: Rows) -> str:
-    """Return a line for each tube: the prints of all its seeds."""
-    seconds = {
-        (row.variant, row.size): row.seconds or 0.0 for row in rows if row.figure == "density steps"
-    }
+    """Return a line for each tube: the states and the figures of its prints."""
     lines = []
-    for scene, (_, title, reach, _) in TUBES.items():
-        own = {
-            key[1:]: of
-            for key, of in values_of(rows, "tubes").items()
-            if key[1].rpartition(", seed ")[0] == scene
-        }
-        if not own:
+    for title in TUBES:
+        own = [row for row in rows if row.case == "tubes" and row.variant.startswith(f"{title}, s")]
+        states = [row for row in own if row.figure == "state"]
+        if not states:
             continue
-        shown, reached = [], np.ones(len(own), bool)
-        for key, (least, largest) in reach.items():
-            found = [of.get(f"printed {key}") for of in own.values()]
-            values = np.array([np.nan if value is None else value for value in found])
-            reached &= (least <= values) & (values <= largest)
-            ends = [_shown(key, float(q)) for q in np.nanquantile(values, [0, 0.5, 1])]
-            shown.append(f"{key.rpartition('_')[0].partition('_')[0]} {', '.join(ends)}")
-        median = float(np.median([seconds[place] for place in own]))
-        lines.append((title, f"{reached.sum()} of {len(own)}", "; ".join(shown), f"{median:.0f} s"))
-    return markdown(("tube", "reached", "print: least, median, largest", "median time"), lines)
+        counts = [sum(row.note == state for row in states) for state in State]
+        shown = [
+            _spread([figure_of(row) for row in own if row.figure == key])
+            for key in dict.fromkeys(row.figure for row in own)
+            if key != "state"
+        ]
+        seconds = float(np.median([row.seconds or np.nan for row in states]))
+        lines.append((title, *counts, "; ".join(shown), f"{seconds:.0f} s"))
+    head = ("tube", *State, "figures: least to largest, largest half-width", "median CPU time")
+    return markdown(head, lines)
 
 
-def _shown(key: str, value: float) -> str:
-    digits = 3 if key.endswith("ratio") else 1
-    return f"{value:.{digits}f}{UNITS[key.rpartition('_')[2]]}"
+def _spread(figures: list[Figure]) -> str:
+    values = [one.value for one in figures if one.value is not None]
+    widths = [one.interval for one in figures if one.interval is not None]
+    one = figures[0]
+    ends = " to ".join(formatted(end, one.unit, 3) for end in (min(values), max(values)))
+    return f"{one.label} {ends}, ± {formatted(max(widths), one.unit, 2)}"
 
 
 def kernels_table(rows: Rows) -> str:

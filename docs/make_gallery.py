@@ -17,7 +17,7 @@ from pathlib import Path
 from copy_pictures import COPIES, PICTURES, ROOT, SIZE
 
 from benchmarks.bench import ROWS, Rows, read
-from benchmarks.figures import ACROSS, DEMOS, Demo, figure_of, folder_of
+from benchmarks.figures import ACROSS, DEMOS, Demo, figure_of, folder_of, state_in
 
 GALLERY = ROOT / "docs" / "gallery"
 PAGE = GALLERY / "index.md"
@@ -32,11 +32,10 @@ SHOWN = {
     "lift.png": "lift", "lines.png": "lines", "pattern.png": "pattern", "deformed.png": "deformed",
     "miss.png": "miss", "design.png": "design",
 }  # fmt: skip
-STATES = {"yes": "reached", "no": "missed"}
 HEAD = """\
 # Gallery
 
-Simulated prints of the demos; pictures and files are of the `--coarse` runs. ± is the
+Simulated prints of the demos; pictures and files are of the `--coarse` runs; to print one, leave `--coarse` out. ± is the
 [error of the mesh](../accuracy.md#the-interval-of-a-result). [Demos](../../demos/README.md) has
 the paper's values, and what falls short; [reports](../report.md#the-pictures) explain pictures.
 `worst` is the largest deviation from the asked stiffness. The command makes files above 0.5 MB."""
@@ -102,8 +101,8 @@ def _results(demo: Demo, rows: Rows) -> Iterator[str]:
         own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
         told = []
         for row in (own[key] for key in demo.keys[:2] if key in own):
-            state = row.note.partition("reached: ")[2]
-            told.append(figure_of(row).words + f" ({STATES.get(state, state)})" * bool(state))
+            state = state_in(row)
+            told.append(figure_of(row).words + f" ({state})" * bool(state))
         if told:
             seconds = next(iter(own.values())).seconds or 0.0
             time = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

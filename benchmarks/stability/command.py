@@ -36,7 +36,7 @@ COUNTED = {
 STEPS = ("steps: median", "95 %", "most")
 # Cells and seeds that the page names, besides those that did not end in an equilibrium.
 MOST = 10
-RANDOM, CONTACTS = range(1000), range(200)
+RANDOM, CONTACTS = range(5000), range(200)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -181,7 +181,7 @@ def matrix_table(rows: Rows) -> str:
 def random_table(rows: Rows) -> str:
     """Return outcomes and Newton steps by shape, and the scenes that contradict the solver."""
     text = "`refused`: a typed error before anything is solved. `no equilibrium`: an error of the "
-    text += "solver that the oracle does not contradict.\n\n"
+    text += "solver that the reference solver does not contradict.\n\n"
     text += _table(rows, "random", "cases", *drawn.OUTCOMES, *STEPS)
     return text + "".join(_listed(rows, "random", outcome) for outcome in ("wrong", "failed"))
 

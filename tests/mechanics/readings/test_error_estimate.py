@@ -10,7 +10,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.readings.error_estimate import LimitShape, estimate_error
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -87,3 +87,18 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
     (anew,) = estimate_error(solver, result, [angle])
     assert anew.refined == pytest.approx(at_once.refined, rel=1e-5)
     assert anew.error == pytest.approx(3 * abs(anew.refined - anew.value), rel=1e-12)
+
+
+def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
+    """The change from a coarser mesh, the correction on this one, and the change from rest."""
+    pattern = square(n=3)
+    at_rest = float(pattern.points[:, 0].mean())
+    shape = LimitShape(pattern, 1.10 * pattern.points, 1.12 * pattern.points)
+
+    def middle(_: Pattern, positions: np.ndarray) -> float:
+        return float(positions[:, 0].mean())
+
+    told = shape.interval(middle, 1.09 * at_rest, 1.5)
+    parts = 0.03 / (1.5 - 1) + 0.4 * 0.02 + 0.02 * 0.12
+    assert told == pytest.approx(1.25 * parts * at_rest, rel=1e-9)
+    assert shape.interval(middle, 1.09 * at_rest, 2.0) < told

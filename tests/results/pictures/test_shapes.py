@@ -108,7 +108,7 @@ def test_reached_and_missed_are_the_title(drawn: DrawnSkin, pattern: Pattern) ->
     assert "✗ missed" in missed
     assert missed.count("mm off") == 1
     assert "Bulging does not count." in missed.replace("\n", " ")
-    for words in ("seen from above", "outline of the target", "wanted: ≤ 3 %"):
+    for words in ("seen obliquely", "outline of the target", "wanted: ≤ 3 %"):
         assert words in missed
 
 
@@ -143,7 +143,7 @@ def test_the_end_of_a_slender_body_is_enlarged(pattern: Pattern) -> None:
     longer = DrawnSkin(skin), target * [1, 1, 1.1]
     found = written(picture(*longer, [Figure("twist", "deg", 60.0, 0.1, 60.0, 1.8)]))
     assert "the free end, enlarged" in found
-    assert "seen from above" not in found
+    assert "seen obliquely" not in found
     assert "Nothing is asked along z" in found
     assert "held" in found
     assert scenery(*longer).target == pytest.approx(longer[1])

@@ -62,7 +62,7 @@ class Sheet:
 class Layout:
     """Places of all panels on the printer's beds and on the sheets of fabric.
 
-    The fabric is stretched over the bed, printed, and cut afterwards. On a sheet larger than the
+    The fabric is fixed to the bed, printed, and cut afterwards. On a sheet larger than the
     bed several beds lie beside each other in a grid, and the fabric is moved on between two prints.
 
     Attributes:

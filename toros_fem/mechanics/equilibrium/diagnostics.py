@@ -86,7 +86,7 @@ class Condition:
         if self.folded_edges:
             found.append(
                 f"{self.folded_edges} edges are folded by more than {math.degrees(FOLDED):.0f} "
-                "degrees: the skin lies on itself there. Give the solver a Contact."
+                "degrees: the skin lies on itself there, as this solve has no self-contact."
             )
         if self.inside_out:
             found.append(self.inside_out)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -214,14 +215,20 @@ def sentence(figures: Sequence[Figure], pressure: float | None) -> str:
 
 
 def states_of(frames: Sequence[Frame], state: Frame, drawn: DrawnSkin) -> list[tuple[str, Floats]]:
-    """Return rest, frames at about equal steps of the way to the design's state, and that one."""
+    """Return rest, frames at about equal parts of the way to the design's state, and that one.
+
+    The way goes through all frames: many skins turn away from their target first.
+    """
     pressure, rest = state.values.get("pressure_pa", 0.0), drawn.pattern.points
-    below = [f for f in frames if 0 < f.values["pressure_pa"] < 0.99 * pressure]
-    way = float(np.linalg.norm(state.positions - rest))
-    moved = np.array([np.linalg.norm(frame.positions - rest) for frame in below])
-    chosen: set[int] = set()
+    below = sorted(
+        (f for f in frames if 0 < f.values["pressure_pa"] < 0.99 * pressure),
+        key=lambda frame: frame.values["pressure_pa"],
+    )
+    passed = [rest, *(frame.positions for frame in below), state.positions]
+    moved = np.cumsum([np.linalg.norm(b - a) for a, b in pairwise(passed)])
+    way, chosen = moved[-1], set[int]()
     for part in BETWEEN if below else ():
-        nearest = int(np.abs(moved - part * way).argmin())
+        nearest = int(np.abs(moved[:-1] - part * way).argmin())
         if abs(moved[nearest] - part * way) < NEAR * way:
             chosen.add(nearest)
     shown = [

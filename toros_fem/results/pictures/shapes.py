@@ -67,7 +67,7 @@ LETTERS = 44
 # What colours of a miss mean: for all points, and beside the mean of cross-sections.
 WHAT_IS_SHOWN = (
     "distance of each point from its target{} in mm",
-    "distance of each point from its target{} in mm; the title tells centres of cross-sections",
+    "distance of each point from its target{} in mm; the title is of centres of cross-sections",
 )
 
 
@@ -158,16 +158,16 @@ def draw_shape(
 
 
 def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, Stage]:
-    """Draw two views: from the side, and from above or, of a slender upright body, its free end.
+    """Draw two views: from the side, and obliquely or, of a slender upright body, its free end.
 
-    Such a body looks the same from above. The second view stands beside the first, or below the
+    An oblique view of such a body shows no more. The second view stands beside the first, or below the
     words at the right, where a height in inches is free, if the first one needs the place. Returned
     are both, and the one of them that has the labels.
     """
     drawn = shown.drawn
     width, height = figure.get_size_inches() - [WORDS + 2 * BORDER, HEAD + BORDER]
     side, view = drawn.views(shown.positions)
-    framed, words = shown.framed, "seen from above"
+    framed, words = shown.framed, "seen obliquely"
     aspect = _aspect(side, framed)
     slender = aspect < SLENDER and shown.miss is not None and shown.miss.tip is not None
     below = aspect * height > width - LEAST_BESIDE and free > LEAST_BELOW
