@@ -185,10 +185,11 @@ def headline(rows: Rows) -> str:
             for size in SIZES
         }
         finest = own["full"] or own["coarse"]
+        known = [finest[key] for key in demo.keys if key in finest]
+        # What has no target is told beside what it is compared with.
         told = [
-            ": ".join(filter(None, (state_in(finest[key]), figure_of(finest[key]).words)))
-            for key in demo.keys[:1]
-            if key in finest
+            ": ".join(filter(None, (state_in(row), figure_of(row).words)))
+            for row in known[: 1 if known and known[0].reference is not None else 2]
         ]
         if demo.paper and not demo.changes and told:
             picture = next(
@@ -197,7 +198,7 @@ def headline(rows: Rows) -> str:
                 if (ROOT / PICTURES / name).exists()
             )
             link = f"[![{demo.scene}]({picture})]({GALLERY}#{demo.scene})"
-            cells.append((link, f"`{demo.scene}`: {told[0]}"))
+            cells.append((link, f"`{demo.scene}`: {'; '.join(told)}"))
     lines = []
     for k in range(0, len(cells), ACROSS):
         part = cells[k : k + ACROSS]

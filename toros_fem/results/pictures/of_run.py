@@ -35,8 +35,6 @@ OF_THE_STATE = ("pressure", "volume", "stretch")
 # Parts of the way from rest to the design's state that are shown between them, and how near a
 # frame must be.
 BETWEEN, NEAR = (0.25, 0.5, 0.75), 0.12
-# Letters of the sentence of a hero.
-LONGEST = 68
 # What is said of a skin of more than this number of equal parts.
 MIRRORED, LEGS = 2, "The skin has {} equal parts: a number is that of each."
 # Iterations that are shown, besides the last one.
@@ -114,12 +112,8 @@ class _Pictures:
             draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), self.drawn, states)
         if self.drawn.skin.regions is not None:
             dashed = " (dashed: target)" if self.drawn.skin.target is not None else ""
-            does = f"inflate it to {states[-1][0]}"
-            for k, told in enumerate(self.figures):
-                further = f"{does}{', ' if k else ': '}{told.name.replace('_', ' ')} {told.shown}"
-                does = further if len(further) + len(dashed) < LONGEST else does
             with self._page("hero.png", size=STRIP) as figure:
-                draw_hero(figure, self.drawn, states, does + dashed)
+                draw_hero(figure, self.drawn, states, f"inflate it to {states[-1][0]}{dashed}")
 
     def _pattern(self) -> None:
         folder = self.run.folder
