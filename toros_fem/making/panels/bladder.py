@@ -67,8 +67,8 @@ def bladder_sheets(
     A tube, one panel sewn to itself with caps or without, gets two flat sheets. They are half its
     perimeter wide, and longer than the wall by the radius of each cap, over which they fold. Other
     skins get one sheet for each panel, of the same outline: two for flat robots. So the bladder is
-    as large as the skin at rest, and must stretch with it. The weld has an allowance all around. Both sheets have a tab for the tube at the same place of their weld; it is open at
-    its end.
+    as large as the skin at rest, and must stretch with it. The weld has an allowance all around.
+    Both sheets have a tab for the tube at the same place of their weld; it is open at its end.
 
     Args:
         connector: Name of a panel and a point (2,) in m on it: the tab is at the weld nearest to

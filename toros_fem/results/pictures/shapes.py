@@ -160,9 +160,9 @@ def draw_shape(
 def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, Stage]:
     """Draw two views: from the side, and obliquely or, of a slender upright body, its free end.
 
-    An oblique view of such a body shows no more. The second view stands beside the first, or below the
-    words at the right, where a height in inches is free, if the first one needs the place. Returned
-    are both, and the one of them that has the labels.
+    An oblique view of such a body shows no more. The second view stands beside the first, or below
+    the words at the right, where a height in inches is free, if the first one needs the place.
+    Returned are both, and the one of them that has the labels.
     """
     drawn = shown.drawn
     width, height = figure.get_size_inches() - [WORDS + 2 * BORDER, HEAD + BORDER]
