@@ -36,7 +36,8 @@ HEAD = """\
 # Gallery
 
 Simulated prints of the demos; pictures and files are of the `--coarse` runs. To print one, leave
-`--coarse` out. ± is the [error of the mesh](../accuracy.md#the-interval-of-a-result). [Demos](../../demos/README.md) has
+`--coarse` out. ± is the [error of the mesh](../accuracy.md#the-interval-of-a-result).
+[Demos](../../demos/README.md) has
 the paper's values, and what falls short; [reports](../report.md#the-pictures) explain pictures.
 `worst` is the largest deviation from the asked stiffness. The command makes files above 0.5 MB."""
 
