@@ -122,18 +122,16 @@ def solve_subproblem(
 def _evaluate(
     model: Approximation, values: Floats, penalty: Penalty, multipliers: Floats
 ) -> _Point:
-    found = model.evaluate_dual(multipliers)
+    change, hessian = model.evaluate_dual(multipliers)
     y = penalty.violation(multipliers)
-    there = values + found.change[1:]
-    terms = np.concatenate(
-        [found.change[:1], multipliers * there, -0.5 * penalty.quadratic * y * y]
-    )
+    there = values + change[1:]
+    terms = np.concatenate([change[:1], multipliers * there, -0.5 * penalty.quadratic * y * y])
     return _Point(
         multipliers,
         float(terms.sum()),
         float(np.abs(terms).sum() + multipliers @ (np.abs(values) + model.size[1:])),
         there - y,
-        found.hessian,
+        hessian,
     )
 
 
