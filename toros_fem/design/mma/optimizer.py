@@ -234,8 +234,8 @@ class MMA:
             state.curvature = np.zeros(self._rows + 1)
         state.curvature = CURVATURE_DECAY * state.curvature
         self._here = here
-        bounds, move = (self.lower, self.upper), self.options.move
-        move = move if self.move is None else self.move
+        move: float | Floats = self.options.move if self.move is None else self.move
+        bounds = self.lower, self.upper
         self._model = Approximation(self.comm, x, distance, bounds, move, here.slopes)
         return self._proposed(self._model)
 
