@@ -81,7 +81,7 @@ class PrintBorders:
 
     def moves(self, change: LineChange) -> Floats:
         """Return the way of the flat points with the borders, (k, 2), in m."""
-        mesh = self._mesh
+        mesh = self.lines.mesh
         vertex = mesh.vertex[self.cell]
         out: Floats = np.zeros(len(self.cell))
         for family, widths, own in zip(self.lines.families, change.widths, self.under, strict=True):
@@ -90,11 +90,6 @@ class PrintBorders:
         warp = coordinates((self.near * turned).sum(axis=1))
         at_border = np.any(self.normals != 0, axis=1)
         return out[:, None] * self.normals + at_border[:, None] * warp
-
-    @property
-    def _mesh(self) -> LineMesh:
-        assert self.lines.mesh is not None
-        return self.lines.mesh
 
 
 def print_borders(
@@ -107,15 +102,14 @@ def print_borders(
     """Return the borders of the print of lines.
 
     Args:
-        lines: The lines; some were laid.
+        lines: The lines.
         pattern: The pattern of the print, with the same panels.
         under: Region under each family on each panel of it, in m.
         printed: Whether each of its triangles is printed, (t,).
         normals: As of `border_motion`.
     """
-    mesh = lines.mesh
-    assert mesh is not None
-    source, flat = mesh.pattern, scaled_points(mesh.pattern, pattern)
+    mesh, source = lines.mesh, lines.pattern
+    flat = scaled_points(source, pattern)
     middles, centroids = mesh.corners.mean(axis=1), pattern.corners.mean(axis=1)
     cell: Ints = np.zeros(len(flat), dtype=np.int64)
     near: Floats = np.zeros((len(flat), 3))

@@ -72,7 +72,7 @@ class LineMesh:
     @cached_property
     def size(self) -> int:
         """Number of vertices."""
-        return int(self.vertex.max()) + 1
+        return int(self.vertex.max(initial=-1)) + 1
 
     @cached_property
     def flat(self) -> Complexes:
@@ -163,7 +163,7 @@ class LineMesh:
 
 
 def make_line_mesh(pattern: Pattern, active: Bools) -> LineMesh:
-    """Return the mesh of the triangles that may carry lines, (t,); at least one may."""
+    """Return the mesh of the triangles that may carry lines, (t,)."""
     cells = np.flatnonzero(active)
     whole = edges_of(pattern.triangles[cells])
     vertex = fans(pattern.triangles[cells], whole, whole.inner)
