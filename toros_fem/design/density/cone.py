@@ -33,7 +33,6 @@ def cone_filter(
     For larger radii use the Helmholtz filter.
 
     Args:
-        skin: The sewn skin.
         radius: R in m.
         lattice, whole: Neighbours across the borders, as of `Neighbourhood`.
 
@@ -72,11 +71,10 @@ def cone_filter(
 
     def at_points(density: Floats) -> Floats:
         pattern, every = skin.pattern, skin.gather_cells(density)
-        panel = np.zeros(len(pattern.flat_points), dtype=np.int64)
-        panel[pattern.flat_triangles] = pattern.panel[:, None]
+        at = pattern.flat_points, pattern.panel_of_point
         # Where no centroid is within the radius, the nearest one gives the value.
-        values = every[near.nearest(pattern.flat_points, panel)]
-        for pairs in near.pairs(pattern.flat_points, panel):
+        values = every[near.nearest(*at)]
+        for pairs in near.pairs(*at):
             weight = cone(pairs)
             total, found = pairs.sums(weight), pairs.sums(weight * every[pairs.cell])
             part = values[pairs.begin : pairs.begin + pairs.rows]

@@ -60,8 +60,6 @@ class Neighbourhood:
     skin is refused; the Helmholtz filter takes it.
 
     Args:
-        pattern: The pattern.
-        radius: Radius in m.
         lattice: The two lattice vectors, (2, 2), in m, of a periodic tile, which must be wider than
             twice the radius.
         whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`.

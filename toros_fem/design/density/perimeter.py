@@ -38,7 +38,6 @@ class Perimeter:
     `area_weighted=False` returns it, a pure number.
 
     Args:
-        skin: The sewn skin.
         window: Radius r of the window in m; about the filter's.
         sharpness: w; not 0.
         area_weighted: Whether triangles count by area; False: equally, as in the paper.

@@ -99,14 +99,10 @@ def print_borders(
     printed: Bools,
     normals: Floats,
 ) -> PrintBorders:
-    """Return the borders of the print of lines.
+    """Return the borders of the print of lines on a pattern with the same panels.
 
-    Args:
-        lines: The lines.
-        pattern: The pattern of the print, with the same panels.
-        under: Region under each family on each panel of it, in m.
-        printed: Whether each of its triangles is printed, (t,).
-        normals: As of `border_motion`.
+    `under` are the regions under each family on each panel of it, in m. Its triangles are printed
+    or not, (t,), and the normals are those of `border_motion`.
     """
     mesh, source = lines.mesh, lines.pattern
     flat = scaled_points(source, pattern)
@@ -144,12 +140,8 @@ def smooth_fields(mesh: LineMesh, number: int, planes: Sequence[int]) -> Complex
     """Return the smoothest tangent fields at vertices, (n, number), of mean square 1.
 
     They are eigenfields of the connection's Laplacian, so that they go on across seams. They are 0
-    at the border of the mesh, where lines end, and along the border in symmetry planes.
-
-    Args:
-        mesh: The lines' mesh.
-        number: Of fields; on a small mesh there are fewer.
-        planes: Planes at which the pattern is cut, as of `mirrored`.
+    at the border of the mesh, where lines end, and along the border in symmetry planes, at which
+    the pattern is cut, as of `mirrored`. On a small mesh there are fewer.
     """
     size, inner = mesh.size, np.ones(mesh.size, dtype=bool)
     inner[mesh.edges.ends[mesh.edges.border]] = False

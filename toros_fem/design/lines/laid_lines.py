@@ -82,11 +82,7 @@ class LaidLines:
     def cover(self, pattern: Pattern) -> Floats:
         """Return the part of each triangle that is printed, (t,), by exact areas.
 
-        Args:
-            pattern: A pattern with the same panels, of any mesh.
-
-        Raises:
-            PanelError: Its panels are others.
+        The pattern has the same panels, on any mesh; a PanelError says that they are others.
         """
         corners = scaled_points(self.pattern, pattern)[pattern.flat_triangles]
         covered = np.zeros(len(pattern.panel))
@@ -126,15 +122,10 @@ def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidL
     """Return lines with other widths, and moved, within the bounds of the options and the spacing.
 
     Centre lines move, and are drawn anew with their widths. Where the warp brings lines nearer to
-    each other their widths leave room for the gap.
-
-    Args:
-        lines: Lines that were laid.
-        change: The change.
-        draw: Whether regions are those of the changed lines, or none.
+    each other their widths leave room for the gap. Without `draw` there are no regions.
 
     Raises:
-        ParameterError: It does not fit, or there are no lines.
+        ParameterError: The change does not fit, or there are no lines.
     """
     if not lines.mesh.size:
         raise ParameterError("there are no lines that could be changed.")

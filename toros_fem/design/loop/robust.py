@@ -72,7 +72,6 @@ class Variants:
         make: Makes the physics of one more pattern of the same skin.
 
     Attributes:
-        tolerance: As given.
         thresholds: η of the eroded and of the dilated pattern.
 
     Raises:

@@ -44,14 +44,7 @@ class Steps:
     """MMA and the functions of one stage as it sees them.
 
     f₀ is T without the squares of the residuals, the constraints are g/target − 1. Scale and
-    targets follow each accepted design.
-
-    Args:
-        problem: The problem of the stage.
-        variables: The design variables.
-        stage: The stage.
-        options: Options of the loop.
-        here, slopes: The design that the stage starts from.
+    targets follow each accepted design; `here` is the first one.
 
     Attributes:
         mma: The optimiser.

@@ -17,13 +17,7 @@ def reason_to_end(
     options: DesignOptions,
     limits: LengthScaleConstraints | None,
 ) -> str | None:
-    """Return why a stage ends, as a sentence; None where it goes on.
-
-    Args:
-        rows: Its rows, the start included.
-        stage, options: What it was asked for.
-        limits: Constraints on widths, where a constrained stage has them.
-    """
+    """Return why a stage of these rows, the start included, ends, as a sentence; None to go on."""
     o, now, steps = options, rows[-1], len(rows) - 1
 
     def kept(row: Iteration) -> bool:

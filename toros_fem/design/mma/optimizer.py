@@ -219,12 +219,7 @@ class MMA:
         self._model: Approximation | None = None
 
     def step(self, x: Floats, here: Functions) -> Floats:
-        """Return the next proposed point (collective).
-
-        Args:
-            x: Current variables.
-            here: All functions at x, with their gradients.
-        """
+        """Return the next proposed point; all functions at x have gradients (collective)."""
         here.require_gradients(self.constraints, self.residuals)
         here.require_finite(self.comm, len(self._span))
         state, x = self.state, np.array(x, dtype=np.float64)
@@ -242,9 +237,7 @@ class MMA:
     def conservative(self, x: Floats, there: Functions) -> bool:
         """Return whether no function exceeds its approximation at the proposed point (collective).
 
-        Args:
-            x: The proposed point.
-            there: The values there; infinite where they do not exist.
+        Values are infinite where they do not exist.
         """
         there.require_values(self.constraints, self.residuals)
         excess, _ = self._excess(x, there)
@@ -257,11 +250,8 @@ class MMA:
         min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4), where ρᵢ is at least GCMMA's initial curvature. Where
         a value is infinite, or all approximations are conservative and the caller still rejects x,
         all curvatures are multiplied by ten. If the same x results, for example at its move limits,
-        and is not conservative, the curvatures are raised again.
-
-        Args:
-            x: The proposed point.
-            there: The values there. If values and residuals are left out, only f₀ is tested.
+        and is not conservative, the curvatures are raised again. If values and residuals are left
+        out, only f₀ is tested.
         """
         if len(there.values) or len(there.residuals):
             there.require_values(self.constraints, self.residuals)
@@ -313,12 +303,8 @@ class MMA:
             |ξⱼ − clip(ξⱼ − N ∂L/∂ξⱼ, 0, 1)|  for each of these, and  |min(λᵢ, −fᵢ)|.
 
         The factor N makes it independent of the mesh for densities, since ∂L/∂ξⱼ is proportional to
-        the area of a triangle. Other variables count N times.
-
-        Args:
-            x: Variables.
-            here: All functions at x, with their gradients. The squares of residuals that are left
-                out are a part of f₀.
+        the area of a triangle. Other variables count N times. Functions come with their gradients;
+        the squares of residuals that are left out are a part of f₀.
         """
         here.require_gradients(self.constraints, len(here.residuals))
         assert here.gradient is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,14 +46,11 @@ class FixedDirections:
         require_between(0.0, 0.9, limit=self.limit)
 
     @property
-    def fields(self) -> int:
-        """Number of variables of each triangle."""
+    def count(self) -> int:
+        """Number of families, and of variables of each triangle."""
         return self.directions
 
-    @property
-    def count(self) -> int:
-        """Number of families."""
-        return self.directions
+    fields = count
 
     @property
     def centre(self) -> Floats:
@@ -103,24 +101,17 @@ class FreeDirections:
 
     Attributes:
         limits: Limit on the share of either family.
+        fields, count: Number of variables of each triangle, and of families.
     """
 
     limits: tuple[float, float] = (0.3, 0.3)
+    fields: ClassVar = 6
+    count: ClassVar = 2
 
     def __post_init__(self) -> None:
         for limit in self.limits:
             require_positive(limit=limit)
         require_between(0.0, 0.9, sum_of_limits=sum(self.limits))
-
-    @property
-    def fields(self) -> int:
-        """Number of variables of each triangle."""
-        return 6
-
-    @property
-    def count(self) -> int:
-        """Number of families."""
-        return 2
 
     @property
     def centre(self) -> Floats:

@@ -127,11 +127,7 @@ class LineShares:
 
 @dataclass(frozen=True, eq=False)
 class MeanShares:
-    """Mean over the designed area of the sum of all shares, so that no lines are where none help.
-
-    Attributes:
-        fields: The line families.
-    """
+    """Mean sum of all shares over the designed area, so that no lines are where none help."""
 
     fields: LineShares
 
@@ -160,8 +156,6 @@ def relaxed_problem(
     projection, perimeter and widths are left out.
 
     Args:
-        design: The density design.
-        families: How variables become shares and directions.
         radius: That of the smoothing in m.
         share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
         crossing: Factor of bonded crossings.
