@@ -29,10 +29,9 @@ from toros_fem.design.loop.journal import (
     saved_evaluation,
     signature_of,
 )
-from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
+from toros_fem.design.loop.options import DesignOptions, Iteration, Stage, reason_to_end
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.steps import Steps, resolution_of
-from toros_fem.design.loop.stop import reason_to_end
 from toros_fem.design.loop.variables import Variables, by_cell
 from toros_fem.design.mma.optimizer import Functions
 
@@ -414,7 +413,8 @@ class _Run:
                 self.over, self.reason = True, f"{limit:g} s have passed."
                 return True
         rows = [row for row in self.history if row.stage == number]
-        found = reason_to_end(rows, stage, self.options, problem.length_scale)
+        bounds = None if problem.length_scale is None else problem.length_scale.epsilon
+        found = reason_to_end(rows, stage, self.options, bounds)
         if found is None:
             return False
         self.over, self.reason = last, found

@@ -1,4 +1,8 @@
-"""Line families as design variables: fixed directions first, then two free ones."""
+"""Line families as design variables: fixed directions first, then two free ones.
+
+They become the relaxed material of `mechanics.skin.designs`: ρ̄, here 0, the shares, and cos 2t and
+sin 2t of all families.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +16,6 @@ from toros_fem.base.validation import require_between, require_count, require_po
 
 # Exponent p of the smooth limit on the sum of shares.
 LIMIT_POWER = 4.0
-
-
-def columns(shares: Floats, angles: Floats) -> Floats:
-    """Return the relaxed material, (n, 1 + 3 K), of shares and angles in rad, both (n, K).
-
-    Its columns are ρ̄, here 0, the shares, cos 2t and sin 2t of all families, as
-    `mechanics.skin.designs` takes them.
-    """
-    none = np.zeros((len(shares), 1))
-    return np.hstack([none, shares, np.cos(2 * angles), np.sin(2 * angles)])
 
 
 @dataclass(frozen=True)
@@ -80,7 +74,8 @@ class FixedDirections:
         """Return the relaxed material, (n, 1 + 3 N), of variables, (n, N)."""
         total = x.sum(axis=1, keepdims=True)
         shares = self.limit * x * (1 + total**LIMIT_POWER) ** (-1 / LIMIT_POWER)
-        return columns(shares, np.broadcast_to(self.angles, x.shape))
+        double = np.broadcast_to(2 * self.angles, x.shape)
+        return np.hstack([np.zeros((len(x), 1)), shares, np.cos(double), np.sin(double)])
 
     def backward(self, x: Floats, by_material: Floats) -> Floats:
         """Return the gradient by the variables, (n, N), from that by the material."""
