@@ -176,15 +176,10 @@ def _smoothest(matrix: sparray, areas: Floats, number: int) -> Floats:
 
 def _along_planes(mesh: LineMesh, planes: Sequence[int]) -> Complexes:
     """Return unit vectors along the border at vertices in one plane only, (n,); 0 elsewhere."""
-    cell: Ints = np.full(len(mesh.pattern.panel), -1)
-    cell[mesh.cells] = np.arange(len(mesh.cells))
-    in_plane: Bools = np.zeros(mesh.vertex.size, dtype=bool)
+    inside: Bools = np.zeros(len(mesh.border), dtype=bool)
     for axis in planes:
-        half = plane_border(mesh.pattern, axis)
-        half = half[cell[half // 3] >= 0]
-        in_plane[3 * cell[half // 3] + half % 3] = True
+        inside |= np.isin(mesh.border, plane_border(mesh.pattern, axis))
     border = mesh.edges.twins[mesh.edges.border, 0]
-    inside = in_plane[border]
     total: Complexes = np.zeros(mesh.size, dtype=np.complex128)
     elsewhere: Bools = np.zeros(mesh.size, dtype=bool)
     for corner in (border, following(border)):

@@ -109,6 +109,12 @@ class LineMesh:
         return self.vertex == self.edges.ends[self.edges.of_triangle, 0]
 
     @cached_property
+    def border(self) -> Ints:
+        """Half-edges of the pattern that `edges.border` are, (b,)."""
+        half = self.edges.twins[self.edges.border, 0]
+        return 3 * self.cells[half // 3] + half % 3
+
+    @cached_property
     def edge_angles(self) -> Floats:
         """Angle in rad by which directions turn from each edge's first end to its second, (e,)."""
         half = self.edges.twins[:, 0]
