@@ -119,8 +119,8 @@ def remeshed(
         raise _refusal(surface, edge_length, why) from error
     if made.closed != surface.closed or euler(triangles) != euler(surface.triangles):
         raise _refusal(surface, edge_length, "it would have other holes or handles")
-    folds = (surface.points, surface.triangles), (points, triangles)
-    before, after = (dihedral_angles(*each, edges_of(each[1])).max() for each in folds)
+    before = dihedral_angles(surface.points, surface.triangles, edges_of(surface.triangles)).max()
+    after = dihedral_angles(points, triangles, edges_of(triangles)).max()
     bound = max(FOLDED, before + SHARPER)
     if after > bound:
         raise _refusal(

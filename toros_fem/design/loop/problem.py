@@ -16,7 +16,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
-from toros_fem.design.loop.fields import Fields, designed_cells
+from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
 from toros_fem.design.loop.robust import Variants
 from toros_fem.measures.metrics import Metric, check_metrics
@@ -197,7 +197,7 @@ class DesignProblem(Distributed, Generic[R]):
     @property
     def designed(self) -> Bools:
         """Whether each owned triangle is designed."""
-        return designed_cells(self.fields)
+        return self.fields.designed
 
     @property
     def parts(self) -> int:
