@@ -398,7 +398,6 @@ def designed(
     base, slopes = problem.evaluate(start, pressure=pressures or None)
     stage = DesignStage(1, constrained=problem.length_scale is not None)
     steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
-    steps.refer(base, slopes)
     rows = steps.around(base, slopes)
     assert rows.gradient is not None
     whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)

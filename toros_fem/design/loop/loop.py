@@ -293,10 +293,8 @@ class _Run:
         known, first = saved is not None, saved is None
         while True:
             with self.timed("mma"):
-                factor = steps.refer(here, slopes)
                 functions = steps.around(here, slopes)
                 if not known:
-                    steps.mma.rescale(factor)
                     kkt = math.inf if first else steps.mma.kkt_residual(self.x, functions)
             if not known:
                 self.steps_done += not first
