@@ -348,14 +348,9 @@ def border_motion(pattern: Pattern, regions: Regions, printed: Bools, largest: f
     Vertices between printed and plain triangles move along the normal of the border. Where a line
     ends at a seam or at the border of its panel they slide along it, both sides of a seam alike.
     The border of a panel is where the print is cut, and does not move. Corners of panels stay, and
-    so do vertices where two lines touch.
-
-    Args:
-        pattern: The pattern, with edges that follow the regions, by `snapped`.
-        regions: They give the normals.
-        printed: Whether each triangle is printed, (t,).
-        largest: Largest way of the borders in m, to either side. Where it would flatten triangles,
-            the motion is less.
+    so do vertices where two lines touch. Edges of the pattern follow the regions, by `snapped`, and
+    these give the normals. Where the largest way of the borders, in m, to either side, would
+    flatten triangles, the motion is less.
     """
     if printed.shape != pattern.panel.shape:
         raise PatternError(

@@ -115,9 +115,7 @@ class Pattern:
         self._check_seams()
 
     @classmethod
-    def from_panels(
-        cls, panels: Sequence[Panel], tolerance: float, seam_tolerance: float = 1e-6
-    ) -> Pattern:
+    def from_panels(cls, panels: Sequence[Panel], tolerance: float) -> Pattern:
         """Sew panels wherever their embedded border vertices coincide, within a tolerance in m."""
         offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])[:-1]
         embedded = np.concatenate([panel.points for panel in panels])
@@ -133,7 +131,6 @@ class Pattern:
             sewn=sewn,
             points=embedded[np.unique(sewn, return_index=True)[1]],
             panel_names=tuple(panel.name for panel in panels),
-            seam_tolerance=seam_tolerance,
         )
 
     def panel_index(self, name: str) -> int:
@@ -358,10 +355,8 @@ class Pattern:
     def _check_seams(self) -> None:
         if self.seam_gaps.max(initial=0.0) > self.seam_tolerance:
             worst = int(np.argmax(self.seam_gaps))
-            (a, b), length = (
-                self.sewn[self.seams[worst, 0]],
-                lengths(self.flat_points, self.seams[worst]),
-            )
+            a, b = self.sewn[self.seams[worst, 0]]
+            length = lengths(self.flat_points, self.seams[worst])
             raise SeamError(
                 f"the seam edge between vertices {a} and {b} is {length[0]:.6g} m long on one side "
                 f"and {length[1]:.6g} m on the other, a relative difference of "

@@ -84,7 +84,7 @@ def opposite_edges(triangles: np.ndarray) -> Ints:
 
 def edges_of(triangles: Ints) -> Edges:
     """Return the edges of triangles (t, 3)."""
-    size = int(triangles.max()) + 1
+    size = int(triangles.max(initial=-1)) + 1
     keys, number, count = np.unique(
         edge_keys(half_edges(triangles), size), return_inverse=True, return_counts=True
     )

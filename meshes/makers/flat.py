@@ -101,14 +101,10 @@ def polygon_mesh(
 ) -> tuple[Floats, Ints]:
     """Mesh a flat polygon, or several ones that share corners and sides (one rank: gmsh is serial).
 
-    The sides are divided evenly, so that two sides of equal length and number of edges can be sewn
-    together. Returned are flat points (m, 2) in m and counter-clockwise triangles (t, 3).
-
-    Args:
-        corners: Corners (k, 2) in m.
-        edge_length: Target edge length inside, in m.
-        counts: Number of edges on the side that starts at each corner; None: one.
-        faces: Corners of each polygon, counter-clockwise; None: one polygon, of all of them.
+    The side that starts at each corner, (k, 2) in m, is divided evenly in its count of edges, by
+    default one, so that two sides of equal length and count can be sewn together. Faces are the
+    corners of each polygon, counter-clockwise; by default all are of one. Returned are flat points
+    (m, 2) in m and counter-clockwise triangles (t, 3).
     """
     with gmsh_model(edge_length) as gmsh:
         geo = gmsh.model.geo

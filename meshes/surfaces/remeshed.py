@@ -20,6 +20,7 @@ from toros_fem.meshes.triangles import (
     angle_defects,
     between,
     corner_angles,
+    dihedral_angles,
     edges_of,
     normals,
     require_affordable,
@@ -118,8 +119,8 @@ def remeshed(
         raise _refusal(surface, edge_length, why) from error
     if made.closed != surface.closed or euler(triangles) != euler(surface.triangles):
         raise _refusal(surface, edge_length, "it would have other holes or handles")
-    folds = (surface.points, surface.triangles), (points, triangles)
-    before, after = (_sharpest_fold(*each) for each in folds)
+    before = dihedral_angles(surface.points, surface.triangles, edges_of(surface.triangles)).max()
+    after = dihedral_angles(points, triangles, edges_of(triangles)).max()
     bound = max(FOLDED, before + SHARPER)
     if after > bound:
         raise _refusal(
@@ -196,15 +197,6 @@ def _largest_distance(
     there = nearest(used, points, triangles)
     sides = nearest(points[ends].mean(axis=1), surface.points, surface.triangles)
     return max(float(one.distance.max()) for one in (there, sides, middle))
-
-
-def _sharpest_fold(points: Floats, triangles: Ints) -> float:
-    """Return the largest angle between the normals of two triangles side by side, in rad."""
-    edges, normal = edges_of(triangles), normals(points, triangles)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    one, two = normal[edges.sides[edges.inner]].swapaxes(0, 1)
-    cosine = np.einsum("ei,ei->e", one, two)
-    return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max(initial=0.0))
 
 
 def _seams(surface: Surface, points: Floats, on_curves: Ints, near: float) -> Ints:

@@ -570,8 +570,8 @@ def _stepped() -> MMA:
 ONES = np.ones(2)
 DESIGNS: Table = {
     **each(Projection, {"beta": 0.0}, {"eta": 1.5}),
-    "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, lattice=0.02 * np.eye(2)),
-    "a lattice of one vector": lambda s: cone_filter(s.skin, 0.012, lattice=np.ones(2)),
+    "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, beyond=0.02 * np.eye(2)),
+    "a lattice of one vector": lambda s: cone_filter(s.skin, 0.012, beyond=np.ones(2)),
     "a cone of radius -1": lambda s: cone_filter(s.skin, -1.0),
     "a perimeter that is not sharp": lambda s: Perimeter(s.skin, 0.012, 0.0),
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)

@@ -10,6 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
+from toros_fem.design.loop.journal import Journal, JournalEntry
 from toros_fem.design.loop.options import Iteration
 
 
@@ -17,16 +18,13 @@ class Stopped(Exception):  # noqa: N818
     """In place of a signal."""
 
 
-class OneEntry:
+class OneEntry(Journal, JournalEntry):
     """A journal of one loop in memory, as JSON would have it; it stops the loop after some rows."""
 
     def __init__(self, stop_at: int | None = None, saved: Archive | None = None) -> None:
         self.stop_at, self.kept, self.rows = stop_at, saved, 0
 
     def entry(self, comm: MPI.Comm, signature: str) -> OneEntry:
-        return self
-
-    def branch(self, name: str) -> OneEntry:
         return self
 
     def saved(self) -> Archive | None:
@@ -38,9 +36,6 @@ class OneEntry:
             made = make()
             self.kept = dataclasses.replace(made, numbers=json.loads(json.dumps(made.numbers)))
             raise Stopped
-
-    def close(self) -> None:
-        pass
 
 
 def figures(row: Iteration) -> dict[str, Any]:

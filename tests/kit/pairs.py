@@ -141,7 +141,7 @@ def on_tube(name: str, comm: MPI.Comm) -> Stage:
 def on_half(name: str, comm: MPI.Comm) -> Stage:
     """A part whose mirror image is filtered too."""
     skin = sew(comm, half_tube())
-    return filtered(skin, make_filter(name, skin, 9e-3, whole=mirrored(half_tube(), (1,))))
+    return filtered(skin, make_filter(name, skin, 9e-3, mirrored(half_tube(), (1,))))
 
 
 def on_tile(name: str, symmetry: str, comm: MPI.Comm) -> Stage:
@@ -191,8 +191,7 @@ def border(
         TILE_RADIUS if periodic else 9e-3,
         sharpness,
         area_weighted=weighted,
-        lattice=small_tile().lattice if periodic else None,
-        whole=None if periodic else mirrored(pattern, (1,)),
+        beyond=small_tile().lattice if periodic else mirrored(pattern, (1,)),
     )
     point = cells(skin, 1, -0.2, 1.2)
     return Stage(
@@ -370,7 +369,7 @@ def tile_problem(
     place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
     symmetric = inner.after(group_mean(skin, found.symmetry_maps(symmetry)))
     passive = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
-    perimeter = Perimeter(skin, TILE_RADIUS, 5.0, lattice=found.lattice)
+    perimeter = Perimeter(skin, TILE_RADIUS, 5.0, beyond=found.lattice)
     problem = TileProblem(
         DensityFields(skin, symmetric, Projection(4.0), passive),
         solver,
@@ -399,7 +398,6 @@ def designed(
     base, slopes = problem.evaluate(start, pressure=pressures or None)
     stage = DesignStage(1, constrained=problem.length_scale is not None)
     steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
-    steps.refer(base, slopes)
     rows = steps.around(base, slopes)
     assert rows.gradient is not None
     whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)

@@ -70,7 +70,7 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     size, n, radius = 0.02, 6, 8e-3
     tile = sew(alone, square(n=n, size=size))
     density = np.random.default_rng(0).random(2 * n * n)
-    cone = cone_filter(tile, radius, lattice=size * np.eye(2))
+    cone = cone_filter(tile, radius, beyond=size * np.eye(2))
     found = tile.gather_cells(cone.forward(density[tile.owned_cells]))
     pattern = tile.pattern
     every = [pattern.centroids + [i * size, j * size] for i in (-1, 0, 1) for j in (-1, 0, 1)]
@@ -78,8 +78,8 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     weight = np.maximum(radius - distance, 0) * np.tile(pattern.areas, 9)
     expected = weight @ np.tile(density, 9) / weight.sum(axis=1)
     assert found == pytest.approx(expected, rel=1e-12)
-    slanted = cone_filter(tile, 6e-3, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
-    straight = cone_filter(tile, 6e-3, lattice=size * np.eye(2))
+    slanted = cone_filter(tile, 6e-3, beyond=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
+    straight = cone_filter(tile, 6e-3, beyond=size * np.eye(2))
     mine = density[tile.owned_cells]
     assert slanted.forward(mine) == pytest.approx(straight.forward(mine), rel=1e-12)
 

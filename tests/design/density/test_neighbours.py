@@ -51,7 +51,7 @@ def test_a_part_has_the_neighbours_of_the_whole() -> None:
     pattern = square(n=6, size=0.02)
     whole = mirrored(pattern, (0,))
     alone = Neighbourhood(pattern, RADIUS)
-    part, full = Neighbourhood(pattern, RADIUS, whole=whole), Neighbourhood(whole.pattern, RADIUS)
+    part, full = Neighbourhood(pattern, RADIUS, beyond=whole), Neighbourhood(whole.pattern, RADIUS)
     count = len(pattern.panel)
     points, panel = pattern.centroids, pattern.panel
     assert np.array_equal(part.counts(points, panel), full.counts(points, panel))

@@ -26,7 +26,7 @@ def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
     skin = sew(MPI.COMM_SELF, square(n=n, size=size))
     u, v = skin.pattern.centroids[skin.owned_cells].T
     stripes = ((u + 2 * v) % size < 0.45 * size).astype(float)
-    term = Perimeter(skin, 4.2 * size / n, sharpness, lattice=size * np.eye(2))
+    term = Perimeter(skin, 4.2 * size / n, sharpness, beyond=size * np.eye(2))
     assert term.forward(stripes) == pytest.approx(2 * np.sqrt(5) * size, rel=0.03)
 
 

@@ -42,7 +42,6 @@ def lines() -> LaidLines:
 
 def of_widths(lines: LaidLines, logarithm: float) -> LineChange:
     """A change of all widths by the same factor."""
-    assert lines.mesh is not None
     size = lines.mesh.size
     return LineChange(np.full((len(lines.families), size), logarithm), np.zeros(size, complex))
 
@@ -56,7 +55,6 @@ def places(mesh: LineMesh) -> np.ndarray:
 
 def warped(lines: LaidLines, way: Callable[[np.ndarray], np.ndarray]) -> LineChange:
     """A change that moves lines by a function of x + iy."""
-    assert lines.mesh is not None
     return LineChange(np.zeros((1, lines.mesh.size)), way(places(lines.mesh)))
 
 

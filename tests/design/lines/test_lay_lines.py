@@ -180,7 +180,7 @@ def test_a_line_that_ends_on_itself_does_not_taper_to_another() -> None:
         line = CentreLine(np.zeros(len(segments), dtype=int), segments, ("border", "line"))
         angles, bounds = np.zeros((1, 3)), (radius, radius * ones)
         families.append(Family(2 * radius, [line], angles, ones, radius * ones, bounds))
-    lines = LaidLines(triangle, mesh, tuple(families), {}, (), LineOptions())
+    lines = LaidLines(mesh, tuple(families), {}, (), LineOptions(), np.zeros(mesh.size, complex))
     beside = end + (0.4e-3 - 0.95e-3j) * along
     assert beside.real > 0.031, "not under the rest of the line"
     assert shapely.contains_xy(with_regions(lines).regions[0], beside.real, beside.imag)

@@ -35,21 +35,21 @@ def at_plane(laid: LaidLines, family: int, axis: int) -> tuple[np.ndarray, np.nd
 
 
 def test_families_that_cross_a_plane_are_paired() -> None:
-    free = np.flatnonzero(wall_of(HALF))
-    net = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), free, (1,), WIDTHS)
+    active = wall_of(HALF)
+    net = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), active, (1,), WIDTHS)
     assert net.partner.tolist() == [[0, 1], [1, 0]]
     assert net.first(1) == (0, 1)
-    grid = make_symmetry(even_field(HALF, [0.2, 0.2], [0, 90]), free, (1,), WIDTHS)
+    grid = make_symmetry(even_field(HALF, [0.2, 0.2], [0, 90]), active, (1,), WIDTHS)
     assert grid.partner.tolist() == [[0, 1], [0, 1]]
-    alike = make_symmetry(even_field(HALF, [0.2, 0.2], [20, 20]), free, (1,), WIDTHS)
+    alike = make_symmetry(even_field(HALF, [0.2, 0.2], [20, 20]), active, (1,), WIDTHS)
     assert alike.partner.tolist() == [[0, 1], [0, 1]], "none is changed for one that fits as well"
-    apart = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), free, (1,), (1e-3, 2e-3))
+    apart = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), active, (1,), (1e-3, 2e-3))
     assert apart.partner.tolist() == [[0, 1], [0, 1]], "a line keeps its width"
-    many = make_symmetry(even_field(HALF, [0.05] * 10, [20] * 10), free, (1,), [1e-3] * 10)
+    many = make_symmetry(even_field(HALF, [0.05] * 10, [20] * 10), active, (1,), [1e-3] * 10)
     assert many.partner[1].tolist() == list(range(10)), "soon, too"
-    free = np.flatnonzero(wall_of(QUARTER))
+    active = wall_of(QUARTER)
     degrees = [30, 90, -30]
-    three = make_symmetry(even_field(QUARTER, [0.2] * 3, degrees), free, (0, 1), [1e-3] * 3)
+    three = make_symmetry(even_field(QUARTER, [0.2] * 3, degrees), active, (0, 1), [1e-3] * 3)
     assert three.partner.tolist() == [[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]
 
 
@@ -59,7 +59,7 @@ def test_all_images_of_an_octant_return_to_it() -> None:
     corners = np.arange(3)
     points = np.eye(3) / np.sqrt(2)
     octant = Pattern(flat, corners[None], np.zeros(1, int), corners, points, ("face",))
-    found = make_symmetry(even_field(octant, [0.2], [0]), corners[:1], (0, 1, 2), [0.1])
+    found = make_symmetry(even_field(octant, [0.2], [0]), np.ones(1, bool), (0, 1, 2), [0.1])
     whole = mirrored(octant, (0, 1, 2)).pattern
     places = np.abs(whole.points[whole.triangles[found.whole.cells]])
     values = np.empty(found.whole.size)

@@ -71,7 +71,7 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
     limits = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
     place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
     given = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
-    perimeter = Perimeter(skin, RADIUS, 5.0, lattice=tile_of(EDGES).lattice)
+    perimeter = Perimeter(skin, RADIUS, 5.0, beyond=tile_of(EDGES).lattice)
     return plain.changed(
         fields=dataclasses.replace(plain.fields, passive=given),
         terms=[ObjectiveTerm("perimeter", perimeter, 1.0 / skin.pattern.size)],

@@ -21,28 +21,21 @@ from toros_fem.meshes.skin import Skin
 
 
 @collective("skin.comm")
-def cone_filter(
-    skin: Skin, radius: float, lattice: Floats | None = None, whole: Mirrored | None = None
-) -> Filter:
+def cone_filter(skin: Skin, radius: float, beyond: Floats | Mirrored | None = None) -> Filter:
     """Return the filter ρ̃ᵢ = Σⱼ ωᵢⱼ Āⱼ ρⱼ / Σⱼ ωᵢⱼ Āⱼ with ωᵢⱼ = max(R − ‖x̄ᵢ − x̄ⱼ‖, 0), eq. (11).
 
     Rows sum to 1, so that a uniform density does not change. The weights form a sparse matrix that
     is built once; those of the slope, the exact gradient of (11) at the centroid, are built on
     first use. A matrix takes about 90 (R/h)² bytes per triangle, where h is the edge length: for
     250 000 triangles 0.2 GiB at R = 3 h and 2 GiB at 10 h; the slope takes twice that in addition.
-    For larger radii use the Helmholtz filter.
-
-    Args:
-        skin: The sewn skin.
-        radius: R in m.
-        lattice, whole: Neighbours across the borders, as of `Neighbourhood`.
+    For larger radii use the Helmholtz filter. `beyond` is that of `Neighbourhood`.
 
     Warns:
         ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     check_radius(skin, radius)
-    near, areas = Neighbourhood(skin.pattern, radius, lattice, whole), skin.pattern.areas
+    near, areas = Neighbourhood(skin.pattern, radius, beyond), skin.pattern.areas
 
     def cone(pairs: Pairs) -> Floats:
         return (radius - pairs.distance) * areas[pairs.cell]
@@ -72,11 +65,10 @@ def cone_filter(
 
     def at_points(density: Floats) -> Floats:
         pattern, every = skin.pattern, skin.gather_cells(density)
-        panel = np.zeros(len(pattern.flat_points), dtype=np.int64)
-        panel[pattern.flat_triangles] = pattern.panel[:, None]
+        at = pattern.flat_points, pattern.panel_of_point
         # Where no centroid is within the radius, the nearest one gives the value.
-        values = every[near.nearest(pattern.flat_points, panel)]
-        for pairs in near.pairs(pattern.flat_points, panel):
+        values = every[near.nearest(*at)]
+        for pairs in near.pairs(*at):
             weight = cone(pairs)
             total, found = pairs.sums(weight), pairs.sums(weight * every[pairs.cell])
             part = values[pairs.begin : pairs.begin + pairs.rows]

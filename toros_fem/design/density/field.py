@@ -1,4 +1,4 @@
-"""Densities as owned arrays: a check, and reproducible random densities."""
+"""Random densities that do not depend on the number of ranks."""
 
 from __future__ import annotations
 

@@ -19,17 +19,16 @@ def make_filter(
     name: str,
     skin: Skin,
     radius: float,
-    lattice: Floats | None = None,
-    whole: Mirrored | None = None,
+    beyond: Floats | Mirrored | None = None,
 ) -> Filter:
     """Return the filter of a given name with a radius in m (collective).
 
-    "cone" is `cone_filter`, which says what `lattice` and `whole` are. "helmholtz" is
-    `helmholtz_filter`, which needs neither: it crosses all seams, and its free borders act as
+    "cone" is `cone_filter`, with what lies beyond the borders, as of `Neighbourhood`. "helmholtz"
+    is `helmholtz_filter`, which need not know: it crosses all seams, and its free borders act as
     planes of symmetry.
     """
     require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
     require_choice("filter", name, FILTERS)
     if name == "cone":
-        return cone_filter(skin, radius, lattice, whole)
+        return cone_filter(skin, radius, beyond)
     return helmholtz_filter(skin, radius)

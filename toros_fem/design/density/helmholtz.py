@@ -25,11 +25,7 @@ def helmholtz_filter(skin: Skin, radius: float) -> Filter:
     triangle is that at the centroid. The filter crosses seams, so that the print on one panel
     affects the next. The cost grows with the number of triangles and does not depend on the radius.
     The mass is lumped at the vertices, so that ρ̃ stays in [0, 1] on meshes without obtuse angles;
-    on other meshes the projection clips it.
-
-    Args:
-        skin: The sewn skin.
-        radius: R in m; the cone of this radius filters as much.
+    on other meshes the projection clips it. The cone of the same radius R, in m, filters as much.
 
     Warns:
         ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.

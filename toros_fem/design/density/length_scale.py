@@ -92,9 +92,6 @@ class LengthScaleConstraints:
     centroid. A gap is the line of the opposite design: g_t is g_r of 1 − ρ̃, 1 − ρ̄ and 1 − η_t.
 
     Args:
-        skin: The sewn skin.
-        filter: The filter from ρ to ρ̃.
-        parameters: Widths, thresholds and bounds.
         designed: Whether each owned triangle is designed.
         projection: The projection of the final design; None: β = 20, η = 0.5.
         parts: Number of mirror images that the skin is one of. The default ε allows as small a

@@ -83,14 +83,10 @@ def product(matrix: PETSc.Mat) -> Linear:
 
 @collective("skin.comm")
 def group_mean(skin: Skin, symmetry_maps: Ints) -> Linear:
-    """Return the mean over a symmetry group: `filter.after` it makes symmetric designs.
+    """Return the mean over a symmetry group of a tile: `filter.after` it makes symmetric designs.
 
-    ρ̃ is then symmetric for every density, if the filter commutes with the symmetry.
-
-    Args:
-        skin: The tile's sewn skin.
-        symmetry_maps: Triangle onto which each operation of the group maps each triangle, (g, t),
-            as in `Tile.symmetry_maps`.
+    ρ̃ is then symmetric for every density, if the filter commutes with the symmetry. The maps are
+    those of `Tile.symmetry_maps`.
     """
 
     def mean(density: Floats) -> Floats:

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError, ResolutionWarning
 from toros_fem.base.mpi import warn_together
-from toros_fem.base.validation import checked_floats, require_kind, require_positive
+from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.design.density.linear import Linear, product
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -60,30 +60,23 @@ class Neighbourhood:
     skin is refused; the Helmholtz filter takes it.
 
     Args:
-        pattern: The pattern.
-        radius: Radius in m.
-        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile, which must be wider than
-            twice the radius.
-        whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`.
+        beyond: What lies beyond the borders: of a periodic tile its two lattice vectors, (2, 2), in
+            m (it must be wider than twice the radius), of a part the symmetric skin that it is a
+            part of, from `meshes.mirrored`; None for nothing.
     """
 
     def __init__(
-        self,
-        pattern: Pattern,
-        radius: float,
-        lattice: Floats | None = None,
-        whole: Mirrored | None = None,
+        self, pattern: Pattern, radius: float, beyond: Floats | Mirrored | None = None
     ) -> None:
         require_positive(radius=radius)
         pattern.require_flat_panels("a search on the panels (cone filter, perimeter)")
-        require_kind("whole", whole, (Mirrored, type(None)), "a Mirrored, by mirrored(…), or None")
         self.radius = radius
         cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
         points, panel = pattern.centroids, pattern.panel
-        if whole is not None:
-            cells, points, panel = whole.cell, whole.pattern.centroids, whole.pattern.panel
-        elif lattice is not None:
-            lattice = checked_floats("lattice", lattice, "two vectors (2, 2), in m", lambda _: True)
+        if isinstance(beyond, Mirrored):
+            cells, points, panel = beyond.cell, beyond.pattern.centroids, beyond.pattern.panel
+        elif beyond is not None:
+            lattice = checked_floats("lattice", beyond, "two vectors (2, 2), in m", lambda _: True)
             points, cells = _repeated(points, lattice, radius)
             panel = panel[cells]
         # A third coordinate separates the panels by more than the radius and their size.

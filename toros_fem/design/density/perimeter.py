@@ -38,11 +38,10 @@ class Perimeter:
     `area_weighted=False` returns it, a pure number.
 
     Args:
-        skin: The sewn skin.
         window: Radius r of the window in m; about the filter's.
         sharpness: w; not 0.
         area_weighted: Whether triangles count by area; False: equally, as in the paper.
-        lattice, whole: Neighbours across the borders, as of `Neighbourhood`.
+        beyond: What lies beyond the borders, as of `Neighbourhood`.
     """
 
     @collective("skin.comm")
@@ -53,8 +52,7 @@ class Perimeter:
         sharpness: float = SHARPNESS,
         *,
         area_weighted: bool = True,
-        lattice: Floats | None = None,
-        whole: Mirrored | None = None,
+        beyond: Floats | Mirrored | None = None,
     ) -> None:
         require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
         require_positive(window=window, at_most=skin.pattern.size)
@@ -73,7 +71,7 @@ class Perimeter:
             weight = areas[pairs.cell] if area_weighted else np.ones(len(pairs.cell))
             return [pairs.fractions(weight)]
 
-        near = Neighbourhood(skin.pattern, window, lattice, whole)
+        near = Neighbourhood(skin.pattern, window, beyond)
         (self._mean,) = neighbour_matrices(skin, near, mean_weights)
         self._weight: Floats = np.ones(len(skin.owned_cells))
         self._linear: Floats = self._weight  # factor on ρ̄, before F is taken off

@@ -81,7 +81,7 @@ class PrintBorders:
 
     def moves(self, change: LineChange) -> Floats:
         """Return the way of the flat points with the borders, (k, 2), in m."""
-        mesh = self._mesh
+        mesh = self.lines.mesh
         vertex = mesh.vertex[self.cell]
         out: Floats = np.zeros(len(self.cell))
         for family, widths, own in zip(self.lines.families, change.widths, self.under, strict=True):
@@ -91,11 +91,6 @@ class PrintBorders:
         at_border = np.any(self.normals != 0, axis=1)
         return out[:, None] * self.normals + at_border[:, None] * warp
 
-    @property
-    def _mesh(self) -> LineMesh:
-        assert self.lines.mesh is not None
-        return self.lines.mesh
-
 
 def print_borders(
     lines: LaidLines,
@@ -104,18 +99,13 @@ def print_borders(
     printed: Bools,
     normals: Floats,
 ) -> PrintBorders:
-    """Return the borders of the print of lines.
+    """Return the borders of the print of lines on a pattern with the same panels.
 
-    Args:
-        lines: The lines; some were laid.
-        pattern: The pattern of the print, with the same panels.
-        under: Region under each family on each panel of it, in m.
-        printed: Whether each of its triangles is printed, (t,).
-        normals: As of `border_motion`.
+    `under` are the regions under each family on each panel of it, in m. Its triangles are printed
+    or not, (t,), and the normals are those of `border_motion`.
     """
-    mesh = lines.mesh
-    assert mesh is not None
-    source, flat = mesh.pattern, scaled_points(mesh.pattern, pattern)
+    mesh, source = lines.mesh, lines.pattern
+    flat = scaled_points(source, pattern)
     middles, centroids = mesh.corners.mean(axis=1), pattern.corners.mean(axis=1)
     cell: Ints = np.zeros(len(flat), dtype=np.int64)
     near: Floats = np.zeros((len(flat), 3))
@@ -150,12 +140,8 @@ def smooth_fields(mesh: LineMesh, number: int, planes: Sequence[int]) -> Complex
     """Return the smoothest tangent fields at vertices, (n, number), of mean square 1.
 
     They are eigenfields of the connection's Laplacian, so that they go on across seams. They are 0
-    at the border of the mesh, where lines end, and along the border in symmetry planes.
-
-    Args:
-        mesh: The lines' mesh.
-        number: Of fields; on a small mesh there are fewer.
-        planes: Planes at which the pattern is cut, as of `mirrored`.
+    at the border of the mesh, where lines end, and along the border in symmetry planes, at which
+    the pattern is cut, as of `mirrored`. On a small mesh there are fewer.
     """
     size, inner = mesh.size, np.ones(mesh.size, dtype=bool)
     inner[mesh.edges.ends[mesh.edges.border]] = False
@@ -190,15 +176,10 @@ def _smoothest(matrix: sparray, areas: Floats, number: int) -> Floats:
 
 def _along_planes(mesh: LineMesh, planes: Sequence[int]) -> Complexes:
     """Return unit vectors along the border at vertices in one plane only, (n,); 0 elsewhere."""
-    cell: Ints = np.full(len(mesh.pattern.panel), -1)
-    cell[mesh.cells] = np.arange(len(mesh.cells))
-    in_plane: Bools = np.zeros(mesh.vertex.size, dtype=bool)
+    inside: Bools = np.zeros(len(mesh.border), dtype=bool)
     for axis in planes:
-        half = plane_border(mesh.pattern, axis)
-        half = half[cell[half // 3] >= 0]
-        in_plane[3 * cell[half // 3] + half % 3] = True
+        inside |= np.isin(mesh.border, plane_border(mesh.pattern, axis))
     border = mesh.edges.twins[mesh.edges.border, 0]
-    inside = in_plane[border]
     total: Complexes = np.zeros(mesh.size, dtype=np.complex128)
     elsewhere: Bools = np.zeros(mesh.size, dtype=bool)
     for corner in (border, following(border)):

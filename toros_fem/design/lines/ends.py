@@ -259,13 +259,10 @@ class Net:
 
 def _borders(mesh: LineMesh, planes: Sequence[int]) -> dict[int | None, str]:
     """Return what lies at each border edge of the mesh."""
-    pattern = mesh.pattern
-    whole = pattern.edges
-    half = mesh.edges.twins[mesh.edges.border, 0]
-    there = 3 * mesh.cells[half // 3] + half % 3
-    kind = np.where(whole.count[whole.of_triangle.ravel()[there]] == 2, PRINTED, BORDER)
+    whole = mesh.pattern.edges
+    kind = np.where(whole.count[whole.of_triangle.ravel()[mesh.border]] == 2, PRINTED, BORDER)
     for axis in planes:
-        kind[np.isin(there, plane_border(pattern, axis))] = PLANE
+        kind[np.isin(mesh.border, plane_border(mesh.pattern, axis))] = PLANE
     return {int(k): str(name) for k, name in zip(mesh.edges.border, kind, strict=True)}
 
 

@@ -51,26 +51,28 @@ class LaidLines:
     """Printable lines on the panels of a pattern.
 
     Attributes:
-        pattern: The pattern that they were laid on: that of the field, refined.
-        mesh: Its triangles that may carry lines; None where all is printed.
+        mesh: Triangles that may carry lines, none where all is printed.
         families: Lines of each family, with their widths.
         stripes: Those of families on the whole skin, by the number of the family; those of mirror
             images are left out.
         planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
         options: Widths and limits.
+        warp: Way in m by which all lines have moved since, (n,), as of `LineChange`.
         regions: Printed region of each panel, polygons in its chart, in m.
-        warp: Way in m by which all lines have moved since, (n,), as of `LineChange`; None if they
-            lie as they were laid.
     """
 
-    pattern: Pattern
-    mesh: LineMesh | None
+    mesh: LineMesh
     families: tuple[Family, ...]
     stripes: Mapping[int, Stripes]
     planes: tuple[int, ...]
     options: LineOptions
+    warp: Complexes
     regions: tuple[BaseGeometry, ...] = ()
-    warp: Complexes | None = None
+
+    @property
+    def pattern(self) -> Pattern:
+        """The pattern that they were laid on: that of the field, refined."""
+        return self.mesh.pattern
 
     @property
     def area(self) -> float:
@@ -80,11 +82,7 @@ class LaidLines:
     def cover(self, pattern: Pattern) -> Floats:
         """Return the part of each triangle that is printed, (t,), by exact areas.
 
-        Args:
-            pattern: A pattern with the same panels, of any mesh.
-
-        Raises:
-            PanelError: Its panels are others.
+        The pattern has the same panels, on any mesh; a PanelError says that they are others.
         """
         corners = scaled_points(self.pattern, pattern)[pattern.flat_triangles]
         covered = np.zeros(len(pattern.panel))
@@ -102,7 +100,7 @@ def with_regions(lines: LaidLines) -> LaidLines:
     pattern, options = lines.pattern, lines.options
     joints = joints_of(pattern, lines.planes)
     unions = [_ribbons(lines, family, joints) for family in lines.families]
-    free = np.isin(np.arange(len(pattern.panel)), () if lines.mesh is None else lines.mesh.cells)
+    free = np.isin(np.arange(len(pattern.panel)), lines.mesh.cells)
     regions, under = [], []
     for panel, own in enumerate(zip(*unions, strict=True)):
         before, bare = (
@@ -124,17 +122,12 @@ def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidL
     """Return lines with other widths, and moved, within the bounds of the options and the spacing.
 
     Centre lines move, and are drawn anew with their widths. Where the warp brings lines nearer to
-    each other their widths leave room for the gap.
-
-    Args:
-        lines: Lines that were laid.
-        change: The change.
-        draw: Whether regions are those of the changed lines, or none.
+    each other their widths leave room for the gap. Without `draw` there are no regions.
 
     Raises:
-        ParameterError: It does not fit, or there are no lines.
+        ParameterError: The change does not fit, or there are no lines.
     """
-    if lines.mesh is None:
+    if not lines.mesh.size:
         raise ParameterError("there are no lines that could be changed.")
     shape = len(lines.families), lines.mesh.size
     fits = change.widths.shape == shape and change.warp.shape == shape[1:]
@@ -144,7 +137,7 @@ def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidL
             f"{change.warp.shape}; they must be finite, and of shape {shape} and {shape[1:]}: one "
             "entry for each family and vertex."
         )
-    warp = change.warp if lines.warp is None else lines.warp + change.warp
+    warp = lines.warp + change.warp
     strain = _strain(lines.mesh, warp)
     families = []
     for family, own in zip(lines.families, change.widths, strict=True):
@@ -163,11 +156,9 @@ def changed(lines: LaidLines, change: LineChange, *, draw: bool = True) -> LaidL
 
 def change_between(before: LaidLines, after: LaidLines) -> LineChange:
     """Return the change that leads from lines to others with the same centre lines."""
-    assert before.mesh is not None
-    none: Complexes = np.zeros(before.mesh.size, dtype=np.complex128)
-    old, new = (none if lines.warp is None else lines.warp for lines in (before, after))
     pairs = zip(before.families, after.families, strict=True)
-    return LineChange(np.array([np.log(b.radius / a.radius) for a, b in pairs]), new - old)
+    widths = np.array([np.log(b.radius / a.radius) for a, b in pairs])
+    return LineChange(widths, after.warp - before.warp)
 
 
 def _strain(mesh: LineMesh, warp: Complexes) -> Floats:
@@ -191,10 +182,9 @@ def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[Base
         (np.empty(0, np.int64), np.empty((0, 2, 2)), np.empty((0, 2)))
     ]
     for line in family.lines:
-        assert mesh is not None
         panel = mesh.pattern.panel[mesh.cells[line.cell]]
         points = rounded(_warped(lines, line), RESOLUTION * least)
-        radii = rounded(_tapered(lines, mesh, family, line), RESOLUTION * least)
+        radii = rounded(_tapered(lines, family, line), RESOLUTION * least)
         parts.append((panel, points, radii))
         # Where the panel ends, the ribbon runs on straight.
         for side in (s for s, kind in enumerate(line.ends) if kind in (BORDER, PRINTED)):
@@ -204,27 +194,24 @@ def _ribbons(lines: LaidLines, family: Family, joints: list[Joint]) -> list[Base
             parts.append((panel[[-side]], np.array([[end, beyond]]), np.full((1, 2), radius)))
     panel, points, radii = (np.concatenate(part) for part in zip(*parts, strict=True))
     margin = radii.max(initial=0.0) + 3 * least
-    margin += 0.0 if lines.warp is None else float(np.abs(lines.warp).max(initial=0.0))
+    margin += float(np.abs(lines.warp).max(initial=0.0))
     return ribbons(panel, points, radii, joints, margin, len(lines.pattern.panel_names))
 
 
 def _warped(lines: LaidLines, line: CentreLine) -> Floats:
     """Return the points of a line where the warp has moved them, (m, 2, 2), in m."""
     mesh, warp = lines.mesh, lines.warp
-    assert mesh is not None
-    if warp is None:
-        return line.points
     at = mesh.barycentric(line.cell[:, None], line.places)
     way = warp[mesh.vertex[line.cell]] * np.exp(1j * mesh.turn[line.cell])
     return coordinates(line.places + np.einsum("mkc,mc->mk", at, way))
 
 
-def _tapered(lines: LaidLines, mesh: LineMesh, family: Family, line: CentreLine) -> Floats:
+def _tapered(lines: LaidLines, family: Family, line: CentreLine) -> Floats:
     """Return half the width at start and end of the segments of a line, (m, 2), in m.
 
     If it ends on a thinner line it tapers to its width, so that it does not stand out behind it.
     """
-    radii = _radii(mesh, family, line.cell, line.places)
+    mesh, radii = lines.mesh, _radii(lines.mesh, family, line.cell, line.places)
     for side in (s for s, kind in enumerate(line.ends) if kind == LINE):
         there = line if side == 1 else line.reversed
         away = np.stack([there.to_end, np.append(there.to_end[1:], 0.0)], axis=1)

@@ -15,7 +15,7 @@ from toros_fem.design.lines.centre_lines import Family, trace
 from toros_fem.design.lines.ends import close_ends
 from toros_fem.design.lines.field import LineField, LineOptions
 from toros_fem.design.lines.laid_lines import LaidLines, with_regions
-from toros_fem.design.lines.line_mesh import Values
+from toros_fem.design.lines.line_mesh import Values, make_line_mesh
 from toros_fem.design.lines.ribbons import kept_width
 from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
@@ -77,12 +77,26 @@ def lay_lines(
         )
     fine, cell = _fine(field, widths, options, like)
     field = LineField(fine, field.shares[cell], field.angles[cell])
-    free = np.flatnonzero(~covered[cell])
-    if not len(free):
-        none: Floats = np.empty(0)
+    active = ~covered[cell]
+    if active.any():
+        symmetry = make_symmetry(field, active, planes, widths)
+        mesh = symmetry.part
+        families, stripes = _families(symmetry, field, planes, options, like)
+    else:
+        mesh, stripes, none = make_line_mesh(fine, active), {}, np.empty(0)
         families = [Family(width, [], none, none, none, (0.0, none)) for width in widths]
-        return with_regions(LaidLines(fine, None, tuple(families), {}, planes, options))
-    symmetry = make_symmetry(field, free, planes, widths)
+    still = np.zeros(mesh.size, dtype=np.complex128)
+    return with_regions(LaidLines(mesh, tuple(families), stripes, planes, options, still))
+
+
+def _families(
+    symmetry: Symmetry,
+    field: LineField,
+    planes: tuple[int, ...],
+    options: LineOptions,
+    like: LaidLines | None,
+) -> tuple[list[Family], dict[int, Stripes]]:
+    """Return the families of lines on the part, and the stripes of those found on the whole."""
     mesh, smoother = symmetry.part, cache(symmetry.whole.smoother)
     known = {} if like is None else like.stripes
 
@@ -97,8 +111,7 @@ def lay_lines(
         replace(family, share=float(share))
         for family, share in zip(close_ends(mesh, open_, planes), shares, strict=True)
     ]
-    stripes = {family: on_whole(family)[1] for family, _ in first}
-    return with_regions(LaidLines(fine, mesh, tuple(families), stripes, planes, options))
+    return families, {family: on_whole(family)[1] for family, _ in first}
 
 
 def _fine(

@@ -72,7 +72,7 @@ class LineMesh:
     @cached_property
     def size(self) -> int:
         """Number of vertices."""
-        return int(self.vertex.max()) + 1
+        return int(self.vertex.max(initial=-1)) + 1
 
     @cached_property
     def flat(self) -> Complexes:
@@ -107,6 +107,12 @@ class LineMesh:
     def forward(self) -> Bools:
         """Whether side c … c + 1 of each triangle runs from its edge's first end, (t, 3)."""
         return self.vertex == self.edges.ends[self.edges.of_triangle, 0]
+
+    @cached_property
+    def border(self) -> Ints:
+        """Half-edges of the pattern that `edges.border` are, (b,)."""
+        half = self.edges.twins[self.edges.border, 0]
+        return 3 * self.cells[half // 3] + half % 3
 
     @cached_property
     def edge_angles(self) -> Floats:
@@ -163,7 +169,7 @@ class LineMesh:
 
 
 def make_line_mesh(pattern: Pattern, active: Bools) -> LineMesh:
-    """Return the mesh of the triangles that may carry lines, (t,); at least one may."""
+    """Return the mesh of the triangles that may carry lines, (t,)."""
     cells = np.flatnonzero(active)
     whole = edges_of(pattern.triangles[cells])
     vertex = fans(pattern.triangles[cells], whole, whole.inner)

@@ -158,14 +158,13 @@ class Symmetry:
 
 
 def make_symmetry(
-    field: LineField, free: Ints, planes: Sequence[int], widths: Sequence[float]
+    field: LineField, active: Bools, planes: Sequence[int], widths: Sequence[float]
 ) -> Symmetry:
     """Return how families of lines go on across symmetry planes.
 
     Families of the same width are paired so that their directions and shares fit at the planes,
-    at which the part is cut as of `mirrored`. Triangles that may carry lines are `free`.
+    at which the part is cut as of `mirrored`. Triangles that may carry lines are `active`.
     """
-    active: Bools = np.isin(np.arange(len(field.pattern.panel)), free)
     part = whole = make_line_mesh(field.pattern, active)
     if planes:
         image = mirrored(field.pattern, planes)

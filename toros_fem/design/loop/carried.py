@@ -47,10 +47,9 @@ class CarriedDesign:
     initial: InitialDensity | None = None
 
     def on(self, problem: DesignProblem) -> tuple[Floats, Any]:
-        """Return the variables of this rank and a state to start from, of a problem (collective).
+        """Return the variables of this rank and a state to start from (collective).
 
-        Args:
-            problem: The same problem, on this mesh or another one of the same panels.
+        The problem is the same, on this mesh or on another one of the same panels.
 
         Raises:
             PanelError: Its panels are others.

@@ -22,15 +22,26 @@ class Fields(Protocol):
     """Variables x of the triangles of a rank, and the fields ρ̃ and ρ̄ that they become.
 
     `forward` and `backward` are a pair.
+
+    Attributes:
+        skin: The skin whose triangles are designed.
+        passive: Prescribed ρ̄ at owned triangles, NaN where it is designed; None designs all.
     """
 
-    @property
-    def skin(self) -> Skin:
-        """The skin whose triangles are designed."""
+    skin: Skin
+    passive: Floats | None
 
     @property
-    def passive(self) -> Floats | None:
-        """Prescribed ρ̄ at owned triangles, NaN where it is designed; None where all are."""
+    def designed(self) -> Bools:
+        """Whether each owned triangle is designed."""
+        if self.passive is None:
+            return np.ones(len(self.skin.owned_cells), dtype=bool)
+        return np.isnan(self.passive)
+
+    def area_fractions(self) -> Floats:
+        """Return the fraction of the designed area of each owned triangle (collective)."""
+        areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
+        return np.asarray(areas / total(self.skin.comm, areas.sum()))
 
     @property
     def beta(self) -> float:
@@ -75,30 +86,14 @@ class Fields(Protocol):
         """Return the density of owned triangles that pictures show."""
 
 
-def designed_cells(fields: Fields) -> Bools:
-    """Return whether each owned triangle is designed."""
-    if fields.passive is None:
-        return np.ones(len(fields.skin.owned_cells), dtype=bool)
-    return np.isnan(fields.passive)
-
-
-def area_fractions(fields: Fields) -> Floats:
-    """Return the fraction of the designed area of each owned triangle (collective)."""
-    skin = fields.skin
-    areas = skin.pattern.areas[skin.owned_cells] * designed_cells(fields)
-    return np.asarray(areas / total(skin.comm, areas.sum()))
-
-
 @collective("skin.comm", owned=("filter", "passive"))
 @dataclass(frozen=True, eq=False)
-class DensityFields(Distributed):
+class DensityFields(Fields, Distributed):
     """One density for each triangle: ρ, filtered ρ̃, projected ρ̄.
 
     Attributes:
-        skin: The skin.
         filter: Filter of the densities.
         projection: Smoothed step; the loop raises its β.
-        passive: Prescribed ρ̄ at owned triangles, NaN where it is designed; None designs all.
         centre: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
             added. None starts from 0.5.
 
@@ -152,11 +147,6 @@ class DensityFields(Distributed):
             )
 
     @property
-    def designed(self) -> Bools:
-        """Whether each owned triangle is designed."""
-        return designed_cells(self)
-
-    @property
     def beta(self) -> float:
         """Steepness β of the projection."""
         return self.projection.beta
@@ -202,7 +192,7 @@ class DensityFields(Distributed):
 
     def reinforcement(self, projected: Floats) -> tuple[float, float]:
         """Return the mean of ρ̄ and of 4 ρ̄ (1 − ρ̄) over the designed area (collective)."""
-        fractions, comm = area_fractions(self), self.skin.comm
+        fractions, comm = self.area_fractions(), self.skin.comm
         grey = 4 * projected * (1 - projected)
         return dot(comm, fractions, projected), dot(comm, fractions, grey)
 

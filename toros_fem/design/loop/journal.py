@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -14,7 +13,6 @@ from mpi4py import MPI
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError
-from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
 
@@ -22,8 +20,11 @@ from toros_fem.design.loop.variables import by_cell
 KIND = "checkpoint"
 
 
-class JournalEntry(Protocol):
-    """The place of one design loop or simulation in a journal; all methods are collective."""
+class JournalEntry:
+    """The place of one design loop or simulation in a journal; this one keeps nothing.
+
+    All methods are collective.
+    """
 
     def saved(self) -> Archive | None:
         """Return the last checkpoint of an earlier, interrupted run; None without.
@@ -33,13 +34,10 @@ class JournalEntry(Protocol):
         Raises:
             CheckpointError: It cannot be read, or belongs to something else.
         """
+        return None
 
     def offer(self, make: Callable[[], Archive], *, last: bool) -> None:
-        """Offer a checkpoint, which is made and written if it is due.
-
-        Args:
-            make: Returns the checkpoint (collective).
-            last: Whether it is the last one of this entry, which is always written.
+        """Offer a checkpoint, which is made and written if it is due, or if it is the last one.
 
         Raises:
             RunStoppedError: A signal asked for an end; the checkpoint is written.
@@ -50,28 +48,23 @@ class JournalEntry(Protocol):
         """Say that no checkpoint will come soon, so that a stop need not wait for it."""
 
 
-class Journal(Protocol):
-    """A sequence of entries, the same in a run that is resumed as in one that was not stopped."""
+class Journal:
+    """A sequence of entries, the same in a run that is resumed as in one that was not stopped.
+
+    This one keeps nothing.
+    """
 
     def entry(self, comm: MPI.Comm, signature: str) -> JournalEntry:
-        """Return the next entry (collective).
-
-        Args:
-            comm: Communicator of what it is for.
-            signature: Tells what it is for, as of `signature_of`.
-        """
+        """Return the next entry; `signature_of` tells what it is for (collective)."""
+        return JournalEntry()
 
     def branch(self, name: str) -> Journal:
         """Return a journal inside this one, with a sequence of its own."""
+        return self
 
 
 def signature_of(problem: DesignProblem, *parts: object) -> str:
-    """Return a text that tells a problem and further values from others.
-
-    Args:
-        problem: The problem; its mesh counts.
-        parts: Values whose `repr` tells them apart, options for instance.
-    """
+    """Return a text that tells a problem, its mesh, and further values by `repr` from others."""
     found, pattern = hashlib.sha256(), problem.skin.pattern
     for array in (pattern.points, pattern.triangles, pattern.flat_points, pattern.flat_triangles):
         found.update(np.ascontiguousarray(array).tobytes())
@@ -93,19 +86,11 @@ def kept_evaluation(
 ) -> Evaluation:
     """Return an evaluation, from a journal if it is there already (collective).
 
-    Args:
-        journal: The journal; None keeps nothing.
-        problem: The problem that is simulated.
-        simulate: Returns the evaluation; it ends in a complete solve.
-        like: The design that it belongs to, on the mesh of the problem; None for none.
-
-    Raises:
-        NoEquilibriumError: As `simulate` does; a failure is not kept.
+    `simulate` makes it, and ends in a complete solve; a failure is not kept. `like` is the design
+    that it belongs to, on the mesh of the problem, if there is one.
     """
-    if journal is None:
-        return simulate()
     of = [] if like is None else [content_of(by_cell(problem.skin, like.density))]
-    entry = journal.entry(problem.comm, signature_of(problem, *of))
+    entry = (journal or Journal()).entry(problem.comm, signature_of(problem, *of))
     saved = entry.saved()
     if saved is not None:
         found = restored_evaluation(problem, saved)
@@ -133,16 +118,12 @@ def saved_evaluation(evaluation: Evaluation) -> tuple[dict[str, Floats], dict[st
 
 
 def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
-    """Return a saved evaluation, as if it had just been made (collective).
-
-    Args:
-        problem: The problem, on any number of ranks.
-        saved: A checkpoint with what `saved_evaluation` returned.
+    """Return what `saved_evaluation` kept, as if it had just been made (collective).
 
     Raises:
         CheckpointError: It does not fit the problem.
     """
-    begin, skin, numbers = time.perf_counter(), problem.skin, saved.numbers
+    skin, numbers = problem.skin, saved.numbers
     with fitting("problem"):
         names = ("density", "filtered", "projected")
         rows = [saved.arrays[name][skin.owned_cells] for name in names]
@@ -157,7 +138,8 @@ def restored_evaluation(problem: DesignProblem, saved: Archive) -> Evaluation:
         every = problem.physics_of(unknowns)
         parts = zip(every, patterns, unknowns, numbers["responses"], strict=True)
         responses = tuple(physics.restore(*part) for physics, *part in parts)
-    return problem.told(density, filtered, projected, lambda: responses, begin)
+    seconds = {"filter": 0.0, "equilibrium": 0.0}
+    return problem.told(density, filtered, projected, responses, seconds)
 
 
 @contextmanager
@@ -167,13 +149,3 @@ def fitting(what: str) -> Iterator[None]:
         yield
     except (KeyError, IndexError, TypeError, ValueError) as fault:
         raise CheckpointError(f"a checkpoint does not fit its {what}: {fault}") from None
-
-
-def saved_rows(rows: Sequence[Iteration]) -> list[dict[str, Any]]:
-    """Return rows of a history as JSON has them."""
-    return [{**vars(row), "metrics": dict(row.metrics)} for row in rows]
-
-
-def restored_rows(rows: Sequence[Mapping[str, Any]]) -> list[Iteration]:
-    """Return rows of a history from JSON."""
-    return [Iteration(**row) for row in rows]

@@ -26,15 +26,12 @@ from toros_fem.design.loop.journal import (
     content_of,
     fitting,
     restored_evaluation,
-    restored_rows,
     saved_evaluation,
-    saved_rows,
     signature_of,
 )
-from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
+from toros_fem.design.loop.options import DesignOptions, Iteration, Stage, reason_to_end
 from toros_fem.design.loop.problem import DesignProblem, Evaluation, Slopes
 from toros_fem.design.loop.steps import Steps, resolution_of
-from toros_fem.design.loop.stop import reason_to_end
 from toros_fem.design.loop.variables import Variables, by_cell
 from toros_fem.design.mma.optimizer import Functions
 
@@ -139,16 +136,14 @@ def optimize(
             "a stage has constrained = True, but the problem has no length_scale. Give the problem "
             "a LengthScale, or leave the stage unconstrained."
         )
-    entry = None
-    if journal is not None:
-        stages = tuple(replace(stage, iterations=1) for stage in options.stages)  # may go further
-        signature = signature_of(problem, replace(options, stages=stages), _content(after))
-        entry = journal.entry(problem.comm, signature)
+    stages = tuple(replace(stage, iterations=1) for stage in options.stages)  # may go further
+    signature = signature_of(problem, replace(options, stages=stages), _content(after))
+    entry = (journal or Journal()).entry(problem.comm, signature)
     run = _Run(problem, options, callback, entry)
     run.begin_at(start, seed, after)
     first = run.next_stage
     try:
-        saved = None if entry is None else entry.saved()
+        saved = entry.saved()
         begin = first if saved is None else run.restore(saved)
         for number, stage in enumerate(options.stages, first):
             if number >= begin:
@@ -157,8 +152,7 @@ def optimize(
             if run.over:
                 break
     finally:
-        if entry is not None:
-            entry.close()
+        entry.close()
     assert run.here is not None
     return DesignResult(
         problem=problem,
@@ -194,7 +188,7 @@ class _Run:
         problem: DesignProblem,
         options: DesignOptions,
         callback: Callback | None,
-        entry: JournalEntry | None,
+        entry: JournalEntry,
     ) -> None:
         self.problem, self.options, self.callback = problem, options, callback
         self.entry, self.comm = entry, problem.skin.comm
@@ -247,7 +241,7 @@ class _Run:
         first = self.next_stage
         with fitting("loop"):
             self.x = self.variables.scatter(saved.arrays["x"])
-            self.history = restored_rows(numbers["history"])
+            self.history = [Iteration(**row) for row in numbers["history"]]
             self.level, self.steps_done = int(numbers["level"]), int(numbers["steps_done"])
             self.change = float(numbers["change"])
             self.phases = dict(numbers["phases"])
@@ -279,7 +273,7 @@ class _Run:
             "phases": self.phases,
             "iterations": [stage.iterations for stage in self.options.stages],
             "seconds": time.perf_counter() - self.begin,
-            "history": saved_rows(self.history),
+            "history": [{**vars(row), "metrics": dict(row.metrics)} for row in self.history],
         }
         return Archive(KIND, arrays, numbers)
 
@@ -299,23 +293,20 @@ class _Run:
         known, first = saved is not None, saved is None
         while True:
             with self.timed("mma"):
-                factor = steps.refer(here, slopes)
                 functions = steps.around(here, slopes)
                 if not known:
-                    steps.mma.rescale(factor)
                     kkt = math.inf if first else steps.mma.kkt_residual(self.x, functions)
             if not known:
                 self.steps_done += not first
                 self.record(number, here, slopes, kkt)
             ended = self.ended(problem, stage, number, last=last)
-            if not known and self.entry is not None:
+            if not known:
                 self.entry.offer(partial(self.checkpoint, number, steps, here), last=ended)
             if ended:
                 return
             there = self.next_design(problem, steps, here, functions)
             if there is None:
-                if self.entry is not None:
-                    self.entry.offer(partial(self.checkpoint, number, steps, here), last=True)
+                self.entry.offer(partial(self.checkpoint, number, steps, here), last=True)
                 self.over = True
                 self.reason = "The last step has no equilibrium; this is the last design with one."
                 return
@@ -420,7 +411,8 @@ class _Run:
                 self.over, self.reason = True, f"{limit:g} s have passed."
                 return True
         rows = [row for row in self.history if row.stage == number]
-        found = reason_to_end(rows, stage, self.options, problem.length_scale)
+        bounds = None if problem.length_scale is None else problem.length_scale.epsilon
+        found = reason_to_end(rows, stage, self.options, bounds)
         if found is None:
             return False
         self.over, self.reason = last, found

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import (
     require_between,
@@ -17,6 +18,9 @@ from toros_fem.base.validation import (
     shown,
 )
 from toros_fem.design.mma.optimizer import MMAOptions
+
+# Number of steps over which T must fall.
+LOOK_BACK = 10
 
 
 @dataclass(frozen=True)
@@ -155,3 +159,39 @@ class Iteration:
         """Return the row as columns of a table, metrics included."""
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "metrics"}
         return {**own, **self.metrics}
+
+
+def reason_to_end(
+    rows: Sequence[Iteration],
+    stage: Stage,
+    options: DesignOptions,
+    bounds: Floats | None,
+) -> str | None:
+    """Return why a stage of these rows, the start included, ends, as a sentence; None to go on.
+
+    The bounds are those of g_r and g_t, where the problem has them.
+    """
+    o, now, steps = options, rows[-1], len(rows) - 1
+
+    def kept(row: Iteration) -> bool:
+        if not stage.constrained or bounds is None:
+            return True
+        return bool(row.g_r <= bounds[0] and row.g_t <= bounds[1])
+
+    def slow() -> bool:
+        before, fraction = rows[-1 - LOOK_BACK], o.min_relative_decrease
+        if fraction is None or not (kept(before) and kept(now)):
+            return False
+        return now.objective > before.objective - fraction * abs(before.objective)
+
+    if steps > 0 and now.kkt < o.kkt_tol:
+        return f"The KKT residual is under {o.kkt_tol:g}."
+    if steps > 0 and now.change < o.x_tol:
+        return f"No variable changes by more than {o.x_tol:g} any more."
+    if o.target_objective is not None and now.objective <= o.target_objective and kept(now):
+        return f"T is at most {o.target_objective:g}."
+    if steps >= LOOK_BACK and slow():
+        return f"T fell by less than {o.min_relative_decrease:g} of it in {LOOK_BACK} steps."
+    if steps == stage.iterations:
+        return f"All {stage.iterations} iterations are done."
+    return None

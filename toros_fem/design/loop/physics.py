@@ -244,34 +244,27 @@ class InflatedSkin:
 
         K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x.
         """
-        adjoint = self._adjoint(response, by_observed)
-        by_projected = -self.solver.model.density_sensitivity(response.state, adjoint)
+        model, rhs = self.solver.model, np.zeros_like(response.state)
+        model.positions(rhs)[:] = by_observed
+        adjoint = self.solver.solve_tangent(rhs, response, adjoint=True)
+        by_projected = -model.density_sensitivity(response.state, adjoint)
         if not self._designed:
             return by_projected, None
         by_pressure = np.zeros(len(self.pressures))
         for k in self._designed:
-            volume_gradient = self.solver.model.volume_gradient(response.state, k)
-            by_pressure[k] = dot(self.comm, adjoint, volume_gradient)
+            by_pressure[k] = dot(self.comm, adjoint, model.volume_gradient(response.state, k))
         return by_projected, by_pressure
-
-    def _adjoint(self, response: Equilibrium, by_position: Floats) -> Floats:
-        rhs = np.zeros_like(response.state)
-        self.solver.model.positions(rhs)[:] = by_position
-        return self.solver.solve_tangent(rhs, response, adjoint=True)
 
     def residuals(self, response: Equilibrium, objective: Objective) -> Residuals:
         """Return the motion along the pressures' responses as residuals (collective)."""
-        designed, model, state = self._designed, self.solver.model, response.state
-        by_pressure = [model.volume_gradient(state, k) for k in designed]
-        moves = [model.positions(self.solver.solve_tangent(v, response)) for v in by_pressure]
+        model = self.solver.model
+        pushes = [model.volume_gradient(response.state, k) for k in self._designed]
+        moves = [model.positions(self.solver.solve_tangent(push, response)) for push in pushes]
         motion = motion_along(self.solver.skin, objective, response.positions, moves)
-        rows, row_pressures = [], np.zeros((len(designed), len(self.pressures)))
-        for j, direction in enumerate(motion.directions):
-            adjoint = self._adjoint(response, direction)
-            rows.append(-model.density_sensitivity(state, adjoint))
-            for k, v in zip(designed, by_pressure, strict=True):
-                row_pressures[j, k] = dot(self.comm, adjoint, v)
-        return Residuals(lambda near: motion.along(near.positions), rows, row_pressures)
+        slopes = [self.pull_back(response, direction) for direction in motion.directions]
+        by_pressure = np.array([one for _, one in slopes]).reshape(len(slopes), len(self.pressures))
+        rows = [row for row, _ in slopes]
+        return Residuals(lambda near: motion.along(near.positions), rows, by_pressure)
 
     def save(self, response: Equilibrium) -> Saved:
         """Return the unknowns by original index, and the numbers of the equilibrium."""

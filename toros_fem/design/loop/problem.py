@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self
 
@@ -16,7 +16,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import Distributed, collective
 from toros_fem.base.validation import require_positive
 from toros_fem.design.density.length_scale import LengthScaleConstraints
-from toros_fem.design.loop.fields import Fields, designed_cells
+from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
 from toros_fem.design.loop.robust import Variants
 from toros_fem.measures.metrics import Metric, check_metrics
@@ -36,16 +36,7 @@ class Measure(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ObjectiveTerm:
-    """A term price · measure of T.
-
-    Attributes:
-        name: Name of the measure: "perimeter" in m, or "shares".
-        measure: A number of ρ̄.
-        price: Increase of T with the measure.
-
-    Raises:
-        ParameterError: The price is not positive.
-    """
+    """A term price · measure of T, with a price > 0; its name is "perimeter", in m, or "shares"."""
 
     name: str
     measure: Measure
@@ -181,12 +172,7 @@ class DesignProblem(Distributed, Generic[R]):
             )
 
     def changed(self, **parts: Any) -> Self:
-        """Return the same problem with other parts; all others are shared.
-
-        Raises:
-            TypeError: It has no such part.
-            ParameterError: Two terms have one name.
-        """
+        """Return the same problem with other parts; all others are shared."""
         other = copy.copy(self)
         if unknown := set(parts) - set(vars(other)):
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
@@ -211,7 +197,7 @@ class DesignProblem(Distributed, Generic[R]):
     @property
     def designed(self) -> Bools:
         """Whether each owned triangle is designed."""
-        return designed_cells(self.fields)
+        return self.fields.designed
 
     @property
     def parts(self) -> int:
@@ -251,7 +237,7 @@ class DesignProblem(Distributed, Generic[R]):
         patterns = [projected]
         if self.robust is not None:
             patterns += self.robust.patterns(self.fields, filtered)
-        return self._evaluated(density, filtered, patterns, start, pressure, begin, trial=trial)
+        return self._evaluated(density, filtered, patterns, (start, pressure), begin, trial=trial)
 
     @collective("self.comm", owned=("printed", "start"))
     def simulate_binary(
@@ -283,48 +269,45 @@ class DesignProblem(Distributed, Generic[R]):
             density, filtered, near = like.density, like.filtered, like.equilibrium
             start = near if start is None else start
             pressure = near.pressures or None if pressure is None else pressure
-        return self._evaluated(density, filtered, [projected], start, pressure, begin, trial=False)
+        return self._evaluated(density, filtered, [projected], (start, pressure), begin)
 
     def _evaluated(
         self,
         density: Floats,
         filtered: Floats,
         patterns: Sequence[Floats],
-        start: Any,
-        pressure: Pressure | None,
+        near: tuple[Any, Pressure | None],
         begin: float,
         *,
-        trial: bool,
+        trial: bool = False,
     ) -> Evaluation[R]:
-        def respond() -> tuple[R, ...]:
-            nominal = self.physics.respond(patterns[0], start, pressure, trial=trial)
+        middle, responses = time.perf_counter(), list[R]()
+        for physics, pattern in zip(self.physics_of(patterns), patterns, strict=True):
+            responses.append(physics.respond(pattern, *near, trial=trial))
             # Variants differ little from the nominal pattern, far less than that from the last one.
-            given = nominal.state, nominal.pressures
-            others = zip(self.physics_of(patterns)[1:], patterns[1:], strict=True)
-            return nominal, *(p.respond(other, *given, trial=trial) for p, other in others)
-
-        return self.told(density, filtered, patterns[0], respond, begin)
+            near = responses[0].state, responses[0].pressures
+        seconds = {"filter": middle - begin, "equilibrium": time.perf_counter() - middle}
+        return self.told(density, filtered, patterns[0], tuple(responses), seconds)
 
     def told(
         self,
         density: Floats,
         filtered: Floats,
         projected: Floats,
-        respond: Callable[[], tuple[R, ...]],
-        begin: float,
+        responses: tuple[R, ...],
+        seconds: dict[str, float],
     ) -> Evaluation[R]:
-        """Return the evaluation of fields and of the responses that are made of them (collective).
+        """Return the evaluation of fields and of the responses to them (collective).
 
-        `begin` is the time at which the fields were begun.
+        The seconds are those that both took; those of the measures are added.
         """
+        begin = time.perf_counter()
         measures = {term.name: term.measure.forward(projected) for term in self.terms}
         widths = None
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
-        middle = time.perf_counter()
-        responses = respond()
+        seconds["filter"] += time.perf_counter() - begin
         shape, spread = self._distances(responses)
-        seconds = {"filter": middle - begin, "equilibrium": time.perf_counter() - middle}
         return Evaluation(
             self, density, filtered, projected, responses, shape, measures, spread, widths, seconds
         )

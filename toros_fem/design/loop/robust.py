@@ -19,7 +19,7 @@ from toros_fem.base.validation import require_positive
 from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.fields import Fields, designed_cells
+from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics
 from toros_fem.measures.shape import Objective
 
@@ -72,7 +72,6 @@ class Variants:
         make: Makes the physics of one more pattern of the same skin.
 
     Attributes:
-        tolerance: As given.
         thresholds: η of the eroded and of the dilated pattern.
 
     Raises:
@@ -147,7 +146,7 @@ class Variants:
             self.physics, steps, variants, by_variants, strict=True
         ):
             by_projected, more = physics.pull_back(response, slope)
-            by_filtered += step.backward(filtered, by_projected * designed_cells(fields))
+            by_filtered += step.backward(filtered, by_projected * fields.designed)
             by_pressure = by_pressure if more is None else by_pressure + more
         return by_filtered, by_pressure
 

@@ -99,7 +99,7 @@ class ShapeDesign(ShapeProblem):
             contact=case.contact,
         )
         physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
-        density_filter = make_filter(r.filter, skin, r.filter_radius, whole=whole)
+        density_filter = make_filter(r.filter, skin, r.filter_radius, whole)
         passive = _given_density(case)
         passive = None if passive is None else passive[skin.owned_cells]
         super().__init__(
@@ -113,7 +113,7 @@ class ShapeDesign(ShapeProblem):
         if r.perimeter_weight is not None:
             require_positive(perimeter_weight=r.perimeter_weight)
             window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
-            perimeter = Perimeter(skin, window, r.perimeter_sharpness, whole=whole)
+            perimeter = Perimeter(skin, window, r.perimeter_sharpness, beyond=whole)
             size = (case.pattern if whole is None else whole.pattern).size
             self.terms = [
                 ObjectiveTerm("perimeter", perimeter, r.perimeter_weight * self.parts / size)

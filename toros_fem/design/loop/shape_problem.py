@@ -117,12 +117,8 @@ def _flat_points(skin: Skin) -> Ints:
 def carried_along(pattern: Pattern, positions: Floats, motion: Floats) -> Floats:
     """Return F δX at the vertices, (n, 3): their way if flat points move with the material.
 
-    F is the mean over the triangles around a vertex, by area.
-
-    Args:
-        pattern: The pattern.
-        positions: Positions of all vertices, (n, 3), in m.
-        motion: δX of the flat points, (k, 2), in m.
+    F is the mean over the triangles around a vertex, by area. Positions are those of all vertices,
+    (n, 3), the motion is δX of the flat points, (k, 2), in m.
     """
     corners = positions[pattern.triangles]
     gradient = np.einsum("tci,tcj->tij", corners, gradients(pattern.corners))

@@ -47,11 +47,9 @@ def best_start(
     does not depend on the number of ranks, where each has as many threads.
 
     Args:
-        comm: Communicator.
         make: Makes the problem on a communicator of one rank.
-        options: Stages and stop rules.
         seeds: Seeds of the noise, none of them twice.
-        journal: As of `optimize`; each seed has a branch of its own.
+        journal: Each seed has a branch of its own.
 
     Raises:
         ParameterError: There are no seeds, or one comes twice.
@@ -68,7 +66,7 @@ def best_start(
         for seed in mine:
             assert problem is not None
             try:
-                part = None if journal is None else journal.branch(f"seed-{seed}")
+                part = (journal or Journal()).branch(f"seed-{seed}")
                 result = optimize(problem, options, seed=seed, journal=part)
             except NoEquilibriumError as caught:
                 failure = caught

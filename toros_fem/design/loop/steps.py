@@ -44,14 +44,7 @@ class Steps:
     """MMA and the functions of one stage as it sees them.
 
     f₀ is T without the squares of the residuals, the constraints are g/target − 1. Scale and
-    targets follow each accepted design.
-
-    Args:
-        problem: The problem of the stage.
-        variables: The design variables.
-        stage: The stage.
-        options: Options of the loop.
-        here, slopes: The design that the stage starts from.
+    targets follow each accepted design; `here` is the first one.
 
     Attributes:
         mma: The optimiser.
@@ -82,20 +75,6 @@ class Steps:
             resolution=resolution_of(options),
         )
 
-    def refer(self, here: Evaluation, slopes: Slopes) -> float:
-        """Take scale and targets from a design; return the factor by which the scale changes.
-
-        Squares fall by orders of magnitude in a few steps. They would become smaller than the term
-        that keeps MMA's approximations convex. So the scale follows T if there are residuals.
-        """
-        before, self._residuals = self.scale, slopes.residuals.values
-        if self._count:
-            self.scale = self._scale_at(here)
-        if self._limits is not None:
-            epsilon = np.asarray(self._limits.epsilon, dtype=np.float64)
-            self._targets = np.maximum(MARGIN * epsilon, TIGHTEN * np.asarray(here.length_scale))
-        return self.scale / before
-
     def at(self, design: Evaluation | None) -> Functions:
         """Return the values of a design; infinite where it has no equilibrium (collective)."""
         if design is None:
@@ -109,7 +88,18 @@ class Steps:
         return Functions(rest, values=widths, residuals=roots)
 
     def around(self, here: Evaluation, slopes: Slopes) -> Functions:
-        """Return values and gradients of the design that `refer` took (collective)."""
+        """Take scale and targets from a design; return its values and gradients (collective).
+
+        Squares fall by orders of magnitude in a few steps. They would become smaller than the term
+        that keeps MMA's approximations convex. So the scale follows T if there are residuals.
+        """
+        before, self._residuals = self.scale, slopes.residuals.values
+        if self._count:
+            self.scale = self._scale_at(here)
+        self.mma.rescale(self.scale / before)
+        if self._limits is not None:
+            epsilon = np.asarray(self._limits.epsilon, dtype=np.float64)
+            self._targets = np.maximum(MARGIN * epsilon, TIGHTEN * np.asarray(here.length_scale))
         values, near, root = self.at(here), slopes.residuals, self.scale**0.5
         gradient = partial(self._variables.gradient, here)
         pairs = zip(near.gradients, near.pressure_gradients, strict=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,19 +19,6 @@ MIXED = 1.002  # 1.001 + 0.001, the fractions of a gradient in pⱼ and qⱼ
 def cache_blocks(count: int) -> Iterator[slice]:
     """Return the slices that divide a number of variables into blocks."""
     return (slice(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK))
-
-
-@dataclass(frozen=True)
-class DualEvaluation:
-    """Approximations at the minimum of the Lagrangian over x.
-
-    Attributes:
-        change: f̃ᵢ(x) − fᵢ(xᵏ), the objective first.
-        hessian: −∂²/∂λ² of the Lagrangian's minimum over x, for the constraints.
-    """
-
-    change: Floats
-    hessian: Floats
 
 
 class Approximation:
@@ -88,8 +74,11 @@ class Approximation:
         self.size, self.total_weight = sums[:-1], float(sums[-1])
         self.curvature: Floats = np.zeros(len(self.size))
 
-    def evaluate_dual(self, multipliers: Floats) -> DualEvaluation:
-        """Evaluate the approximations at the minimum of the Lagrangian over x (collective)."""
+    def evaluate_dual(self, multipliers: Floats) -> tuple[Floats, Floats]:
+        """Return f̃ᵢ(x) − fᵢ(xᵏ) at the minimum of the Lagrangian over x, the objective first.
+
+        Also −∂²/∂λ² of this minimum, for the constraints (collective).
+        """
         m = len(self.size) - 1
         sums: Floats = np.zeros(m + 2 + (m + 1) ** 2)
         for part in cache_blocks(len(self._x)):
@@ -108,7 +97,7 @@ class Approximation:
         sums = sum_over_ranks(self._comm, sums)
         spread = np.hstack([np.eye(m), self.curvature[1:, None]])
         hessian = spread @ sums[m + 2 :].reshape(m + 1, m + 1) @ spread.T
-        return DualEvaluation(self._whole(sums[: m + 2]), hessian)
+        return self._whole(sums[: m + 2]), hessian
 
     def minimizer(self, multipliers: Floats) -> Floats:
         """Return the owned x at the minimum of the Lagrangian."""

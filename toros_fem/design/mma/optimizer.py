@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
@@ -158,6 +158,8 @@ class Functions(Distributed):
                 )
 
 
+@collective("comm", owned=("lower", "upper", "move"))
+@dataclass(eq=False)
 class MMA:
     """Svanberg's MMA and GCMMA: min f₀ + Σ rₖ² subject to fᵢ ≤ 0, x̲ ≤ x ≤ x̄.
 
@@ -174,7 +176,7 @@ class MMA:
     GCMMA – two methods for nonlinear optimization", 2007; GCMMA's convergence: K. Svanberg, SIAM
     J. Optim. 12(2), 2002.
 
-    Args:
+    Attributes:
         comm: Communicator over which the variables are distributed.
         lower, upper: Finite bounds; a variable with equal bounds keeps its value.
         constraints: Number m of constraints, which should be scaled to O(1).
@@ -183,52 +185,43 @@ class MMA:
         residuals: Number of rₖ.
         resolution: Part of its range to which a variable is rounded in proposed points, so that
             steps do not depend on the rounding of gradients; None for Svanberg's method as it is.
+        state: What a run continues from.
     """
 
-    @collective("comm", owned=("lower", "upper", "move"))
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        lower: Floats,
-        upper: Floats,
-        constraints: int = 0,
-        options: MMAOptions | None = None,
-        move: Floats | None = None,
-        *,
-        residuals: int = 0,
-        resolution: float | None = None,
-    ) -> None:
-        require_comm(comm)
-        require_count(0, constraints=constraints, residuals=residuals)
-        require_kind("options", options, (MMAOptions, type(None)), "MMAOptions, or None")
-        self.options = options or MMAOptions()
-        if resolution is not None:
-            require_positive(resolution=resolution, at_most=1.0)
-        with together(comm):
-            self._bounds = lower, upper = _checked_bounds(lower, upper)
-            self._move: float | Floats = float(self.options.move)
-            if move is not None:
+    comm: MPI.Comm
+    lower: Floats
+    upper: Floats
+    constraints: int = 0
+    options: MMAOptions = field(default_factory=MMAOptions)
+    move: Floats | None = None
+    residuals: int = field(default=0, kw_only=True)
+    resolution: float | None = field(default=None, kw_only=True)
+    state: MMAState = field(default_factory=MMAState, init=False)
+
+    def __post_init__(self) -> None:
+        require_comm(self.comm)
+        require_count(0, constraints=self.constraints, residuals=self.residuals)
+        require_kind("options", self.options, MMAOptions, "MMAOptions")
+        if self.resolution is not None:
+            require_positive(resolution=self.resolution, at_most=1.0)
+        with together(self.comm):
+            self.lower, self.upper = _checked_bounds(self.lower, self.upper)
+            if self.move is not None:
                 what = "one move limit for each owned variable"
-                self._move = checked_floats("move", move, what, lower.shape, finite=False)
-                for limit in np.sort(self._move)[[0, -1]] if self._move.size else ():
+                shape = self.lower.shape
+                self.move = checked_floats("move", self.move, what, shape, finite=False)
+                for limit in np.sort(self.move)[[0, -1]] if self.move.size else ():
                     require_positive(move=limit, at_most=1.0)
-        self._comm, self._span = comm, upper - lower
-        self._unit = None if resolution is None else resolution * self._span
-        self._m, self._r = constraints, residuals
-        self._rows = constraints + 2 * residuals
+        self._span = self.upper - self.lower
+        self._unit = None if self.resolution is None else self.resolution * self._span
+        self._rows = self.constraints + 2 * self.residuals
         self._here: Functions | None = None
         self._model: Approximation | None = None
-        self.state = MMAState()
 
     def step(self, x: Floats, here: Functions) -> Floats:
-        """Return the next proposed point (collective).
-
-        Args:
-            x: Current variables.
-            here: All functions at x, with their gradients.
-        """
-        here.require_gradients(self._m, self._r)
-        here.require_finite(self._comm, len(self._span))
+        """Return the next proposed point; all functions at x have gradients (collective)."""
+        here.require_gradients(self.constraints, self.residuals)
+        here.require_finite(self.comm, len(self._span))
         state, x = self.state, np.array(x, dtype=np.float64)
         distance = self._distance(x)
         state.before_previous, state.previous, state.distance = state.previous, x, distance
@@ -236,17 +229,17 @@ class MMA:
             state.curvature = np.zeros(self._rows + 1)
         state.curvature = CURVATURE_DECAY * state.curvature
         self._here = here
-        self._model = Approximation(self._comm, x, distance, self._bounds, self._move, here.slopes)
+        move: float | Floats = self.options.move if self.move is None else self.move
+        bounds = self.lower, self.upper
+        self._model = Approximation(self.comm, x, distance, bounds, move, here.slopes)
         return self._proposed(self._model)
 
     def conservative(self, x: Floats, there: Functions) -> bool:
         """Return whether no function exceeds its approximation at the proposed point (collective).
 
-        Args:
-            x: The proposed point.
-            there: The values there; infinite where they do not exist.
+        Values are infinite where they do not exist.
         """
-        there.require_values(self._m, self._r)
+        there.require_values(self.constraints, self.residuals)
         excess, _ = self._excess(x, there)
         return bool(np.all(excess <= 0))
 
@@ -257,14 +250,11 @@ class MMA:
         min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4), where ρᵢ is at least GCMMA's initial curvature. Where
         a value is infinite, or all approximations are conservative and the caller still rejects x,
         all curvatures are multiplied by ten. If the same x results, for example at its move limits,
-        and is not conservative, the curvatures are raised again.
-
-        Args:
-            x: The proposed point.
-            there: The values there. If values and residuals are left out, only f₀ is tested.
+        and is not conservative, the curvatures are raised again. If values and residuals are left
+        out, only f₀ is tested.
         """
         if len(there.values) or len(there.residuals):
-            there.require_values(self._m, self._r)
+            there.require_values(self.constraints, self.residuals)
         before, state = x, self.state
         excess, distance = self._excess(x, there)
         model = self._model
@@ -280,7 +270,7 @@ class MMA:
             else:
                 state.curvature = limit
             x = self._proposed(model)
-            if largest(self._comm, np.max(np.abs(x - before), initial=0.0)) > 0:
+            if largest(self.comm, np.max(np.abs(x - before), initial=0.0)) > 0:
                 break
             excess, distance = self._excess(x, there)
             if not np.any(excess > 0):  # the caller may accept it now
@@ -294,7 +284,7 @@ class MMA:
         approximations convex.
         """
         require_positive(factor=factor)
-        state, m, root = self.state, self._m, factor**0.5
+        state, m, root = self.state, self.constraints, factor**0.5
         state.unit *= factor
         if state.curvature is not None:
             state.curvature[0] *= factor
@@ -313,30 +303,26 @@ class MMA:
             |ξⱼ − clip(ξⱼ − N ∂L/∂ξⱼ, 0, 1)|  for each of these, and  |min(λᵢ, −fᵢ)|.
 
         The factor N makes it independent of the mesh for densities, since ∂L/∂ξⱼ is proportional to
-        the area of a triangle. Other variables count N times.
-
-        Args:
-            x: Variables.
-            here: All functions at x, with their gradients. The squares of residuals that are left
-                out are a part of f₀.
+        the area of a triangle. Other variables count N times. Functions come with their gradients;
+        the squares of residuals that are left out are a part of f₀.
         """
-        here.require_gradients(self._m, len(here.residuals))
+        here.require_gradients(self.constraints, len(here.residuals))
         assert here.gradient is not None
         multipliers = self.state.multipliers
-        lam = np.zeros(self._m) if multipliers is None else multipliers[: self._m]
+        lam = np.zeros(self.constraints) if multipliers is None else multipliers[: self.constraints]
         slope = here.gradient.copy()
         for weight, row in zip(lam, here.jacobian, strict=True):
             slope += weight * row
         for residual, row in zip(here.residuals, here.residual_jacobian, strict=True):
             slope += 2 * residual * row
         ranged = self._span > 0
-        slope *= total(self._comm, np.count_nonzero(ranged)) / self.state.unit * self._span
-        place = (x - self._bounds[0]) / np.where(ranged, self._span, 1.0)
+        slope *= total(self.comm, np.count_nonzero(ranged)) / self.state.unit * self._span
+        place = (x - self.lower) / np.where(ranged, self._span, 1.0)
         gap = np.abs(place - np.clip(place - slope, 0.0, 1.0))[ranged]
         values = np.asarray(here.values, dtype=np.float64)
         complementarity = np.abs(np.minimum(lam / self.state.unit, -values))
         worst = float(np.max(complementarity, initial=0))
-        return max(largest(self._comm, np.max(gap, initial=0.0)), worst)
+        return max(largest(self.comm, np.max(gap, initial=0.0)), worst)
 
     def _distance(self, x: Floats) -> Floats:
         """Return the distance of the asymptotes from x (Svanberg 2007, eqs. 3.11-3.14).
@@ -370,16 +356,16 @@ class MMA:
         noise = ROUNDING * (np.abs(here) + self._model.size)
         excess[excess <= noise] = 0.0
         # Where r exceeds its approximation, often that of −r limits x, and vice versa.
-        pairs = excess[1 + self._m :].reshape(2, -1)
+        pairs = excess[1 + self.constraints :].reshape(2, -1)
         pairs[:] = pairs.max(axis=0)
         return excess, distance
 
     def _proposed(self, model: Approximation) -> Floats:
         """Return the solution of the subproblem with the curvatures of the state."""
-        state, (lower, upper) = self.state, self._bounds
+        state = self.state
         assert self._here is not None
         model.curvature = SMALL + np.asarray(state.curvature)
-        counts, unit = [self._m, 2 * self._r], state.unit
+        counts, unit = [self.constraints, 2 * self.residuals], state.unit
         penalty = Penalty(
             np.repeat([self.options.penalty * unit, 0.0], counts),
             np.repeat([unit, 2.0], counts),
@@ -390,7 +376,7 @@ class MMA:
         x = model.minimizer(found.multipliers)
         if self._unit is None:
             return x
-        return np.clip(lower + rounded(x - lower, self._unit), lower, upper)
+        return np.clip(self.lower + rounded(x - self.lower, self._unit), self.lower, self.upper)
 
 
 def _checked_bounds(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:

@@ -73,14 +73,10 @@ def solve_subproblem(
     (Pang & Qi, J. Optim. Theory Appl. 85, 1995). All decisions are made on reduced numbers, so the
     ranks agree.
 
-    Args:
-        model: The approximations.
-        values: fᵢ(xᵏ).
-        penalty: cᵢ and dᵢ.
-        start: Multipliers to start from; None for a guess.
-        tolerance: Largest residual maxᵢ |min(λᵢ/uᵢ, −∂W/∂λᵢ / sᵢ)| with sᵢ = |fᵢ| + Σⱼ|hᵢⱼ|
-            and uᵢ the multiplier that balances objective and constraint. The residual must also
-            fall to a tenth of that at the starting multipliers, down to 1e-13.
+    The tolerance is the largest residual maxᵢ |min(λᵢ/uᵢ, −∂W/∂λᵢ / sᵢ)| with sᵢ = |fᵢ| + Σⱼ|hᵢⱼ|
+    and uᵢ the multiplier that balances objective and constraint. The residual must also fall to a
+    tenth of that at the starting multipliers, down to 1e-13. Values are fᵢ(xᵏ); without multipliers
+    to start from they are guessed.
     """
     count = 1
     if len(values) == 0:
@@ -122,18 +118,16 @@ def solve_subproblem(
 def _evaluate(
     model: Approximation, values: Floats, penalty: Penalty, multipliers: Floats
 ) -> _Point:
-    found = model.evaluate_dual(multipliers)
+    change, hessian = model.evaluate_dual(multipliers)
     y = penalty.violation(multipliers)
-    there = values + found.change[1:]
-    terms = np.concatenate(
-        [found.change[:1], multipliers * there, -0.5 * penalty.quadratic * y * y]
-    )
+    there = values + change[1:]
+    terms = np.concatenate([change[:1], multipliers * there, -0.5 * penalty.quadratic * y * y])
     return _Point(
         multipliers,
         float(terms.sum()),
         float(np.abs(terms).sum() + multipliers @ (np.abs(values) + model.size[1:])),
         there - y,
-        found.hessian,
+        hessian,
     )
 
 

@@ -1,8 +1,13 @@
-"""Line families as design variables: fixed directions first, then two free ones."""
+"""Line families as design variables: fixed directions first, then two free ones.
+
+They become the relaxed material of `mechanics.skin.designs`: ρ̄, here 0, the shares, and cos 2t and
+sin 2t of all families.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -11,16 +16,6 @@ from toros_fem.base.validation import require_between, require_count, require_po
 
 # Exponent p of the smooth limit on the sum of shares.
 LIMIT_POWER = 4.0
-
-
-def columns(shares: Floats, angles: Floats) -> Floats:
-    """Return the relaxed material, (n, 1 + 3 K), of shares and angles in rad, both (n, K).
-
-    Its columns are ρ̄, here 0, the shares, cos 2t and sin 2t of all families, as
-    `mechanics.skin.designs` takes them.
-    """
-    none = np.zeros((len(shares), 1))
-    return np.hstack([none, shares, np.cos(2 * angles), np.sin(2 * angles)])
 
 
 @dataclass(frozen=True)
@@ -45,14 +40,11 @@ class FixedDirections:
         require_between(0.0, 0.9, limit=self.limit)
 
     @property
-    def fields(self) -> int:
-        """Number of variables of each triangle."""
+    def count(self) -> int:
+        """Number of families, and of variables of each triangle."""
         return self.directions
 
-    @property
-    def count(self) -> int:
-        """Number of families."""
-        return self.directions
+    fields = count
 
     @property
     def centre(self) -> Floats:
@@ -82,7 +74,8 @@ class FixedDirections:
         """Return the relaxed material, (n, 1 + 3 N), of variables, (n, N)."""
         total = x.sum(axis=1, keepdims=True)
         shares = self.limit * x * (1 + total**LIMIT_POWER) ** (-1 / LIMIT_POWER)
-        return columns(shares, np.broadcast_to(self.angles, x.shape))
+        double = np.broadcast_to(2 * self.angles, x.shape)
+        return np.hstack([np.zeros((len(x), 1)), shares, np.cos(double), np.sin(double)])
 
     def backward(self, x: Floats, by_material: Floats) -> Floats:
         """Return the gradient by the variables, (n, N), from that by the material."""
@@ -103,24 +96,17 @@ class FreeDirections:
 
     Attributes:
         limits: Limit on the share of either family.
+        fields, count: Number of variables of each triangle, and of families.
     """
 
     limits: tuple[float, float] = (0.3, 0.3)
+    fields: ClassVar = 6
+    count: ClassVar = 2
 
     def __post_init__(self) -> None:
         for limit in self.limits:
             require_positive(limit=limit)
         require_between(0.0, 0.9, sum_of_limits=sum(self.limits))
-
-    @property
-    def fields(self) -> int:
-        """Number of variables of each triangle."""
-        return 6
-
-    @property
-    def count(self) -> int:
-        """Number of families."""
-        return 2
 
     @property
     def centre(self) -> Floats:

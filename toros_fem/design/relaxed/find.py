@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-
-import numpy as np
+from functools import partial
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -15,9 +13,10 @@ from toros_fem.base.validation import require_count, require_kind, require_posit
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.journal import Journal
-from toros_fem.design.loop.loop import Callback, DesignResult, optimize
-from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
+from toros_fem.design.loop.loop import Callback, optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.variables import by_cell
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.fit import fitted_pair
@@ -79,34 +78,22 @@ class RelaxedOptions:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class RelaxedResult:
-    """The result of a relaxed design, equal on all ranks.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RelaxedResult(CarriedDesign):
+    """The result of a relaxed design, which another one may go on from.
+
+    Its density holds the variables of the second stage, before smoothing, (t, 6); its history and
+    seconds are those of both stages.
 
     Attributes:
         start: Families of the random start: those of all fixed directions.
         field: Share and direction of the two families in each triangle.
-        variables: The variables that they come from, before smoothing, (t, 6).
-        positions: Positions of all vertices at the pressure, (n, 3), in m.
-        pressures: Pressure of each chamber in Pa.
-        objective: T.
-        metrics: Values of the metrics, by key.
-        history: Rows of both stages.
-        newton_steps: Number of Newton steps of both stages.
-        seconds: Wall time of both stages, set-up included.
         reason: Why the second stage ended, as a sentence.
     """
 
+    positions: Floats
     start: LineField
     field: LineField
-    variables: Floats
-    positions: Floats
-    pressures: tuple[float, ...]
-    objective: float
-    metrics: Mapping[str, float]
-    history: tuple[Iteration, ...]
-    newton_steps: int
-    seconds: float
     reason: str
 
 
@@ -145,55 +132,44 @@ def find_lines(
     options = options or RelaxedOptions()
     skin = design.skin
     count = len(skin.pattern.panel)
-    if after is not None and len(after.variables) != count:
+    if after is not None and len(after.density) != count:
         raise ParameterError(
-            f"after is a result on {len(after.variables)} triangles; this mesh has {count}. "
+            f"after is a result on {len(after.density)} triangles; this mesh has {count}. "
             "Continue it on its own mesh."
         )
     radius = options.radius or skin.pattern.size / 10
     cost = options.share_weight
     crossing = crossing_of_widths(options.width_ratio)
-    free = FreeDirections(options.family_limits)
+    free, rules = FreeDirections(options.family_limits), options.stage(1)
+    run = partial(optimize, callback=callback, journal=journal)
     if after is None:
         fixed = FixedDirections(options.directions, options.share_limit)
         first = relaxed_problem(design, fixed, radius, cost, crossing)
         drawn = first.fields.start(seed)
         start = _field(first, first.fields.forward(drawn)[1])
-        found = optimize(first, options.stage(0), start=drawn, callback=callback, journal=journal)
+        found = run(first, options.stage(0), start=drawn)
         field = fitted_pair(_field(first, found.final.projected))
-        variables = free.variables(field.shares, field.angles)
-        positions = first.physics.shape_of(found.final.equilibrium)
-        pressures, history = found.pressures, found.history
+        carried = CarriedDesign(
+            skin.pattern,
+            free.variables(field.shares, field.angles),
+            found.pressures,
+            first.physics.shape_of(found.final.equilibrium),
+            history=found.history,
+        )
     else:
-        start, variables, positions = after.start, after.variables, after.positions
-        pressures, history = after.pressures, after.history
-    second = relaxed_problem(design, free, radius, cost, crossing)
-    carried = CarriedDesign(skin.pattern, variables, pressures, positions, history=history)
-    rules = options.stage(1)
-    if after is not None:
+        start, carried = after.start, after
         rules = replace(rules, stages=(Stage(options.more_iterations),))
-    result = optimize(second, rules, callback=callback, after=carried, journal=journal)
-    return _gathered(second, result, start, time.perf_counter() - begin)
-
-
-def _gathered(
-    problem: ShapeProblem, result: DesignResult, start: LineField, seconds: float
-) -> RelaxedResult:
-    """Return a result on every rank (collective)."""
-    final, history = result.final, result.history
-    assert isinstance(problem.fields, LineShares)
-    variables = result.density.reshape(-1, problem.fields.families.fields)
+    second = relaxed_problem(design, free, radius, cost, crossing)
+    result = run(second, rules, after=carried)
     return RelaxedResult(
+        skin.pattern,
+        by_cell(skin, result.density),
+        result.pressures,
+        positions=second.physics.shape_of(result.final.equilibrium),
+        history=result.history,
+        seconds={"relaxed": time.perf_counter() - begin},
         start=start,
-        field=_field(problem, final.projected),
-        variables=np.asarray(problem.skin.gather_cells(variables)),
-        positions=problem.physics.shape_of(final.equilibrium),
-        pressures=result.pressures,
-        objective=final.objective,
-        metrics=dict(history[-1].metrics),
-        history=history,
-        newton_steps=sum(row.newton_steps for row in history),
-        seconds=seconds,
+        field=_field(second, result.final.projected),
         reason=result.reason,
     )
 

@@ -14,7 +14,7 @@ from toros_fem.base.mpi import dot, together, total
 from toros_fem.base.validation import require_count
 from toros_fem.design.density.linear import Linear
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.loop.fields import area_fractions, designed_cells
+from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.relaxed.families import Families
@@ -27,18 +27,15 @@ START, SPREAD = 0.04, 0.7
 
 
 @dataclass(frozen=True, eq=False)
-class LineShares:
+class LineShares(Fields):
     """Line families on the designed triangles: shares and directions.
 
     The variables of a triangle are those of `families`, one after the other; ρ̃ are their smoothed
     values and ρ̄ the relaxed material, (own, 1 + 3 K).
 
     Attributes:
-        skin: The skin.
         families: How variables become shares and directions.
         smoothing: Filter of the variables.
-        passive: Prescribed density at owned triangles, NaN where lines are designed; None designs
-            all.
     """
 
     skin: Skin
@@ -58,7 +55,7 @@ class LineShares:
     @property
     def bounds(self) -> tuple[Floats, Floats]:
         """Least and largest value of each variable; equal where it is prescribed."""
-        designed = np.repeat(designed_cells(self), self.families.fields)
+        designed = np.repeat(self.designed, self.families.fields)
         return np.zeros(len(designed)), designed.astype(np.float64)
 
     def checked(self, x: Floats) -> Floats:
@@ -76,7 +73,7 @@ class LineShares:
 
     def with_passive(self, x: Floats) -> Floats:
         """Return the variables, zero where there are no line families."""
-        return x * np.repeat(designed_cells(self), self.families.fields)
+        return x * np.repeat(self.designed, self.families.fields)
 
     def forward(self, x: Floats) -> tuple[Floats, Floats]:
         """Return smoothed variables and the relaxed material (collective)."""
@@ -93,7 +90,7 @@ class LineShares:
     ) -> Floats:
         """Return the gradient by the variables (collective)."""
         smooth = filtered.reshape(-1, self.families.fields)
-        by_smooth = self.families.backward(smooth, by_projected * designed_cells(self)[:, None])
+        by_smooth = self.families.backward(smooth, by_projected * self.designed[:, None])
         both = by_smooth.ravel() if by_filtered is None else by_smooth.ravel() + by_filtered
         return self.with_passive(self.smoothing.backward(both))
 
@@ -127,23 +124,19 @@ class LineShares:
 
 @dataclass(frozen=True, eq=False)
 class MeanShares:
-    """Mean over the designed area of the sum of all shares, so that no lines are where none help.
-
-    Attributes:
-        fields: The line families.
-    """
+    """Mean sum of all shares over the designed area, so that no lines are where none help."""
 
     fields: LineShares
 
     def forward(self, projected: Floats) -> float:
         """Return the mean (collective)."""
         shares = projected[:, 1 : 1 + self.fields.families.count].sum(axis=1)
-        return dot(self.fields.skin.comm, area_fractions(self.fields), shares)
+        return dot(self.fields.skin.comm, self.fields.area_fractions(), shares)
 
     def backward(self, projected: Floats) -> Floats:
         """Return its derivative by the relaxed material (collective)."""
         gradient = np.zeros_like(projected)
-        gradient[:, 1 : 1 + self.fields.families.count] = area_fractions(self.fields)[:, None]
+        gradient[:, 1 : 1 + self.fields.families.count] = self.fields.area_fractions()[:, None]
         return gradient
 
 
@@ -160,8 +153,6 @@ def relaxed_problem(
     projection, perimeter and widths are left out.
 
     Args:
-        design: The density design.
-        families: How variables become shares and directions.
         radius: That of the smoothing in m.
         share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
         crossing: Factor of bonded crossings.

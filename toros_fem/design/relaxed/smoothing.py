@@ -28,14 +28,9 @@ def smoothing(
     Constant fields stay as they are where no chart is turned. Values stay within their bounds
     there, and everywhere if a turn shares each field out: no share gets below 0.
 
-    Both maps take the k variables of each owned triangle one after the other. The mesh of a relaxed
+    Both maps take the k variables of each owned triangle one after the other. Triangles of the
+    pattern that are not designed, (t,), have no lines, and are left at zero. The mesh of a relaxed
     problem is coarse: every rank solves the whole system.
-
-    Args:
-        skin: The sewn skin.
-        radius: R in m.
-        families: What the variables are.
-        designed: Whether each triangle of the pattern has lines, (t,); others are left at zero.
     """
     require_positive(radius=radius)
     pattern, fields, centre = skin.pattern, families.fields, families.centre

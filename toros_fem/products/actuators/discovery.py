@@ -115,15 +115,15 @@ class Discovery:
 
     def figures(self) -> dict[str, Any]:
         """Return the entries of the summary: relaxed design, lines, and what was asked for."""
-        first, best = self.rounds[0], self.best
+        first, best = self.rounds[0].relaxed, self.best
         return {
             "relaxed": {
-                **first.relaxed.metrics,
-                "objective": first.relaxed.objective,
-                "steps": len(first.relaxed.history),
-                "newton_steps": first.relaxed.newton_steps,
-                "triangles": len(first.relaxed.field.pattern.panel),
-                "seconds": first.relaxed.seconds,
+                **first.history[-1].metrics,
+                "objective": first.history[-1].objective,
+                "steps": len(first.history),
+                "newton_steps": sum(row.newton_steps for row in first.history),
+                "triangles": len(first.pattern.panel),
+                "seconds": sum(first.seconds.values()),
             },
             "lines": {
                 **best.metrics,

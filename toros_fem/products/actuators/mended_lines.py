@@ -73,7 +73,7 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
         misses: What its shape is judged by.
     """
     problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
-    if mesh is None or evaluation is None:
+    if not mesh.size or evaluation is None:
         return None
     comm, pattern, far = problem.comm, problem.skin.pattern, farthest(lines)
     printed = problem.skin.gather_cells(evaluation.projected) > 0.5
@@ -106,7 +106,6 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
 
 def farthest(lines: LaidLines) -> float:
     """Return the largest way of a line in one step, in m."""
-    assert lines.mesh is not None
     return FARTHER * float(np.sqrt(lines.mesh.areas.sum()))
 
 

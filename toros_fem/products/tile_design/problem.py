@@ -165,11 +165,11 @@ def tile_problem(
     skin = sew(MPI.COMM_SELF, patch.pattern)
     solver = TileSolver(skin, config.material.composite, Periodic(patch), log=log)
     every = group_mean(skin, patch.symmetry_maps(case.symmetry))
-    smooth = make_filter(design.filter, skin, design.filter_radius, lattice=lattice).after(every)
+    smooth = make_filter(design.filter, skin, design.filter_radius, lattice).after(every)
     projection, terms = Projection(design.beta, design.eta), []
     if design.perimeter_weight is not None:
         window = design.perimeter_window * design.filter_radius
-        perimeter = Perimeter(skin, window, design.perimeter_sharpness, lattice=lattice)
+        perimeter = Perimeter(skin, window, design.perimeter_sharpness, beyond=lattice)
         price = design.perimeter_weight / patch.pattern.size
         terms = [ObjectiveTerm("perimeter", perimeter, price)]
     problem = TileProblem(

@@ -16,7 +16,7 @@ from toros_fem.base.errors import CheckpointError, OutputError
 from toros_fem.base.files import UNFINISHED
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
-from toros_fem.design.loop.journal import KIND
+from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
 from toros_fem.results.runs.files import STATE
 from toros_fem.results.runs.signals import Signals
 
@@ -41,8 +41,8 @@ class Owner(Protocol):
         """End the run because of a signal."""
 
 
-class RunJournal:
-    """Journal of a run; it implements `design.loop.journal.Journal`.
+class RunJournal(Journal):
+    """Journal of a run.
 
     Args:
         run: The run.
@@ -64,7 +64,7 @@ class RunJournal:
         return RunEntry(comm, self._run, path, signature)
 
 
-class RunEntry:
+class RunEntry(JournalEntry):
     """The checkpoint of one design loop or simulation.
 
     Args:
