@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mpi4py import MPI
-
 from toros_fem.base.errors import PanelError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, on_first_rank
@@ -33,11 +31,10 @@ from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Search
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
-from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
-from toros_fem.results.runs.folder import journal_of, run_of
+from toros_fem.results.runs.folder import run_of
 from toros_fem.results.shape_miss import quantities_of, shape_of
-from toros_fem.results.summary import PrintedResult, printed_metrics
+from toros_fem.results.summary import printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
@@ -181,23 +178,23 @@ class Designer(Distributed, DensityDesigner):
         What took longest to find is on disk first. The last summary has all of them.
         """
         scene, folder = self.scene, Path(self.output)
-        metrics = printed_metrics(result, printed)
-        made = PrintedResult(
+        found = ActuatorResult(
             result,
             printed,
-            metrics,
+            printed_metrics(result, printed),
             config=scene,
             shape=shape_of(printed.evaluation),
             tolerances=scene.results.tolerances,
+            search=search,
+            corrections=scene.design.corrections,
         )
-        found = self._write(ActuatorResult(made, search, corrections=scene.design.corrections))
+        found = self._write(found)
         write_summary(self.comm, folder, found)
         if scene.results.estimate_error:
             self._check()
             errors = self._errors(found)
             if errors is not None:
-                made = replace(made, intervals=errors.intervals)
-            found = replace(found, made=made, errors=errors)
+                found = replace(found, errors=errors, intervals=errors.intervals)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
@@ -224,19 +221,18 @@ class Designer(Distributed, DensityDesigner):
 
     def _write(self, found: ActuatorResult) -> ActuatorResult:
         """Write a design and return it with the time that it took until now."""
-        found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
-        write_design(self.output, found.made)
+        found = replace(found, seconds=dict(self.reporter.seconds))
+        write_design(self.output, found)
         return found
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:
         """Return the errors of the metrics of a print; None without an equilibrium."""
-        printed = found.made.printed
-        made = printed.evaluation
+        printed, made = found.printed, found.printed.evaluation
         if made is None:
             return None
         problem, lines = made.problem, self.scene.design.start == "relaxed"
         assert isinstance(problem, ShapeDesign)
-        keys = list(found.made.shape)
+        keys = list(found.shape)
         measures = {metric.key: metric.measure for metric in problem.metrics}
         measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
         shape = limit_shape(problem.solver, made.equilibrium)
@@ -250,56 +246,7 @@ def _draw_lines(folder: Path, found: ActuatorResult) -> None:
     from toros_fem.results.pictures.flat import draw_lines
     from toros_fem.results.pictures.style import page
 
-    lines, printed = found.search.lines, found.made.printed
+    lines, printed = found.search.lines, found.printed
     if lines is not None and lines.best.relaxed is not None:
         with page(folder / "lines.png") as figure:
             draw_lines(figure, lines.best.relaxed.field, printed.pattern, printed.regions)
-
-
-@collective("comm")
-def design_actuator(
-    comm: MPI.Comm,
-    output: Path | str,
-    scene: ActuatorScene,
-    reporter: DesignReporter | None = None,
-    *,
-    source: Path | str | None = None,
-    verbose: bool = False,
-) -> ActuatorResult:
-    """Design an actuator and write all results (collective).
-
-    The design goes from coarse to fine over the levels of the scene. On each, free islands
-    of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
-    design is continued for `polish_iterations` steps. With several starts the best one takes the
-    place of the first level; its islands are left to the next. The design is asked again for what
-    its print misses, `corrections` times at most.
-
-    With `scene.design.start` = "relaxed" line families are designed and laid as lines instead, by
-    `discover`, and densities come last.
-
-    At the end the metrics of the print are followed over the pressure, by `curve_figures`.
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        scene: What to design.
-        reporter: Reports the progress; None makes one for `output`. One that is made earlier also
-            counts the time of the set-up.
-        source: Folder of a finished design, whose print the densities on the finest mesh start
-            from; it may be of another size, target or pressure. None starts as the scene says.
-        verbose: Whether to print every Newton step.
-
-    Raises:
-        TorosError: A number is out of its bounds, the start has no equilibrium, the folder
-            cannot be written to, or the source holds no print of such a skin.
-    """
-    designer = Designer(
-        comm=comm,
-        scene=scene if source is None else scene.from_print(),
-        output=output,
-        reporter=reporter or DesignReporter(comm, output),
-        journal=journal_of(output),
-        source=source,
-        verbose=verbose,
-    )
-    return designer.design()

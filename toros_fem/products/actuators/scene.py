@@ -25,16 +25,18 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
-from toros_fem.products.actuators.designer import design_actuator
+from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER
+from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.result import ActuatorResult, Trial
-from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
-from toros_fem.results.result import RunResult
+from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.folder import journal_of
 
 SOURCE = {
     "start_from": "output folder of a design, whose print the densities start from; none: `start`"
@@ -190,22 +192,49 @@ class ActuatorScene(Scene):
         output: Path | str,
         files: Mapping[str, Path] | None = None,
         *,
+        reporter: DesignReporter | None = None,
         verbose: bool = False,
-    ) -> RunResult:
+    ) -> ActuatorResult:
         """Design the pattern and write all results (collective).
+
+        The design goes from coarse to fine over the levels of the scene. On each, free islands of
+        the printed pattern are removed, or connected to the rest if that gives a lower T, and the
+        design is continued for `polish_iterations` steps. With several starts the best one takes
+        the place of the first level; its islands are left to the next. The design is asked again
+        for what its print misses, `corrections` times at most.
+
+        With `start` = "relaxed" line families are designed and laid as lines instead, by
+        `discover`, and densities come last.
 
         Args:
             comm: Communicator.
-            output: Folder for the results.
-            files: Paths, by the names in `DESIGN_FILES`; None for none.
+            output: Folder for summary, history, pattern, fields and pictures.
+            files: Paths, by the names in `DESIGN_FILES`. The print of "start_from" may be of
+                another size, target or pressure. None for none.
+            reporter: Reports the progress; None makes one for `output`. One that is made earlier
+                also counts the time of the set-up.
             verbose: Whether to print every Newton step.
 
         Raises:
-            TorosError: As of `design_actuator`.
+            TorosError: A number is out of its bounds, the start has no equilibrium, the folder
+                cannot be written to, or a file does not fit.
         """
         given = files or {}
         scene, source = self.with_files(comm, given), given.get("start_from")
-        return design_actuator(comm, output, scene, source=source, verbose=verbose)
+        scene.require_trial()
+        designer = Designer(
+            comm=comm,
+            scene=scene if source is None else scene.from_print(),
+            output=output,
+            reporter=reporter or DesignReporter(comm, output),
+            journal=journal_of(output),
+            source=source,
+            verbose=verbose,
+        )
+        return designer.design()
+
+    def require_trial(self) -> None:
+        """Check that `trial` has what it needs: this is told before the design, not after it."""
 
     def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
         """Simulate what the print is for, beyond its curve, and write the files of this."""
@@ -218,21 +247,31 @@ class ActuatorScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> RunResult:
+    ) -> SimulationResult:
         """Inflate the plain skin, or a given print, and write all results (collective).
+
+        The pressure rises to that of the scene in `curve_steps` equal steps, on the finest of its
+        meshes. Where it cannot be followed to its end, the summary's "failure" says why.
 
         Args:
             comm: Communicator.
-            output: Folder for the results.
-            files: Paths, by the names in `SIMULATION_FILES`; None for none.
+            output: Folder for curve, fields and pictures.
+            files: Paths, by the names in `SIMULATION_FILES`. The "pattern" is the output folder of
+                a design, or the pattern file in it. On the mesh of that design the simulation is
+                that of its print. A mesh of the scene follows the polygons of a folder; of a file
+                alone, a triangle of another mesh is printed where at least half of it is. Without,
+                only what is always printed is.
             verbose: Whether to print every Newton step.
 
         Raises:
-            TorosError: As of `simulate_actuator`.
+            ParameterError: The pressure is 0, or a number is out of its bounds.
+            PatternFileError: The pattern cannot be read.
+            PanelError: It is that of another skin.
+            EquilibriumError: There is no equilibrium at the first pressure.
         """
         given = files or {}
-        scene, pattern = self.with_files(comm, given), given.get("pattern")
-        return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
+        job = Job(comm, self.with_files(comm, given), verbose=verbose)
+        return simulate_actuator(job, output, given.get("pattern"))
 
     def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
         """Return the cost of a design with its files, by `actuator_cost` (collective)."""

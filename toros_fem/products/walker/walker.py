@@ -8,7 +8,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -45,7 +45,6 @@ from toros_fem.products.walker.gait import (
     walk_of,
     write_gait,
 )
-from toros_fem.results.result import RunResult
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
@@ -263,18 +262,10 @@ class WalkerScene(ActuatorScene):
 
         return Metric("foot", "mm", 1e3 * self.skin.leg_width / 2, measure)
 
-    def run_design(
-        self,
-        comm: MPI.Comm,
-        output: Path | str,
-        files: Mapping[str, Path] | None = None,
-        *,
-        verbose: bool = False,
-    ) -> RunResult:
-        """Design the walker and let it walk (collective)."""
+    def require_trial(self) -> None:
+        """Check that the library of contact is there, which the gait needs."""
         if self.results.gait_steps is not None:
-            ipctk()  # what is missing is told before the design, not after it
-        return super().run_design(comm, output, files, verbose=verbose)
+            ipctk()
 
     def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> GaitFigures | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
