@@ -151,14 +151,20 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
     tried = None
     if probing and made is not None:
         tried = probe(scene.problem(comm, made, level), scene.design.seed)
-    finest, lines = finest_triangles(scene, area, made), scene.design.start == "relaxed"
-    if lines:
+    finest, results = finest_triangles(scene, area, made), scene.results
+    if scene.design.start == "relaxed":
         relaxed = 0 if made is None else len(made.pattern.panel)
         if _edges(scene):
             relaxed = round(expected_triangles(area, scene.lines.relaxed_edge_length))
         parts = _line_parts(scene, relaxed, finest)
     else:
         parts = _density_parts(scene, finest, comm.size)
+    if results.estimate_error:
+        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
+    if results.curve_pressure is not None:
+        most = results.curve_steps + HALVINGS + PARTS
+        likely = _times(CURVE_POINT, results.curve_steps, most)
+        parts.append(Part("curve over the pressure", finest, likely))
     unknowns = round(_unknowns(scene, made) * finest)
     return Cost(finest, finest, unknowns, comm.size, parts, tried)
 
@@ -252,10 +258,7 @@ def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
     if rounds:
         likely = _times(DESIGN_STEP, more, more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
-    parts.append(Part("prints", finest, _times(PRINT, levels, levels + rounds)))
-    if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, finest)]
+    return [*parts, Part("prints", finest, _times(PRINT, levels, levels + rounds))]
 
 
 def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
@@ -272,18 +275,7 @@ def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
     if steps := lines.density_iterations:
         own = steps + rounds * (scene.design.level_iterations + 1)
         parts.append(Part("densities from lines", finest, _times(DESIGN_STEP, steps, own)))
-    if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, finest)]
-
-
-def _curve_part(scene: ActuatorScene, finest: int) -> list[Part]:
-    results = scene.results
-    if results.curve_pressure is None:
-        return []
-    most = results.curve_steps + HALVINGS + PARTS
-    likely = _times(CURVE_POINT, results.curve_steps, most)
-    return [Part("curve over the pressure", finest, likely)]
+    return parts
 
 
 def _weight(triangles: float) -> float:

@@ -190,7 +190,9 @@ class DensityDesigner(Job):
 
         def again(attempts: Sequence[Attempt]) -> Attempt | None:
             last = attempts[-1]
-            asked = dict(last.asked) if close(last) else asked_next(attempts, free)
+            asked = dict(last.asked)
+            if not close(last):
+                asked = asked_next([a.metrics for a in attempts], [a.asked for a in attempts], free)
             try:
                 other = scene.asked(asked)
             except ParameterError:  # beyond what the targets' fields allow

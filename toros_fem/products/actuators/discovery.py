@@ -262,7 +262,8 @@ class _Search:
                 if m.key in self.misses.aims
             }
         elif set(self.misses.aims) <= set(scene.targets()):
-            strains, asked = None, asked_next(laid[begin:], self.misses.aims)
+            got, before = [one.metrics for one in laid[begin:]], [one.asked for one in laid[begin:]]
+            strains, asked = None, asked_next(got, before, self.misses.aims)
             try:
                 case = scene.asked(asked).case(comm, scene.relaxed_level)
             except ParameterError:  # beyond what the targets' fields allow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -33,22 +33,31 @@ PARTS = 16
 SAME = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class PressureCurve:
-    """Equilibria of a printed skin over the pressure.
+@dataclass(frozen=True)
+class CurveFigures:
+    """What the curve of a print tells.
 
     Attributes:
-        points: Equilibria by rising pressure; that of the print is one of them.
-        unfilled_at: Largest pressure in Pa at which the skin was found to enclose less than its
+        failure: Why there is none; None if there is one.
+        lowest_pa, highest_pa: Its ends.
+        points: Number of equilibria.
+        unfilled_at_pa: Largest pressure at which the skin was found to enclose less than its
             assembled shape, which is no point any more; None if it was filled at all.
         failure_below, failure_above: Why there is no equilibrium at lower or higher pressures;
             None if the curve was followed to its end.
+        measured: Measured values, each beside the simulated one.
+        seconds: Wall time.
     """
 
-    points: tuple[TracePoint, ...]
-    unfilled_at: float | None
-    failure_below: str | None
-    failure_above: str | None
+    failure: str | None = None
+    lowest_pa: float | None = None
+    highest_pa: float | None = None
+    points: int = 0
+    unfilled_at_pa: float | None = None
+    failure_below: str | None = None
+    failure_above: str | None = None
+    measured: Sequence[Mapping[str, Any]] = ()
+    seconds: float | None = None
 
 
 @collective("problem.comm")
@@ -58,7 +67,7 @@ def trace_pressure_curve(
     largest: float,
     steps: int,
     further: Sequence[float] = (),
-) -> PressureCurve:
+) -> tuple[list[TracePoint], CurveFigures]:
     """Follow a print from its pressure down until the skin is not filled, and up (collective).
 
     The pressures are multiples of the step. Below one step they are halved, `HALVINGS` times at
@@ -66,6 +75,8 @@ def trace_pressure_curve(
     ratios of their pressures. A skin is filled where it encloses at least the volume of its
     assembled shape. While its equilibria are stable, the volume of a chamber rises with its
     pressure, so that this begins at one pressure.
+
+    Returned are the equilibria by rising pressure, that of the print among them, and their figures.
 
     Args:
         problem: The design problem.
@@ -109,7 +120,16 @@ def trace_pressure_curve(
         # Downwards, as the curve: a skin that snaps does so at a lower pressure when it empties.
         more, _ = follow(between[::-1], points[k + 1].result)
         points[k + 1 : k + 1] = reversed(more)
-    return PressureCurve(tuple(points), unfilled_at, failure_below, failure_above)
+    found = CurveFigures(
+        None,
+        points[0].result.pressure,
+        points[-1].result.pressure,
+        len(points),
+        unfilled_at,
+        failure_below,
+        failure_above,
+    )
+    return points, found
 
 
 def _between(points: Sequence[TracePoint], rest: Floats) -> list[list[float]]:
@@ -142,30 +162,6 @@ def _pressures(
     if least > 0:
         lower += [least / 2**k for k in range(1, HALVINGS + 1)]
     return lower, [float(p) for p in grid if p > (1 + SAME) * design]
-
-
-@dataclass(frozen=True)
-class CurveFigures:
-    """What the curve of a print tells.
-
-    Attributes:
-        failure: Why there is none; None if there is one.
-        lowest_pa, highest_pa: Its ends.
-        points: Number of equilibria.
-        unfilled_at_pa, failure_below, failure_above: As of `PressureCurve`.
-        measured: Measured values, each beside the simulated one.
-        seconds: Wall time.
-    """
-
-    failure: str | None = None
-    lowest_pa: float | None = None
-    highest_pa: float | None = None
-    points: int = 0
-    unfilled_at_pa: float | None = None
-    failure_below: str | None = None
-    failure_above: str | None = None
-    measured: Sequence[Mapping[str, Any]] = ()
-    seconds: float | None = None
 
 
 @collective("comm", owned=("printed", "measured"))
@@ -201,7 +197,9 @@ def write_curve(
     whole = problem.whole
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
-    curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
+    points, found = trace_pressure_curve(
+        problem, made, config.curve_pressure, config.curve_steps, further
+    )
     rows = [
         {
             "pressure_pa": point.result.pressure,
@@ -209,26 +207,17 @@ def write_curve(
             "stretch_use": point.result.stretch_use,
             **point.metrics,
         }
-        for point in curve.points
+        for point in points
     ]
     skin = shown_skin(problem, printed.regions, made.equilibrium.poses)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
-        write_path(folder, "pressure", skin, curve.points, whole)
+        write_path(folder, "pressure", skin, points, whole)
 
     guarded(comm, folder, write)
-    return CurveFigures(
-        None,
-        rows[0]["pressure_pa"],
-        rows[-1]["pressure_pa"],
-        len(rows),
-        curve.unfilled_at,
-        curve.failure_below,
-        curve.failure_above,
-        [_beside(m, rows) for m in compared],
-        time.perf_counter() - begin,
-    )
+    beside = [_beside(m, rows) for m in compared]
+    return replace(found, measured=beside, seconds=time.perf_counter() - begin)
 
 
 def _beside(measured: Measurement, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:

@@ -185,6 +185,11 @@ class ActuatorScene(Scene):
         if design.start == "relaxed":
             widths["laid_width"] = max(self.laid_widths)
         yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
+        yield from self.target_groups(skin)
+
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target, which the skin is to take."""
+        return iter(())
 
     def run_design(
         self,

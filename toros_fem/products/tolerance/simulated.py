@@ -10,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import Distributed, collective, on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import Evaluation
@@ -49,26 +49,6 @@ STIFFNESSES = (
     ("print modulus", "reinforcement", "young"),
     ("print thickness", "reinforcement", "thickness"),
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Change(Distributed):
-    """A skin of which one quantity is off.
-
-    Attributes:
-        quantity, amount: What is off, and by how much, as of `Variant`.
-        rate: Derivatives by the quantity.
-        solver: Solver of the skin.
-        pressures: In Pa, of each chamber.
-        moved: The skin, if its print's borders have moved; else its mesh is that as drawn.
-    """
-
-    quantity: str
-    amount: float
-    rate: Rate
-    solver: EquilibriumSolver
-    pressures: Sequence[float]
-    moved: MovedSkin | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +125,7 @@ def simulated_tolerances(
     begin = time.perf_counter()
     study = _Study(problem, drawn)
     middle = time.perf_counter()
-    variants = tuple(map(study.variant, study.changes(config or ToleranceConfig())))
+    variants = tuple(study.variants(config or ToleranceConfig()))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
     return Tolerances(
         metrics=tuple(problem.metrics),
@@ -179,8 +159,8 @@ class _Study:
         self.nominal = values_at(problem, self.equilibrium.positions)
         self.rates = TangentRates(problem, self.density, self.equilibrium)
 
-    def changes(self, config: ToleranceConfig) -> Iterator[Change]:
-        """Yield all changes by quantity, from less to more."""
+    def variants(self, config: ToleranceConfig) -> Iterator[Variant]:
+        """Yield all variants by quantity, from less to more."""
         if config.width is not None:
             yield from self._widths(config.width)
         sizes = {"young": config.modulus, "thickness": config.thickness}
@@ -190,7 +170,7 @@ class _Study:
         if config.pressure_change is not None:
             yield from self._pressures(config.pressure_change)
 
-    def _widths(self, width: float) -> Iterator[Change]:
+    def _widths(self, width: float) -> Iterator[Variant]:
         pattern, unknowns = (
             self.pattern,
             self.problem.solver.model.patch.gather(self.equilibrium.state),
@@ -210,11 +190,11 @@ class _Study:
         step = BORDER_STEP * width
         rate = self.rates.by_borders(moved(-step), moved(step), self.density_of_all, step)
         for factor in (-2, -1, 1, 2):
-            skin, pressures = moved(factor * width), self.equilibrium.pressures
-            solver = skin.problem.solver
-            yield Change("print width", factor * width, rate, solver, pressures, skin)
+            skin = moved(factor * width)
+            found = self._solved("print width", factor * width, rate, moved=skin)
+            yield self._worn(found, skin)
 
-    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Change]:
+    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Variant]:
         composite = self.problem.solver.model.composite
 
         def changed(factor: float) -> Composite:
@@ -225,36 +205,45 @@ class _Study:
         rate = self.rates.by_composite(changed)
         for amount in (-size, size):
             solver = self.problem.solver.like(composite=changed(1 + amount), log=None)
-            yield Change(name, amount, rate, solver, self.equilibrium.pressures)
+            yield self._solved(name, amount, rate, solver)
 
-    def _pressures(self, size: float) -> Iterator[Change]:
+    def _pressures(self, size: float) -> Iterator[Variant]:
         rate = self.rates.by_pressure()
         for amount in (-size, size):
             pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
-            yield Change("pressure", amount, rate, self.problem.solver, pressures)
+            yield self._solved("pressure", amount, rate, pressures=pressures)
 
-    def variant(self, c: Change) -> Variant:
-        """Return what a change does, at the places of the skin as drawn."""
-        found = self._solved(c)
-        return found if c.moved is None else self._worn(found, c.moved)
+    def _solved(
+        self,
+        quantity: str,
+        amount: float,
+        rate: Rate,
+        solver: EquilibriumSolver | None = None,
+        pressures: Sequence[float] | None = None,
+        moved: MovedSkin | None = None,
+    ) -> Variant:
+        """Return a variant, at the places of the skin as drawn, from where the rate leads.
 
-    def _solved(self, c: Change) -> Variant:
-        """Return the variant of a change, simulated from the motion that the tangent predicts."""
-        predicted = {k: value + c.amount * c.rate.values[k] for k, value in self.nominal.items()}
-        state, along = self.equilibrium.state, c.amount * c.rate.motion
+        Solver and pressures are those of the drawn skin, if the quantity changes no others.
+        """
+        predicted = {k: value + amount * rate.values[k] for k, value in self.nominal.items()}
+        state, along = self.equilibrium.state, amount * rate.motion
         density, starts = self.density, [state + along, state.copy()]
-        if c.moved is not None:
-            density = self.density_of_all[c.moved.problem.skin.owned_cells]
-            starts = [c.moved.state(self.problem.solver.model.patch.gather(along)), c.moved.state()]
-        start = next(filter(c.solver.model.admits, starts), None)
+        if moved is not None:
+            solver = moved.problem.solver
+            density = self.density_of_all[moved.problem.skin.owned_cells]
+            starts = [moved.state(self.problem.solver.model.patch.gather(along)), moved.state()]
+        solver = solver or self.problem.solver
+        start = next(filter(solver.model.admits, starts), None)
+        load = Load(pressures or self.equilibrium.pressures, self.problem.physics.force)
         try:
-            found = c.solver.solve(density, Load(c.pressures, self.problem.physics.force), start)
+            found = solver.solve(density, load, start)
         except EquilibriumError as caught:  # raised by all ranks or by none
-            return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
+            return Variant(quantity, amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()
-        places = found.positions if c.moved is None else c.moved.before(found.positions)
+        places = found.positions if moved is None else moved.before(found.positions)
         values = values_at(self.problem, places)
-        return Variant(c.quantity, c.amount, values, predicted, notes, found.steps)
+        return Variant(quantity, amount, values, predicted, notes, found.steps)
 
     def _worn(self, variant: Variant, skin: MovedSkin) -> Variant:
         """Return a variant with what its lines and gaps have become."""

@@ -31,7 +31,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated, twisting_strain
+from toros_fem.products.plausibility import Group
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -106,13 +106,6 @@ class TubeScene(ActuatorScene):
         """Yield the dimensionless groups of the scene."""
         yield Group("slenderness", "length", self.skin.length / self.skin.diameter)
         yield from super().groups()
-
-    @property
-    def inflated(self) -> Inflated:
-        """The tube under its largest pressure."""
-        found = super().inflated
-        assert found is not None
-        return found
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: all its vertices count, those of the tip more."""
@@ -191,12 +184,6 @@ def twist_metric(target: float | None) -> Metric:
 def shortening_metric(target: float) -> Metric:
     """Return the shortening of a tube in per cent, by `measures.shortening`."""
     return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
-
-
-def twist_groups(scene: TubeScene, twist: float) -> Iterator[Group]:
-    """Yield the groups of the twist of a tube in degrees."""
-    strain = twisting_strain(twist, scene.skin.length, scene.radius)
-    return scene.inflated.turn("twist", twist, strain)
 
 
 def length_metric(target: float | None) -> Metric:
