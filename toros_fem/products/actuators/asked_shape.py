@@ -36,9 +36,7 @@ class Answer:
 def strains_beyond(case: Case, positions: Floats) -> Floats:
     """Return the strains of a shape minus those of the target, (k, 6), smoothed along the body.
 
-    Args:
-        case: The skin, on the mesh of the shape.
-        positions: Positions of all vertices, (n, 3), in m.
+    The shape is that of all vertices of the case, (n, 3), in m.
     """
     misses = misses_of(case)
     off = misses.rod(positions).strains - misses.rod(case.goal).strains

@@ -48,13 +48,7 @@ AROUND = (5.0, 20.0)
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a run.
-
-    Attributes:
-        name: What it is.
-        triangles: Triangles of its mesh.
-        newton_steps: Fewest and most Newton steps that are likely.
-    """
+    """A part of a run: triangles of its mesh, and fewest and most Newton steps that are likely."""
 
     name: str
     triangles: int
@@ -63,13 +57,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Probe:
-    """A few real steps on a mesh.
-
-    Attributes:
-        triangles: Triangles of the mesh.
-        newton_steps: Newton steps that were made.
-        seconds: Time of these, with adjoints and updates of the design, in s.
-    """
+    """A few Newton steps on a mesh, and their time in s with adjoints and updates of the design."""
 
     triangles: int
     newton_steps: int
@@ -137,11 +125,8 @@ def probe(problem: DesignProblem, seed: int) -> Probe:
 def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cost:
     """Return the expected cost of a design (collective).
 
-    Args:
-        comm: Communicator.
-        scene: What is designed, with its files.
-        probing: Whether to try some steps on a coarse mesh. What is too large for a quick look is
-            too large for that.
+    `probing` says whether to try some steps on a coarse mesh. What is too large for a quick look is
+    too large for that.
 
     Raises:
         MeshSizeError: A mesh would have more triangles than the limit.

@@ -23,12 +23,7 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
-from toros_fem.products.actuators.asked_shape import (
-    Answer,
-    asking,
-    strains_beyond,
-    strains_to_ask,
-)
+from toros_fem.products.actuators.asked_shape import Answer, asking, strains_beyond, strains_to_ask
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending

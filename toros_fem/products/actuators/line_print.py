@@ -68,10 +68,7 @@ def print_of_lines(
     """Print lines on a mesh that is moved onto them, and simulate this print (collective).
 
     Args:
-        job: What is designed.
-        level: The mesh.
-        case: The case on it, before it is moved.
-        laid: The lines.
+        level, case: The mesh, and the case on it before it is moved.
         near: The shape that its simulation on coarser meshes starts from.
         pressures: Pressure of each chamber in Pa; None takes those of the case.
     """

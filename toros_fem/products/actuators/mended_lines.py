@@ -66,11 +66,6 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
     A Gauss–Newton step with a ridge: misses are linear in the widths of the families and in a warp
     of all lines, by a solve with the print's tangent for each smooth function. None where this
     does not promise a fair part.
-
-    Args:
-        made: The print of the lines.
-        lines: The lines.
-        misses: What its shape is judged by.
     """
     problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
     if mesh is None or evaluation is None:

@@ -40,8 +40,6 @@ def simulated_on(
     """Simulate a print on another mesh (collective).
 
     Args:
-        job: What was printed.
-        level: The mesh.
         near: The shape that the simulation starts from.
         printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.

@@ -79,7 +79,6 @@ def trace_pressure_curve(
     Returned are the equilibria by rising pressure, that of the print among them, and their figures.
 
     Args:
-        problem: The design problem.
         made: Evaluation of the print, at its pressure.
         largest: Largest pressure in Pa; the curve ends at that of the print if this is larger.
         steps: Number of steps from 0 to there.
@@ -172,16 +171,10 @@ def write_curve(
     config: Results,
     measured: Sequence[Measurement] = (),
 ) -> CurveFigures | None:
-    """Write curve.csv and frames, and return what they tell (collective).
+    """Write curve.csv and frames, and return what they tell; None without a curve (collective).
 
-    None if the configuration leaves the curve out.
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        printed: The printed pattern.
-        config: Largest pressure and number of steps.
-        measured: Measured values; those of metrics with the same target are compared.
+    The folder is made if missing. Of the measured values those of metrics with the same target are
+    compared.
 
     Raises:
         OutputError: A file cannot be written; on all ranks.

@@ -144,10 +144,7 @@ class ActuatorScene(Scene):
         return {one.metric_key: name for name, one in cls.described().items() if one.metric_key}
 
     def asked(self, targets: Mapping[str, float]) -> Self:
-        """Return the scene of other targets.
-
-        Args:
-            targets: Target of some metrics, by their keys.
+        """Return the scene of other targets of some metrics, by the keys of these.
 
         Raises:
             ParameterError: No field holds the target of a metric, or its value is out of bounds.
@@ -212,7 +209,6 @@ class ActuatorScene(Scene):
         `discover`, and densities come last.
 
         Args:
-            comm: Communicator.
             output: Folder for summary, history, pattern, fields and pictures.
             files: Paths, by the names in `DESIGN_FILES`. The print of "start_from" may be of
                 another size, target or pressure. None for none.
@@ -259,7 +255,6 @@ class ActuatorScene(Scene):
         meshes. Where it cannot be followed to its end, the summary's "failure" says why.
 
         Args:
-            comm: Communicator.
             output: Folder for curve, fields and pictures.
             files: Paths, by the names in `SIMULATION_FILES`. The "pattern" is the output folder of
                 a design, or the pattern file in it. On the mesh of that design the simulation is

@@ -250,7 +250,6 @@ def estimates_of(
     """Return constants with their intervals.
 
     Args:
-        values: The constants.
         draws: The same constants of each draw, (draws,).
         ranges: Smallest and largest value that the fit allows for c₁ and c₂.
     """

@@ -74,8 +74,6 @@ def write_lift(
     """Write frames, and a picture of all fingers around the object (collective).
 
     Args:
-        comm: Communicator.
-        folder: Output folder, which exists.
         pattern: The pattern of one whole finger.
         rows: Density of its triangles, (t,), and shapes of a lift, a row of the picture each; the
             last one is that of the print.

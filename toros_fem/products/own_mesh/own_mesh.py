@@ -286,9 +286,7 @@ class OwnMeshScene(ActuatorScene):
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with its skin, and a filter radius if none is given (collective).
 
-        Args:
-            comm: Communicator.
-            files: Paths of the "mesh", a pattern file or its folder too, and of the "target".
+        They are the "mesh", a pattern file or its folder too, and the "target".
 
         Raises:
             TorosError: There is no mesh, or a file cannot be read, or does not fit.
@@ -508,7 +506,6 @@ def read_skin(
     """Read a mesh, cut it into flat panels, and read its target (collective).
 
     Args:
-        comm: Communicator.
         scene: Scale, new mesh, cuts and symmetry.
         mesh: Mesh file; or a pattern file, or the folder that it lies in.
         target: Mesh file of the target; None for none.

@@ -7,17 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.keys import (
-    Angle,
-    In,
-    Length,
-    Modulus,
-    OneOf,
-    Poisson,
-    Stretch,
-    Table,
-    key,
-)
+from toros_fem.base.keys import Angle, In, Length, Modulus, OneOf, Poisson, Stretch, Table, key
 from toros_fem.materials.sheet import (
     CURVATURES,
     PRINT_SIDES,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from shapely.geometry.base import BaseGeometry
 
@@ -12,15 +12,10 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
-from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import (
-    PrintLimits,
-    printability,
-    printed_fractions,
-)
+from toros_fem.making.print.printability import PrintLimits, printability, printed_fractions
 from toros_fem.making.print.regions import part_regions
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
@@ -30,12 +25,7 @@ from toros_fem.meshes.following import border_motion, snapped, with_flat_points
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.rates import (
-    MovedSkin,
-    Rate,
-    TangentRates,
-    values_at,
-)
+from toros_fem.products.tolerance.rates import MovedSkin, Rate, TangentRates, values_at
 from toros_fem.products.tolerance.result import Tolerances, Variant
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
@@ -61,16 +51,16 @@ class Drawn:
         limits: Limits of the printer.
         near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
             None starts from the assembled shape.
-        pressure: In Pa, of all chambers or of each; None takes the problem's own.
-        own_mesh: Metrics by key on the mesh of the design, to compare with; empty if not known.
+        pressures: In Pa, of each chamber.
+        own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
     """
 
     regions: Sequence[BaseGeometry]
     whole: tuple[Pattern, Sequence[BaseGeometry]]
     limits: PrintLimits
     near: tuple[Pattern, Floats] | None
-    pressure: Pressure | None
-    own_mesh: Mapping[str, float] = field(default_factory=dict)
+    pressures: Sequence[float]
+    own_mesh: Mapping[str, float]
 
 
 @collective("problem.comm")
@@ -152,7 +142,7 @@ class _Study:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            part[skin.owned_cells], start=start, pressure=drawn.pressure
+            part[skin.owned_cells], start=start, pressure=drawn.pressures
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)

@@ -125,8 +125,6 @@ class TubeScene(ActuatorScene):
         """Return a tube along z whose base is held and whose caps are printed (collective).
 
         Args:
-            comm: Communicator.
-            level: Its mesh.
             deform: Maps assembled to target positions.
             metrics: Numbers that the design is judged by, as functions of the whole tube. The
                 `length_metric` is watched too if it is not among them.
@@ -198,8 +196,6 @@ def plain_tube(
     """Return a tube with a plain wall: pattern, supports, and density of all triangles, (t,).
 
     Args:
-        comm: Communicator.
-        sizes: Its sizes.
         planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
         seams: How seams carry moments, as of `Bending`.
 

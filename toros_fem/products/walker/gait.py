@@ -206,10 +206,7 @@ def flat_on_ground(
     """Return a flat robot as it lies on the ground, and the height of the ground (collective).
 
     Args:
-        comm: Communicator.
-        pattern: The robot, or a part of it.
-        supports: Its symmetry planes.
-        sizes: Sizes of its contact.
+        pattern, supports: The robot, or a part of it, and its symmetry planes.
 
     Returns:
         Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
@@ -256,9 +253,6 @@ def write_gait(
     """Write table, frames and pictures of a cycle (collective).
 
     Args:
-        comm: Communicator.
-        folder: Output folder, which exists.
-        walk: What the robot does.
         regions: Print on each panel of the whole, polygons in m.
         measured: Who measured the stride, and it in m; None for none.
 

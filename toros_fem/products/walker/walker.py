@@ -302,8 +302,6 @@ class WalkerScene(ActuatorScene):
         half is its mirror image.
 
         Args:
-            comm: Communicator.
-            gait: The cycle.
             half: Half of the robot, at y ≥ 0.
             density: Printed part of each triangle of the half, (t,).
             pressures: Full pressure of each chamber in Pa, (3,).
