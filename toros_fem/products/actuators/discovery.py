@@ -173,8 +173,7 @@ class _Search:
     Attributes:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
-        best: The best round and its print. Only this print and the last one keep their problems.
-        last: The last print.
+        best: The best round and its print. Only this print keeps its problem.
         number: Of the next round.
         seconds: As of `Discovery`.
     """
@@ -184,7 +183,6 @@ class _Search:
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint] | None = None
-        self.last: LinePrint | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
 
@@ -298,11 +296,8 @@ class _Search:
                     relaxed.field, options, printed=printed, planes=planes, like=like
                 ),
             )
-        made = self._made(laid, (case.pattern, relaxed.positions), relaxed)
-        answer = None
-        if strains is not None and not made.printed.failure:
-            answer = Answer(strains, strains_beyond(made.case, made.shape[1]))
-        return self._round(dict(asked), relaxed, laid, made, answer, None)
+        near = case.pattern, relaxed.positions
+        return self._printed(dict(asked), relaxed, laid, near, strains=strains)
 
     def _mending(self, best: Round) -> Mending | None:
         """Return the change that mends the best print most."""
@@ -317,28 +312,26 @@ class _Search:
         near = self.best[1].shape
         with self._timed("lines"):
             laid = on_first_rank(self.job.comm, lambda: changed(step.lines, step.change))
-        made = self._made(laid, near, best.relaxed)
-        return self._round(best.asked, best.relaxed, laid, made, None, step)
+        return self._printed(best.asked, best.relaxed, laid, near, mended=step)
 
-    def _made(self, laid: LaidLines, near: Shape, relaxed: RelaxedResult) -> LinePrint:
-        """Simulate the print of lines."""
-        self.last = None  # its problem is freed if it is not the best one's
-        free_dropped(self.job.comm)
-        with self._timed("prints"):
-            level, pressures = self.job.scene.print_level, relaxed.pressures or None
-            self.last = print_of_lines(self.job, level, self.plain, laid, near, pressures)
-        return self.last
-
-    def _round(
+    def _printed(
         self,
         asked: Mapping[str, float],
         relaxed: RelaxedResult,
         laid: LaidLines,
-        made: LinePrint,
-        answer: Answer | None,
-        mended: Mending | None,
+        near: Shape,
+        *,
+        strains: Floats | None = None,
+        mended: Mending | None = None,
     ) -> Round:
-        """Return the round of a print, report it, and keep the print if it is the best."""
+        """Simulate the print of lines, report its round, and keep the print if it is the best."""
+        free_dropped(self.job.comm)  # the problem of the last print, if that was not the best
+        with self._timed("prints"):
+            level, pressures = self.job.scene.print_level, relaxed.pressures or None
+            made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
+        answer = None
+        if strains is not None and not made.printed.failure:
+            answer = Answer(strains, strains_beyond(made.case, made.shape[1]))
         of_metrics = of_shape = missed = uncertain = np.inf
         failure = made.printed.failure
         if not failure:

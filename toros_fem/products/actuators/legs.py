@@ -20,6 +20,8 @@ from toros_fem.products.tables.loads import Orientation
 
 # Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
 CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4
+# Part of the reach along a leg that is its tip.
+TIP = 0.05
 
 
 @dataclass(frozen=True)
@@ -92,18 +94,15 @@ class Leg:
         return Metric(name, "deg", target, measure)
 
 
-def tip_positions(
-    pattern: Pattern, positions: Floats, directions: Floats, fraction: float = 0.05
-) -> Floats:
+def tip_positions(pattern: Pattern, positions: Floats, directions: Floats) -> Floats:
     """Return the mean positions of the tips of legs, (k, 3), in m.
 
     Args:
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         directions: Unit vectors along the legs in the assembled skin, (k, 2).
-        fraction: Fraction of the reach along a leg that counts as its tip.
     """
     reach = pattern.points[:, :2] @ directions.T
-    return np.array([positions[r > (1 - fraction) * r.max()].mean(axis=0) for r in reach.T])
+    return np.array([positions[r > (1 - TIP) * r.max()].mean(axis=0) for r in reach.T])
 
 
 def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -> Supports:

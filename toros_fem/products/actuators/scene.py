@@ -297,7 +297,7 @@ class ActuatorScene(Scene):
         Raises:
             ParameterError: The knit is not symmetric about the planes.
         """
-        self.require_symmetric_knit(planes)
+        self.material.require_symmetric(planes)
         return Case(
             pattern,
             target,
@@ -414,20 +414,6 @@ class ActuatorScene(Scene):
                 perimeter_sharpness=design.perimeter_sharpness,
             ),
         )
-
-    def require_symmetric_knit(self, planes: tuple[int, ...]) -> None:
-        """Check that a knit has the mirrored grain where the skin is cut at symmetry planes.
-
-        Raises:
-            ParameterError: It has not.
-        """
-        sheets = self.material
-        if planes and sheets.knit_ratio is not None and sheets.grain_angle % 90:
-            raise ParameterError(
-                f"grain_angle = {sheets.grain_angle} deg is not symmetric: the other part would "
-                "have the mirrored grain. Set 0 or 90, or design the whole skin.",
-                "grain_angle",
-            )
 
     @property
     def laid_widths(self) -> tuple[float, float]:

@@ -487,7 +487,7 @@ class OwnMeshScene(ActuatorScene):
         Raises:
             TorosError: One is not; the message names it.
         """
-        self.require_symmetric_knit((axis,))
+        self.material.require_symmetric((axis,))
         if isinstance(body, Surface):
             require_symmetric(body, axis)
         for name in ("held", "printed", "plain"):
