@@ -59,9 +59,8 @@ class Search:
 
 
 class Trial(Protocol):
-    """What the print was simulated at, beyond its curve: a dataclass, as gaits and lifts are."""
+    """What the print was simulated at, beyond its curve."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]  # of any dataclass
     NAME: ClassVar[str]  # its entry in summaries
 
     @property
@@ -71,6 +70,9 @@ class Trial(Protocol):
     @property
     def words(self) -> str:
         """It in words."""
+
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -114,7 +116,7 @@ class ActuatorResult(PrintedResult):
         if self.curve is not None:
             found["curve"] = asdict(self.curve)
         if self.trial is not None:
-            found[self.trial.NAME] = asdict(self.trial)
+            found[self.trial.NAME] = self.trial.entries()
         return found
 
     def description(self) -> str:

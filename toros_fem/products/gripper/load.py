@@ -9,9 +9,9 @@ becomes of each mass. Fingers close without friction, which acts from then on.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -95,6 +95,10 @@ class Lifted:
         if made.held_mass_kg is not None:
             found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
         return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
+
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,6 @@ from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.walker.gait import (
     Gait,
-    GaitFigures,
     Walk,
     flat_on_ground,
     walk_of,
@@ -267,7 +266,7 @@ class WalkerScene(ActuatorScene):
         if self.results.gait_steps is not None:
             ipctk()
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> GaitFigures | None:
+    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Walk | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
         if self.results.gait_steps is None:
             return None
@@ -281,12 +280,10 @@ class WalkerScene(ActuatorScene):
         quarter = skin.gather_cells(shown.projected)
         half = mirrored(skin.pattern, (0,))
         density = half.at_cells(quarter)
-        found, failure = self.follow(comm, gait, half.pattern, density, full)
-        if found is None:
-            return GaitFigures(CHAMBERS, tuple(full), failure)
-        measured = MEASURED_STRIDE if self.target.motion == "crawl" else None
-        write_gait(comm, output, found, printed.regions, measured)
-        return found.figures(full, failure or None, measured)
+        found = self.follow(comm, gait, half.pattern, density, full)
+        if found.points:
+            write_gait(comm, output, found, printed.regions)
+        return found
 
     def follow(
         self,
@@ -295,7 +292,7 @@ class WalkerScene(ActuatorScene):
         half: Pattern,
         density: Floats,
         pressures: Sequence[float],
-    ) -> tuple[Walk | None, str]:
+    ) -> Walk:
         """Simulate half of a robot on the ground through one cycle of a gait (collective).
 
         It begins flat on the ground, and fills what the end of the last phase has filled. The other
@@ -305,10 +302,6 @@ class WalkerScene(ActuatorScene):
             half: Half of the robot, at y ≥ 0.
             density: Printed part of each triangle of the half, (t,).
             pressures: Full pressure of each chamber in Pa, (3,).
-
-        Returns:
-            What the robot does, None without any equilibrium; and why the path ends before the
-            cycle does, empty where it does not.
         """
         skin, supports, sheets = sew(comm, half), symmetry_plane(half, 1), self.material
         sizes = self.contact_on(half, 0.0).sizes(sheets.composite)
@@ -330,10 +323,13 @@ class WalkerScene(ActuatorScene):
         points, failure = until_failure(
             trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
         )
-        if not points:
-            return None, failure
         reach, whole = sizes.thickness / 2 + sizes.distance, mirrored(half, (1,))
-        return walk_of(gait, points, whole, self.star.directions, height, reach), failure
+        return replace(
+            walk_of(gait, points, whole, self.star.directions, height, reach),
+            pressures=tuple(pressures),
+            failure=failure,
+            measured=MEASURED_STRIDE if self.target.motion == "crawl" else None,
+        )
 
 
 def chambers(pattern: Pattern, star: Star) -> Chambers:
