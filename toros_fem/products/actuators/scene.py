@@ -72,8 +72,8 @@ class Level:
 
 
 @dataclass(frozen=True)
-class ActuatorScene(Scene):
-    """Materials, pressure, the steps of each part of the design, and its printer.
+class MeshedScene(Scene):
+    """Tables of a skin that is designed, its meshes, and the options of the design on each.
 
     Raises:
         ParameterError: There are so many levels that the coarsest mesh is too coarse; or with a
@@ -118,6 +118,163 @@ class ActuatorScene(Scene):
                     "start = 'random'.",
                     "width_tolerance",
                 )
+
+    @property
+    def edge_length(self) -> float | None:
+        """Edge length in m of the finest mesh of densities; None where the mesh is given."""
+        edge: float | None = (
+            self.value("edge_length") if "edge_length" in self.described() else None
+        )
+        return edge
+
+    @property
+    def coarsest_edge(self) -> float | None:
+        """Longest edge length in m of a useful mesh; None: the mesh is given, at one level only."""
+        return None
+
+    @property
+    def level_count(self) -> int:
+        """Number of meshes of a design of densities."""
+        return self._most_levels if self.design.levels is None else self.design.levels
+
+    @property
+    def _most_levels(self) -> int:
+        bound, edge = self.coarsest_edge, self.edge_length
+        if bound is None or edge is None:
+            return 1
+        return 1 + max(0, int(np.floor(np.log2(bound / edge))))
+
+    @property
+    def finest_level(self) -> Level:
+        """The finest mesh of a design of densities."""
+        return Level(self.edge_length, self.design.regularisation)
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """The meshes of a design of densities, the coarsest first: all lengths halve each time."""
+        return tuple(self.finest_level.scaled(2.0**k) for k in reversed(range(self.level_count)))
+
+    @property
+    def relaxed_level(self) -> Level:
+        """The mesh of the relaxed design."""
+        return self._of_lines(self.lines.relaxed_edge_length)
+
+    @property
+    def print_level(self) -> Level:
+        """The mesh that printed lines are simulated on."""
+        return self._of_lines(self.lines.print_edge_length)
+
+    @property
+    def density_level(self) -> Level:
+        """The mesh of the densities that start from printable lines."""
+        level, design = self.print_level, self.design
+        radius = DENSITY_FILTER_EDGES / FILTER_EDGES * level.regularisation.filter_radius
+        return replace(
+            level,
+            regularisation=replace(
+                level.regularisation,
+                filter_radius=radius,
+                length_scale=LengthScale() if self.lines.density_iterations else None,
+                perimeter_weight=design.perimeter_weight,
+                perimeter_window=design.perimeter_window * radius,
+                width_tolerance=design.robust_against,
+            ),
+        )
+
+    def coarser(self, level: Level) -> tuple[float, Level]:
+        """Return how much longer the edges of a mesh to compare with are, and that mesh.
+
+        Raises:
+            ParameterError: There is none.
+        """
+        return COARSER, level.scaled(COARSER)
+
+    def from_print(self) -> Self:
+        """Return the scene whose densities start from a given print, with steps for them."""
+        if self.design.start == "relaxed" and not self.lines.density_iterations:
+            return self.updated(density_iterations=self.design.level_iterations)
+        return self
+
+    @property
+    def density_options(self) -> DesignOptions:
+        """Options of the design loop for densities that start from printable lines."""
+        return self.design.options_of(Stage(self.lines.density_iterations, constrained=True))
+
+    def _of_lines(self, edge: float) -> Level:
+        """Return a mesh without widths, perimeter and tolerance."""
+        design = self.design
+        return Level(
+            edge,
+            Regularisation(
+                FILTER_EDGES * edge,
+                design.filter,
+                design.projection,
+                length_scale=None,
+                perimeter_sharpness=design.perimeter_sharpness,
+            ),
+        )
+
+    @property
+    def laid_widths(self) -> tuple[float, float]:
+        """Width in m of the lines along either family."""
+        return self.lines.widths
+
+    @property
+    def options(self) -> tuple[DesignOptions, ...]:
+        """Options of the design loop on each mesh, the coarsest first."""
+        finer = [self.design.finer_options] * (self.level_count - 1)
+        return (self.design.first_options, *finer)
+
+    @property
+    def relaxed_options(self) -> RelaxedOptions:
+        """Numbers of the relaxed design."""
+        lines = self.lines
+        return RelaxedOptions(
+            directions=lines.directions,
+            share_limit=lines.share_limit,
+            radius=lines.smoothing_radius,
+            share_weight=lines.share_weight,
+            iterations=(lines.relaxed_iterations, lines.relaxed_iterations),
+            width_ratio=self.laid_widths[1] / self.laid_widths[0],
+        )
+
+    @property
+    def line_options(self) -> LineOptions:
+        """Widths and limits of the lines that are laid.
+
+        Raises:
+            ParameterError: A width is under `print_width`, or under the edge length of the print.
+        """
+        self.require_fine_print()
+        return LineOptions(
+            widths=self.laid_widths,
+            print_width=self.print.print_width,
+            least_share=self.lines.least_share,
+            spread=self.lines.spread,
+        )
+
+    def require_fine_print(self) -> None:
+        """Check that the mesh of the print is fine enough for the lines that are laid.
+
+        Raises:
+            ParameterError: Its edges are longer than lines are wide.
+        """
+        edge, width = self.lines.print_edge_length, min(self.laid_widths)
+        if edge > width:
+            raise ParameterError(
+                f"print_edge_length = {edge} m is over {width} m, the width of the lines: their "
+                "print cannot be simulated. Give shorter edges.",
+                "print_edge_length",
+            )
+
+
+@dataclass(frozen=True)
+class ActuatorScene(MeshedScene):
+    """Materials, pressure, the steps of each part of the design, and its printer.
+
+    Raises:
+        ParameterError: As of `MeshedScene`.
+    """
 
     DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
@@ -319,151 +476,3 @@ class ActuatorScene(Scene):
         require_island_area(case.pattern, self.print.island_area)
         log = print_step(comm) if verbose else None
         return ShapeDesign(comm, case, level.regularisation, log=log)
-
-    @property
-    def edge_length(self) -> float | None:
-        """Edge length in m of the finest mesh of densities; None where the mesh is given."""
-        edge: float | None = (
-            self.value("edge_length") if "edge_length" in self.described() else None
-        )
-        return edge
-
-    @property
-    def coarsest_edge(self) -> float | None:
-        """Longest edge length in m of a useful mesh; None: the mesh is given, at one level only."""
-        return None
-
-    @property
-    def level_count(self) -> int:
-        """Number of meshes of a design of densities."""
-        return self._most_levels if self.design.levels is None else self.design.levels
-
-    @property
-    def _most_levels(self) -> int:
-        bound, edge = self.coarsest_edge, self.edge_length
-        if bound is None or edge is None:
-            return 1
-        return 1 + max(0, int(np.floor(np.log2(bound / edge))))
-
-    @property
-    def finest_level(self) -> Level:
-        """The finest mesh of a design of densities."""
-        return Level(self.edge_length, self.design.regularisation)
-
-    @property
-    def levels(self) -> tuple[Level, ...]:
-        """The meshes of a design of densities, the coarsest first: all lengths halve each time."""
-        return tuple(self.finest_level.scaled(2.0**k) for k in reversed(range(self.level_count)))
-
-    @property
-    def relaxed_level(self) -> Level:
-        """The mesh of the relaxed design."""
-        return self._of_lines(self.lines.relaxed_edge_length)
-
-    @property
-    def print_level(self) -> Level:
-        """The mesh that printed lines are simulated on."""
-        return self._of_lines(self.lines.print_edge_length)
-
-    @property
-    def density_level(self) -> Level:
-        """The mesh of the densities that start from printable lines."""
-        level, design = self.print_level, self.design
-        radius = DENSITY_FILTER_EDGES / FILTER_EDGES * level.regularisation.filter_radius
-        return replace(
-            level,
-            regularisation=replace(
-                level.regularisation,
-                filter_radius=radius,
-                length_scale=LengthScale() if self.lines.density_iterations else None,
-                perimeter_weight=design.perimeter_weight,
-                perimeter_window=design.perimeter_window * radius,
-                width_tolerance=design.robust_against,
-            ),
-        )
-
-    def coarser(self, level: Level) -> tuple[float, Level]:
-        """Return how much longer the edges of a mesh to compare with are, and that mesh.
-
-        Raises:
-            ParameterError: There is none.
-        """
-        return COARSER, level.scaled(COARSER)
-
-    def from_print(self) -> Self:
-        """Return the scene whose densities start from a given print, with steps for them."""
-        if self.design.start == "relaxed" and not self.lines.density_iterations:
-            return self.updated(density_iterations=self.design.level_iterations)
-        return self
-
-    @property
-    def density_options(self) -> DesignOptions:
-        """Options of the design loop for densities that start from printable lines."""
-        return self.design.options_of(Stage(self.lines.density_iterations, constrained=True))
-
-    def _of_lines(self, edge: float) -> Level:
-        """Return a mesh without widths, perimeter and tolerance."""
-        design = self.design
-        return Level(
-            edge,
-            Regularisation(
-                FILTER_EDGES * edge,
-                design.filter,
-                design.projection,
-                length_scale=None,
-                perimeter_sharpness=design.perimeter_sharpness,
-            ),
-        )
-
-    @property
-    def laid_widths(self) -> tuple[float, float]:
-        """Width in m of the lines along either family."""
-        return self.lines.widths
-
-    @property
-    def options(self) -> tuple[DesignOptions, ...]:
-        """Options of the design loop on each mesh, the coarsest first."""
-        finer = [self.design.finer_options] * (self.level_count - 1)
-        return (self.design.first_options, *finer)
-
-    @property
-    def relaxed_options(self) -> RelaxedOptions:
-        """Numbers of the relaxed design."""
-        lines = self.lines
-        return RelaxedOptions(
-            directions=lines.directions,
-            share_limit=lines.share_limit,
-            radius=lines.smoothing_radius,
-            share_weight=lines.share_weight,
-            iterations=(lines.relaxed_iterations, lines.relaxed_iterations),
-            width_ratio=self.laid_widths[1] / self.laid_widths[0],
-        )
-
-    @property
-    def line_options(self) -> LineOptions:
-        """Widths and limits of the lines that are laid.
-
-        Raises:
-            ParameterError: A width is under `print_width`, or under the edge length of the print.
-        """
-        self.require_fine_print()
-        return LineOptions(
-            widths=self.laid_widths,
-            print_width=self.print.print_width,
-            least_share=self.lines.least_share,
-            spread=self.lines.spread,
-        )
-
-    def require_fine_print(self) -> None:
-        """Check that the mesh of the print is fine enough for the lines that are laid.
-
-        Raises:
-            ParameterError: Its edges are longer than lines are wide.
-        """
-        edge, width = self.lines.print_edge_length, min(self.laid_widths)
-        if edge > width:
-            raise ParameterError(
-                f"print_edge_length = {edge} m is over {width} m, the width of the lines: their "
-                "print cannot be simulated. Give shorter edges.",
-                "print_edge_length",
-            )
