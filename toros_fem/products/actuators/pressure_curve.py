@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,9 +19,9 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
 
@@ -95,17 +95,15 @@ def trace_pressure_curve(
     ) -> tuple[list[TracePoint], str | None]:
         """Return the points as long as the skin is filled, and why there are no more."""
         levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
-        found: list[TracePoint] = []
-        if not levels:
-            return found, None
-        try:
+
+        def filled() -> Iterator[TracePoint]:
             for point in trace(solver, made.projected, levels, problem.metrics, start=start):
-                found.append(point)
+                yield point
                 if point.result.volume < empty:
-                    break
-        except EquilibriumError as caught:  # raised by all ranks or by none
-            return found, str(caught)
-        return found, None
+                    return
+
+        found, failure = until_failure(filled()) if levels else ([], "")
+        return found, failure or None
 
     below, failure_below = follow(lower)
     above, failure_above = follow(higher)
