@@ -116,7 +116,6 @@ class Group:
     Attributes:
         name: Its name in `RANGES`.
         key: Key of the scene that it is told with.
-        value: Its value.
     """
 
     name: str

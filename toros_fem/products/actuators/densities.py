@@ -49,7 +49,6 @@ class Attempt:
         asked: Targets that were asked, by the keys of their metrics.
         metrics: Metrics of the print, by key; empty without an equilibrium.
         result: The design, with the objective of the problem itself.
-        printed: Its print.
         spread: How far prints with other widths are apart; None if the design is not robust.
     """
 

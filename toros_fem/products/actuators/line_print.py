@@ -31,8 +31,6 @@ class LinePrint:
     Attributes:
         case: What is designed, on this mesh.
         regions: The lines on its panels, polygons in m.
-        problem: Its density problem.
-        printed: The print.
     """
 
     case: Case

@@ -37,11 +37,9 @@ WORTH = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Mending:
-    """A change of lines, and what it promises.
+    """A change of earlier lines, and what it promises.
 
     Attributes:
-        lines: The lines before.
-        change: Their change.
         before: Size of the misses of their print, as of `Misses`.
         promised: The same after the change, by its derivatives.
         whole: Whether the change was not halved.

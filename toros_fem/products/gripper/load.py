@@ -106,9 +106,7 @@ class Grip:
     """Fingers around their object, as they are simulated.
 
     Attributes:
-        scene: The gripper.
         closing, pulling: Solvers without and with friction.
-        body: The object.
         finger: The whole finger of which half is simulated; None where all fingers are.
     """
 
@@ -159,7 +157,6 @@ class Pull:
     """What one design does to the object.
 
     Attributes:
-        grip: The fingers.
         density: Density of all triangles that are simulated, (t,).
         points: The equilibria; none where the fingers do not close.
         failure: Why the pull ended early; empty if it did not.

@@ -74,7 +74,6 @@ class Walk:
     """What a robot does on the ground in one cycle of pressures.
 
     Attributes:
-        gait: The cycle.
         points: The equilibria of a part of the robot, one for each row of the gait's pressure
             fractions, or for the first of them.
         whole: The whole robot and that part.
