@@ -23,11 +23,10 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
-from toros_fem.products.actuators.asked_shape import Answer, asking, strains_beyond, strains_to_ask
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
-from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.actuators.other_mesh import Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
@@ -246,9 +245,9 @@ class _Search:
         scene, comm = self.job.scene, self.job.comm
         answers = [one.answer for one in laid[begin:] if one.answer is not None]
         if answers:
-            case = scene.case(comm, scene.relaxed_level)
-            strains = strains_to_ask(case, answers)
-            case = asking(case, strains)
+            misses = misses_of(scene.case(comm, scene.relaxed_level))
+            strains = misses.strains_to_ask(answers)
+            case = misses.asking(strains)
             asked = {
                 m.key: m.value(case.pattern, case.goal)
                 for m in case.judged
@@ -331,7 +330,7 @@ class _Search:
             made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
         answer = None
         if strains is not None and not made.printed.failure:
-            answer = Answer(strains, strains_beyond(made.case, made.shape[1]))
+            answer = Answer(strains, misses_of(made.case).strains_beyond(made.shape[1]))
         of_metrics = of_shape = missed = uncertain = np.inf
         failure = made.printed.failure
         if not failure:
