@@ -28,7 +28,7 @@ from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import ActuatorResult, Search
+from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import write_summary
@@ -82,16 +82,16 @@ class Designer(Distributed, DensityDesigner):
             raise PanelError(f"{source} is the design of another skin: {caught}") from None
         density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
         begin = CarriedDesign(case.pattern, density)
-        return self._densified([level], [options], Search(scene.design.seed, "print", 0), begin)
+        return self._densified([level], [options], Searched(scene.design.seed, "print", 0), begin)
 
     def _from_densities(self) -> ActuatorResult:
         """Design densities on each level, from coarse to fine, and correct the last ones."""
         scene, design = self.scene, self.scene.design
         levels, options, after = scene.levels, scene.options, None
-        search = Search(design.seed, "random", 0)
+        search = Searched(design.seed, "random", 0)
         if design.starts > 1:
             best = self._best_start()
-            search, after = Search(best.seed, "random", 0, best.objectives), best.design
+            search, after = Searched(best.seed, "random", 0, best.objectives), best.design
             # With one mesh alone all ranks finish the best design on it.
             levels, options = levels[1:] or levels, options[1:] or (design.finer_options,)
         return self._densified(levels, options, search, after)
@@ -100,7 +100,7 @@ class Designer(Distributed, DensityDesigner):
         self,
         levels: Sequence[Level],
         options: Sequence[DesignOptions],
-        search: Search,
+        search: Searched,
         after: CarriedDesign | None,
     ) -> ActuatorResult:
         """Design densities on meshes, perhaps after a design of another, and correct the last."""
@@ -130,7 +130,7 @@ class Designer(Distributed, DensityDesigner):
             if lines.density_iterations:
                 self.reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
                 better = self._densities(found)
-        search = Search(
+        search = Searched(
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
@@ -171,7 +171,7 @@ class Designer(Distributed, DensityDesigner):
         return chosen if largest_error(chosen.metrics, aims) < found.best.error else None
 
     def _written(
-        self, result: DesignResult, printed: PrintedDesign, search: Search
+        self, result: DesignResult, printed: PrintedDesign, search: Searched
     ) -> ActuatorResult:
         """Write a design and its summary, then error, curve, machine files, trial and pictures.
 

@@ -16,7 +16,7 @@ from toros_fem.results.summary import PrintedResult
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class Searched:
     """How a design was searched.
 
     Attributes:
@@ -58,7 +58,7 @@ class Search:
         return found
 
 
-class Trial(Protocol):
+class Tried(Protocol):
     """What the print was simulated at, beyond its curve."""
 
     NAME: ClassVar[str]  # its entry in summaries
@@ -87,10 +87,10 @@ class ActuatorResult(PrintedResult):
         corrections: How often it could be asked again for what its print missed.
     """
 
-    search: Search
+    search: Searched
     errors: MetricErrors | None = None
     curve: CurveFigures | None = None
-    trial: Trial | None = None
+    trial: Tried | None = None
     corrections: int = 0
 
     @property

@@ -28,7 +28,7 @@ from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.result import ActuatorResult, Trial
+from toros_fem.products.actuators.result import ActuatorResult, Tried
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, Results
@@ -394,7 +394,7 @@ class ActuatorScene(MeshedScene):
     def require_trial(self) -> None:
         """Check that `trial` has what it needs: this is told before the design, not after it."""
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
+    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Tried | None:
         """Simulate what the print is for, beyond its curve, and write the files of this."""
         return None
 
