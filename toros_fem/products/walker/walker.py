@@ -37,13 +37,7 @@ from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
-from toros_fem.products.walker.gait import (
-    Gait,
-    Walk,
-    flat_on_ground,
-    walk_of,
-    write_gait,
-)
+from toros_fem.products.walker.gait import Gait, Walk, flat_on_ground, walk_of, write_gait
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
