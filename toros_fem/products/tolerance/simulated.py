@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from shapely.geometry.base import BaseGeometry
-
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import collective, on_first_rank
@@ -22,7 +20,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.following import border_motion, snapped, with_flat_points
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
 from toros_fem.products.tolerance.rates import MovedSkin, Rate, TangentRates, values_at
@@ -55,8 +53,8 @@ class Drawn:
         own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
     """
 
-    regions: Sequence[BaseGeometry]
-    whole: tuple[Pattern, Sequence[BaseGeometry]]
+    regions: Regions
+    whole: tuple[Pattern, Regions]
     limits: PrintLimits
     near: tuple[Pattern, Floats] | None
     pressures: Sequence[float]

@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
@@ -23,7 +22,7 @@ from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
@@ -212,7 +211,7 @@ def write_gait(
     comm: MPI.Comm,
     folder: Path,
     walk: Walk,
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
 ) -> None:
     """Write table, frames and pictures of a cycle (collective).
 
