@@ -32,7 +32,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, write_json
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
-from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.steps import Designing
@@ -116,7 +115,7 @@ def run(
         with warnings.catch_warnings():
             # The radius of the first variant is too small on purpose.
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
-            made = design_actuator(comm, folder, variant).made
+            made = variant.run_design(comm, folder)
         rows.append(row(name, made))
         pattern, printed, design = made.printed.pattern, made.printed, made.design
         wall = printed.contours[pattern.panel_index("wall")]

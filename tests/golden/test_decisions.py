@@ -129,9 +129,9 @@ def test_stride(pinned: Callable[..., None]) -> None:
     printed = (half.panel == half.panel_index("bottom")) & (reach > 0.02)
     gait = Gait(walking.CHAMBERS, np.array([[1.0, 1, 1], [0.4, 0.4, 0.4]]), 1)
     full = 3 * [config.pressure.pressure]
-    walk, failure = config.follow(MPI.COMM_SELF, gait, half, printed, full)
+    walk = config.follow(MPI.COMM_SELF, gait, half, printed, full)
     figures = {
-        "failure": failure,
+        "failure": walk.failure,
         "stride in m": walk.stride,
         "slip in m": walk.slip,
         "feet in m": walk.feet,

@@ -116,7 +116,6 @@ class Group:
     Attributes:
         name: Its name in `RANGES`.
         key: Key of the scene that it is told with.
-        value: Its value.
     """
 
     name: str
@@ -202,25 +201,23 @@ class Inflated:
         if given > 0:
             yield Group("reach", key, strain / min(given, bound))
 
-    def turn(self, key: str, angle: float, strain: float) -> Iterator[Group]:
-        """Yield the groups of a bend or a twist in degrees, and of the strain that it needs."""
+    def bend(self, key: str, angle: float, length: float, outer: float) -> Iterator[Group]:
+        """Yield the groups of a bend by an angle in degrees over a length in m.
+
+        `outer` is the distance in m of the outer side from the line that keeps its length.
+        """
         yield Group("angle", key, abs(angle) / 360)
-        yield from self.reach(key, strain)
+        yield from self.reach(key, abs(math.radians(angle)) * outer / length)
+
+    def twist(self, key: str, angle: float, length: float) -> Iterator[Group]:
+        """Yield the groups of a twist by an angle in degrees over a length in m."""
+        yield Group("angle", key, abs(angle) / 360)
+        half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
+        yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
 
     @property
     def _widening(self) -> float:
         return self.pressure * self.radius / self.sheet.least_stiffness
-
-
-def bending_strain(angle: float, length: float, radius: float, neutral: float) -> float:
-    """Return the strain of the outer side of a tube that bends by an angle in degrees."""
-    return abs(math.radians(angle)) * (radius + neutral) / length
-
-
-def twisting_strain(angle: float, length: float, radius: float) -> float:
-    """Return the largest principal strain of the wall of a tube that twists, in degrees."""
-    half = abs(math.radians(angle)) * radius / length / 2  # of the shear
-    return half + math.hypot(1.0, half) - 1
 
 
 def _inside(value: float, ends: tuple[float, float]) -> bool:

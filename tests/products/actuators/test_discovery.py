@@ -169,7 +169,9 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
         scaled = np.array(list(asked.values())) / size
         metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
         rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
-        asked = space_mapping.asked_next(rounds, aims)
+        asked = space_mapping.asked_next(
+            [r.metrics for r in rounds], [r.asked for r in rounds], aims
+        )
     last = rounds[-1].metrics
     assert last == pytest.approx(targets, rel=1e-4)
     for before, after in pairwise(rounds):

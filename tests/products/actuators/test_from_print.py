@@ -18,7 +18,6 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.print.print_file import NAME, write_print_polygons
 from toros_fem.making.print.printability import DEFAULT_LIMITS
 from toros_fem.products.actuators import densities
-from toros_fem.products.actuators.designer import design_actuator
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
@@ -43,7 +42,7 @@ def test_a_print_of_another_size_is_the_start(
         return optimize_levels(*given, after=after, **more)
 
     folder = shared(comm, tmp_path)
-    first = design_actuator(comm, folder / "first", SMALL).made.printed
+    first = SMALL.run_design(comm, folder / "first").printed
     wall = first.pattern.panel_index("wall")
     fraction = first.regions[wall].area / first.pattern.areas[first.pattern.cells_of("wall")].sum()
     other = SMALL.updated(length=0.06, angle=60.0)
@@ -51,8 +50,8 @@ def test_a_print_of_another_size_is_the_start(
     monkeypatch.setattr(densities, "optimize_levels", designed)
     for scene in (other, lines):
         place = folder / scene.design.start
-        found = design_actuator(comm, place, scene, source=folder / "first")
-        rows = found.made.design.history
+        found = scene.run_design(comm, place, {"start_from": folder / "first"})
+        rows = found.design.history
         assert found.search.start == "print"
         assert "from the print of another design" in found.description()
         assert len(rows) == 2
@@ -69,4 +68,4 @@ def test_a_print_of_another_skin_is_refused(comm: MPI.Comm, tmp_path: Path) -> N
         comm, lambda: write_print_polygons(folder / NAME, pattern, regions, DEFAULT_LIMITS)
     )
     with pytest.raises(PanelError, match="is the design of another skin"):
-        design_actuator(comm, folder / "run", SMALL, source=folder)
+        SMALL.run_design(comm, folder / "run", {"start_from": folder})

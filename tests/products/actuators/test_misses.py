@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.products.actuators import discovery
-from toros_fem.products.actuators.asked_shape import Answer, asking, strains_beyond, strains_to_ask
-from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.actuators.space_mapping import Aim
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
@@ -68,13 +67,13 @@ def test_an_asked_shape_has_the_strains_that_are_asked(kind: type[Any]) -> None:
     rod = misses.rod(case.goal)
     more = np.zeros_like(rod.strains)
     more[:, 1], more[:, 5] = np.linspace(3.0, 6.0, len(more)), 0.04
-    found = misses.rod(asking(case, more).goal)
+    found = misses.rod(misses.asking(more).goal)
     assert found.strains == pytest.approx(rod.strains + more, abs=1e-6)
-    assert strains_beyond(case, case.goal) == pytest.approx(0.0, abs=1e-9)
+    assert misses.strains_beyond(case.goal) == pytest.approx(0.0, abs=1e-9)
     # A print that has all of it is asked for the target next.
     answer = Answer(more, more)
     size = np.abs(more).max(axis=0, keepdims=True) + 1e-9
-    assert strains_to_ask(case, [answer]) / size == pytest.approx(0.0, abs=1e-3)
+    assert misses.strains_to_ask([answer]) / size == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPatch) -> None:

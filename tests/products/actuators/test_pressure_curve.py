@@ -21,6 +21,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
@@ -28,7 +29,6 @@ from toros_fem.products.actuators.pressure_curve import (
     HALVINGS,
     PARTS,
     CurveFigures,
-    PressureCurve,
     trace_pressure_curve,
     write_curve,
 )
@@ -37,6 +37,7 @@ from toros_fem.results.frames.files import read_frames
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[Equilibrium]
+Curve = tuple[list[TracePoint], CurveFigures]
 
 
 def inner_side(skin: Skin) -> Bools:
@@ -63,45 +64,41 @@ def made(problem: ShapeProblem) -> Print:
 
 
 @pytest.fixture(scope="module")
-def curve(problem: ShapeProblem, made: Print) -> PressureCurve:
+def curve(problem: ShapeProblem, made: Print) -> Curve:
     return trace_pressure_curve(problem, made, 8e3, 4, [7e3, 4e3, 9e3])
 
 
-def test_a_curve_passes_through_the_print(
-    problem: ShapeProblem, made: Print, curve: PressureCurve
-) -> None:
-    (at,) = [point for point in curve.points if point.result.pressure == 3e3]
+def test_a_curve_passes_through_the_print(problem: ShapeProblem, made: Print, curve: Curve) -> None:
+    (at,) = [point for point in curve[0] if point.result.pressure == 3e3]
     assert at.result is made.equilibrium
     assert at.metrics == problem.metrics_of(made.equilibrium)
-    above = [p.result.pressure for p in curve.points if p.result.pressure > 1.5e3]
+    above = [p.result.pressure for p in curve[0] if p.result.pressure > 1.5e3]
     assert {2e3, 3e3, 4e3, 6e3, 7e3, 8e3} <= {round(pressure, 6) for pressure in above}
-    assert curve.failure_above is curve.failure_below is None
+    assert curve[1].failure_above is curve[1].failure_below is None
 
 
-def test_volume_and_bend_rise_with_the_pressure(curve: PressureCurve) -> None:
+def test_volume_and_bend_rise_with_the_pressure(curve: Curve) -> None:
     """The volume as the energy has it at every stable equilibrium, the bend of this print too."""
-    assert np.diff([point.result.pressure for point in curve.points]).min() > 0
-    assert np.diff([point.result.volume for point in curve.points]).min() > 0
-    assert np.diff([point.metrics["angle_deg"] for point in curve.points]).min() > 0
+    assert np.diff([point.result.pressure for point in curve[0]]).min() > 0
+    assert np.diff([point.result.volume for point in curve[0]]).min() > 0
+    assert np.diff([point.metrics["angle_deg"] for point in curve[0]]).min() > 0
 
 
-def test_points_are_dense_where_the_skin_moves_fast(
-    problem: ShapeProblem, curve: PressureCurve
-) -> None:
+def test_points_are_dense_where_the_skin_moves_fast(problem: ShapeProblem, curve: Curve) -> None:
     """A film is smooth then, and a curve is no polygon."""
-    shapes = [problem.skin.pattern.points, *(point.positions for point in curve.points)]
+    shapes = [problem.skin.pattern.points, *(point.positions for point in curve[0])]
     moves = np.array([np.linalg.norm(b - a) for a, b in pairwise(shapes)])
     assert moves[1:].max() < 2 / PARTS * moves.sum()
-    assert len(curve.points) < 8 + HALVINGS + PARTS
+    assert len(curve[0]) < 8 + HALVINGS + PARTS
 
 
 def test_a_curve_begins_where_the_skin_is_filled(
-    problem: ShapeProblem, made: Print, curve: PressureCurve
+    problem: ShapeProblem, made: Print, curve: Curve
 ) -> None:
     """Below, the flat print unrolls; halving the pressure finds where this begins."""
     model = problem.solver.model
     assembled = sum(model.volumes(model.assembled))
-    first, unfilled_at = curve.points[0].result, curve.unfilled_at
+    first, unfilled_at = curve[0][0].result, curve[1].unfilled_at_pa
     assert first.volume >= assembled
     assert unfilled_at is not None
     assert unfilled_at == pytest.approx(first.pressure / 2)
@@ -117,8 +114,8 @@ def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:
     solver = EquilibriumSolver(tube, Composite(), supports, chambers=chambers)
     problem = replace(make_problem(tube, solver), metrics=(ANGLE,))
     made = problem.simulate_binary(inner_side(tube), pressure=(1e3, 2e3))
-    curve = trace_pressure_curve(problem, made, 1e3, 1)
-    pressures = np.array([point.result.pressures for point in curve.points])
+    points, _ = trace_pressure_curve(problem, made, 1e3, 1)
+    pressures = np.array([point.result.pressures for point in points])
     assert pressures[-1].tolist() == [1e3, 2e3]
     assert [500.0, 1e3] in pressures.tolist()
     assert pressures[:, 1] == pytest.approx(2 * pressures[:, 0])

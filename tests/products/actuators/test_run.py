@@ -23,7 +23,6 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.readings.error_estimate import SHARE
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import densities
-from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
 from toros_fem.products.tubes import bend as bend_demo
@@ -89,11 +88,11 @@ def test_polishing_removes_islands(
 
     monkeypatch.setattr(fields, "random_density", spotted)
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
-    left = design_actuator(alone, tmp_path / "left", config).summary()
+    left = config.run_design(alone, tmp_path / "left").summary()
     assert left["dropped"]["before"]["islands"] == left["dropped"]["islands_bridged"] == 1
     assert left["manufacture"]["islands"] == 0
     polished = config.updated(polish_iterations=2)
-    gone = design_actuator(alone, tmp_path / "gone", polished).summary()
+    gone = polished.run_design(alone, tmp_path / "gone").summary()
     assert gone["iterations"] == left["iterations"] + 2
     assert gone["dropped"]["before"]["islands"] == 0
     assert gone["manufacture"]["islands"] == 0
@@ -110,7 +109,7 @@ def test_print_without_equilibrium(
     """No figure of the design stands for the print's."""
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     config = SHORT.updated(estimate_error=True)
-    made = design_actuator(alone, tmp_path, config)
+    made = config.run_design(alone, tmp_path)
     summary = made.summary()
     assert summary["printed_failure"] == "made to fail"
     assert (
@@ -127,7 +126,7 @@ def test_print_without_equilibrium(
 
 def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
     """Figures are those of the limit, and the summary has those of the mesh too."""
-    made = design_actuator(alone, tmp_path, SHORT.updated(estimate_error=True))
+    made = SHORT.updated(estimate_error=True).run_design(alone, tmp_path)
     figure, computed = made.figures[0], made.summary()["errors"]["computed"]
     assert figure.interval is not None
     assert SHARE * abs(figure.value - computed["angle_deg"]) < figure.interval
@@ -140,7 +139,7 @@ def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
 
 
 def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) -> None:
-    made = design_actuator(alone, tmp_path, SHORT)
+    made = SHORT.run_design(alone, tmp_path)
     assert made.figures[0].interval is None
     assert {figure.state for figure in made.figures} <= {None, "missed", "not certain"}
     assert "its error is unknown" in made.sentence()
@@ -156,7 +155,7 @@ def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) 
 def test_a_robust_design_tells_its_spread(alone: MPI.Comm, tmp_path: Path) -> None:
     """Of both patterns, and of the print with borders that are moved as far."""
     config = SHORT.updated(width_tolerance=4e-4, constrained_iterations=1)
-    made = design_actuator(alone, tmp_path, config)
+    made = config.run_design(alone, tmp_path)
     found = made.summary()["robust"]
     assert found["border_offset_m"] == 2e-4
     assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
@@ -168,7 +167,7 @@ def test_a_robust_design_tells_its_spread(alone: MPI.Comm, tmp_path: Path) -> No
 
 def test_a_reporter_made_earlier_counts_the_set_up(alone: MPI.Comm, tmp_path: Path) -> None:
     reporter = DesignReporter(alone, tmp_path)
-    made = design_actuator(alone, tmp_path, SHORT, reporter)
+    made = SHORT.run_design(alone, tmp_path, reporter=reporter)
     summary = made.summary()
     assert summary["seed"] == SHORT.design.seed
     assert summary["inputs"] == SHORT.as_dict()
@@ -187,7 +186,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
         levels=levels, starts=2, seed=3, iterations=4, constrained_iterations=2,
         level_iterations=2,
     )  # fmt: skip
-    made = design_actuator(comm, folder, config)
+    made = config.run_design(comm, folder)
     summary, history = made.summary(), made.design.history
     assert set(summary["starts"]) == {"3", "4"}
     assert str(summary["seed"]) == min(summary["starts"], key=summary["starts"].__getitem__)
@@ -230,7 +229,7 @@ def test_a_corrected_design(
         return asked[-1]
 
     monkeypatch.setattr(densities, "asked_next", spied)
-    made = design_actuator(alone, tmp_path, config)
+    made = config.run_design(alone, tmp_path)
     assert [set(found) for found in asked] == [{"angle_deg"}]
     assert asked[0]["angle_deg"] != 40.0
     assert made.figures[0].target == 40.0
@@ -247,6 +246,6 @@ def test_a_design_that_does_not_follow_is_not_asked_again(alone: MPI.Comm, tmp_p
         iterations=2, constrained_iterations=0, polish_iterations=0, level_iterations=1,
         level_move_limit=1e-4, corrections=4, **DESIGN_ALONE,
     )  # fmt: skip
-    made = design_actuator(alone, tmp_path, config)
+    made = config.run_design(alone, tmp_path)
     assert made.search.rounds == 1
     assert made.binding[-1] == "correction 1 hardly helped"

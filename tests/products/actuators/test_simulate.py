@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.meshes.pattern_file import write_pattern
-from toros_fem.products.actuators.simulate import simulate_actuator
 from toros_fem.products.tubes import bend, inflate
 
 SMALL = bend.BendScene.of(
@@ -31,7 +30,7 @@ SMALL = bend.BendScene.of(
 
 def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     """The same tube by another way: its length at the same pressure is the same."""
-    found = simulate_actuator(alone, tmp_path / "bend", SMALL)
+    found = SMALL.run_simulation(alone, tmp_path / "bend")
     assert found.value("angle_deg") == pytest.approx(0, abs=0.5)
     config = inflate.InflateScene.of(
         length=0.08, edge_length=4.5e-3, highest_pressure=5e3, pressure=2.5e3, levels=2
@@ -50,10 +49,10 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
 
 def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(errors.ParameterError, match="pressure = 0.0 Pa must be above 0"):
-        simulate_actuator(alone, tmp_path, SMALL.updated(pressure=0.0))
+        SMALL.updated(pressure=0.0).run_simulation(alone, tmp_path)
     with pytest.raises(errors.PatternFileError, match="nothing.npz cannot be read"):
-        simulate_actuator(alone, tmp_path, SMALL, pattern=tmp_path / "nothing.npz")
+        SMALL.run_simulation(alone, tmp_path, {"pattern": tmp_path / "nothing.npz"})
     pattern = case_of(alone, SMALL).pattern
     write_pattern(tmp_path / "plain.npz", pattern)
     with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
-        simulate_actuator(alone, tmp_path, SMALL, pattern=tmp_path / "plain.npz")
+        SMALL.run_simulation(alone, tmp_path, {"pattern": tmp_path / "plain.npz"})

@@ -14,7 +14,6 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.design.loop.options import Iteration
-from toros_fem.products.actuators.designer import design_actuator
 from toros_fem.products.tubes import twist
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import FREE, open_run
@@ -39,7 +38,7 @@ def design(comm: MPI.Comm, folder: Path, config: Any, stop_at: int | None = None
     values = config.as_dict()
     free = {key: values.pop(key) for key, one in config.described().items() if one.free}
     with open_run(comm, folder, {**values, FREE: free}, resume=resume):
-        design_actuator(comm, folder, config, Counted(comm, folder))
+        config.run_design(comm, folder, reporter=Counted(comm, folder))
     return rows
 
 

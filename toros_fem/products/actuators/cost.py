@@ -48,13 +48,7 @@ AROUND = (5.0, 20.0)
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a run.
-
-    Attributes:
-        name: What it is.
-        triangles: Triangles of its mesh.
-        newton_steps: Fewest and most Newton steps that are likely.
-    """
+    """A part of a run: triangles of its mesh, and fewest and most Newton steps that are likely."""
 
     name: str
     triangles: int
@@ -63,13 +57,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Probe:
-    """A few real steps on a mesh.
-
-    Attributes:
-        triangles: Triangles of the mesh.
-        newton_steps: Newton steps that were made.
-        seconds: Time of these, with adjoints and updates of the design, in s.
-    """
+    """A few Newton steps on a mesh, and their time in s with adjoints and updates of the design."""
 
     triangles: int
     newton_steps: int
@@ -137,11 +125,8 @@ def probe(problem: DesignProblem, seed: int) -> Probe:
 def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cost:
     """Return the expected cost of a design (collective).
 
-    Args:
-        comm: Communicator.
-        scene: What is designed, with its files.
-        probing: Whether to try some steps on a coarse mesh. What is too large for a quick look is
-            too large for that.
+    `probing` says whether to try some steps on a coarse mesh. What is too large for a quick look is
+    too large for that.
 
     Raises:
         MeshSizeError: A mesh would have more triangles than the limit.
@@ -151,14 +136,20 @@ def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cos
     tried = None
     if probing and made is not None:
         tried = probe(scene.problem(comm, made, level), scene.design.seed)
-    finest, lines = finest_triangles(scene, area, made), scene.design.start == "relaxed"
-    if lines:
+    finest, results = finest_triangles(scene, area, made), scene.results
+    if scene.design.start == "relaxed":
         relaxed = 0 if made is None else len(made.pattern.panel)
         if _edges(scene):
             relaxed = round(expected_triangles(area, scene.lines.relaxed_edge_length))
         parts = _line_parts(scene, relaxed, finest)
     else:
         parts = _density_parts(scene, finest, comm.size)
+    if results.estimate_error:
+        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
+    if results.curve_pressure is not None:
+        most = results.curve_steps + HALVINGS + PARTS
+        likely = _times(CURVE_POINT, results.curve_steps, most)
+        parts.append(Part("curve over the pressure", finest, likely))
     unknowns = round(_unknowns(scene, made) * finest)
     return Cost(finest, finest, unknowns, comm.size, parts, tried)
 
@@ -252,10 +243,7 @@ def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
     if rounds:
         likely = _times(DESIGN_STEP, more, more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
-    parts.append(Part("prints", finest, _times(PRINT, levels, levels + rounds)))
-    if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, finest)]
+    return [*parts, Part("prints", finest, _times(PRINT, levels, levels + rounds))]
 
 
 def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
@@ -272,18 +260,7 @@ def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
     if steps := lines.density_iterations:
         own = steps + rounds * (scene.design.level_iterations + 1)
         parts.append(Part("densities from lines", finest, _times(DESIGN_STEP, steps, own)))
-    if scene.results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
-    return [*parts, *_curve_part(scene, finest)]
-
-
-def _curve_part(scene: ActuatorScene, finest: int) -> list[Part]:
-    results = scene.results
-    if results.curve_pressure is None:
-        return []
-    most = results.curve_steps + HALVINGS + PARTS
-    likely = _times(CURVE_POINT, results.curve_steps, most)
-    return [Part("curve over the pressure", finest, likely)]
+    return parts
 
 
 def _weight(triangles: float) -> float:

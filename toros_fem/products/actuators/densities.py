@@ -49,7 +49,6 @@ class Attempt:
         asked: Targets that were asked, by the keys of their metrics.
         metrics: Metrics of the print, by key; empty without an equilibrium.
         result: The design, with the objective of the problem itself.
-        printed: Its print.
         spread: How far prints with other widths are apart; None if the design is not robust.
     """
 
@@ -190,7 +189,9 @@ class DensityDesigner(Job):
 
         def again(attempts: Sequence[Attempt]) -> Attempt | None:
             last = attempts[-1]
-            asked = dict(last.asked) if close(last) else asked_next(attempts, free)
+            asked = dict(last.asked)
+            if not close(last):
+                asked = asked_next([a.metrics for a in attempts], [a.asked for a in attempts], free)
             try:
                 other = scene.asked(asked)
             except ParameterError:  # beyond what the targets' fields allow

@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mpi4py import MPI
-
 from toros_fem.base.errors import PanelError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, on_first_rank
@@ -30,14 +28,13 @@ from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import ActuatorResult, Search
+from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
-from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.result import write_summary
-from toros_fem.results.runs.folder import journal_of, run_of
+from toros_fem.results.runs.folder import run_of
 from toros_fem.results.shape_miss import quantities_of, shape_of
-from toros_fem.results.summary import PrintedResult, printed_metrics
+from toros_fem.results.summary import printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
@@ -85,16 +82,16 @@ class Designer(Distributed, DensityDesigner):
             raise PanelError(f"{source} is the design of another skin: {caught}") from None
         density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
         begin = CarriedDesign(case.pattern, density)
-        return self._densified([level], [options], Search(scene.design.seed, "print", 0), begin)
+        return self._densified([level], [options], Searched(scene.design.seed, "print", 0), begin)
 
     def _from_densities(self) -> ActuatorResult:
         """Design densities on each level, from coarse to fine, and correct the last ones."""
         scene, design = self.scene, self.scene.design
         levels, options, after = scene.levels, scene.options, None
-        search = Search(design.seed, "random", 0)
+        search = Searched(design.seed, "random", 0)
         if design.starts > 1:
             best = self._best_start()
-            search, after = Search(best.seed, "random", 0, best.objectives), best.design
+            search, after = Searched(best.seed, "random", 0, best.objectives), best.design
             # With one mesh alone all ranks finish the best design on it.
             levels, options = levels[1:] or levels, options[1:] or (design.finer_options,)
         return self._densified(levels, options, search, after)
@@ -103,7 +100,7 @@ class Designer(Distributed, DensityDesigner):
         self,
         levels: Sequence[Level],
         options: Sequence[DesignOptions],
-        search: Search,
+        search: Searched,
         after: CarriedDesign | None,
     ) -> ActuatorResult:
         """Design densities on meshes, perhaps after a design of another, and correct the last."""
@@ -133,7 +130,7 @@ class Designer(Distributed, DensityDesigner):
             if lines.density_iterations:
                 self.reporter.expect(relaxed.history[-1].iteration + lines.density_iterations)
                 better = self._densities(found)
-        search = Search(
+        search = Searched(
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
@@ -174,30 +171,30 @@ class Designer(Distributed, DensityDesigner):
         return chosen if largest_error(chosen.metrics, aims) < found.best.error else None
 
     def _written(
-        self, result: DesignResult, printed: PrintedDesign, search: Search
+        self, result: DesignResult, printed: PrintedDesign, search: Searched
     ) -> ActuatorResult:
         """Write a design and its summary, then error, curve, machine files, trial and pictures.
 
         What took longest to find is on disk first. The last summary has all of them.
         """
         scene, folder = self.scene, Path(self.output)
-        metrics = printed_metrics(result, printed)
-        made = PrintedResult(
+        found = ActuatorResult(
             result,
             printed,
-            metrics,
+            printed_metrics(result, printed),
             config=scene,
             shape=shape_of(printed.evaluation),
             tolerances=scene.results.tolerances,
+            search=search,
+            corrections=scene.design.corrections,
         )
-        found = self._write(ActuatorResult(made, search, corrections=scene.design.corrections))
+        found = self._write(found)
         write_summary(self.comm, folder, found)
         if scene.results.estimate_error:
             self._check()
             errors = self._errors(found)
             if errors is not None:
-                made = replace(made, intervals=errors.intervals)
-            found = replace(found, made=made, errors=errors)
+                found = replace(found, errors=errors, intervals=errors.intervals)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
@@ -224,19 +221,18 @@ class Designer(Distributed, DensityDesigner):
 
     def _write(self, found: ActuatorResult) -> ActuatorResult:
         """Write a design and return it with the time that it took until now."""
-        found = replace(found, made=replace(found.made, seconds=dict(self.reporter.seconds)))
-        write_design(self.output, found.made)
+        found = replace(found, seconds=dict(self.reporter.seconds))
+        write_design(self.output, found)
         return found
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:
         """Return the errors of the metrics of a print; None without an equilibrium."""
-        printed = found.made.printed
-        made = printed.evaluation
+        printed, made = found.printed, found.printed.evaluation
         if made is None:
             return None
         problem, lines = made.problem, self.scene.design.start == "relaxed"
         assert isinstance(problem, ShapeDesign)
-        keys = list(found.made.shape)
+        keys = list(found.shape)
         measures = {metric.key: metric.measure for metric in problem.metrics}
         measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
         shape = limit_shape(problem.solver, made.equilibrium)
@@ -250,56 +246,7 @@ def _draw_lines(folder: Path, found: ActuatorResult) -> None:
     from toros_fem.results.pictures.flat import draw_lines
     from toros_fem.results.pictures.style import page
 
-    lines, printed = found.search.lines, found.made.printed
+    lines, printed = found.search.lines, found.printed
     if lines is not None and lines.best.relaxed is not None:
         with page(folder / "lines.png") as figure:
             draw_lines(figure, lines.best.relaxed.field, printed.pattern, printed.regions)
-
-
-@collective("comm")
-def design_actuator(
-    comm: MPI.Comm,
-    output: Path | str,
-    scene: ActuatorScene,
-    reporter: DesignReporter | None = None,
-    *,
-    source: Path | str | None = None,
-    verbose: bool = False,
-) -> ActuatorResult:
-    """Design an actuator and write all results (collective).
-
-    The design goes from coarse to fine over the levels of the scene. On each, free islands
-    of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
-    design is continued for `polish_iterations` steps. With several starts the best one takes the
-    place of the first level; its islands are left to the next. The design is asked again for what
-    its print misses, `corrections` times at most.
-
-    With `scene.design.start` = "relaxed" line families are designed and laid as lines instead, by
-    `discover`, and densities come last.
-
-    At the end the metrics of the print are followed over the pressure, by `curve_figures`.
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        scene: What to design.
-        reporter: Reports the progress; None makes one for `output`. One that is made earlier also
-            counts the time of the set-up.
-        source: Folder of a finished design, whose print the densities on the finest mesh start
-            from; it may be of another size, target or pressure. None starts as the scene says.
-        verbose: Whether to print every Newton step.
-
-    Raises:
-        TorosError: A number is out of its bounds, the start has no equilibrium, the folder
-            cannot be written to, or the source holds no print of such a skin.
-    """
-    designer = Designer(
-        comm=comm,
-        scene=scene if source is None else scene.from_print(),
-        output=output,
-        reporter=reporter or DesignReporter(comm, output),
-        journal=journal_of(output),
-        source=source,
-        verbose=verbose,
-    )
-    return designer.design()

@@ -23,16 +23,10 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
-from toros_fem.products.actuators.asked_shape import (
-    Answer,
-    asking,
-    strains_beyond,
-    strains_to_ask,
-)
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
-from toros_fem.products.actuators.misses import misses_of
+from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.actuators.other_mesh import Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
@@ -178,8 +172,7 @@ class _Search:
     Attributes:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
-        best: The best round and its print. Only this print and the last one keep their problems.
-        last: The last print.
+        best: The best round and its print. Only this print keeps its problem.
         number: Of the next round.
         seconds: As of `Discovery`.
     """
@@ -189,7 +182,6 @@ class _Search:
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint] | None = None
-        self.last: LinePrint | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
 
@@ -253,16 +245,17 @@ class _Search:
         scene, comm = self.job.scene, self.job.comm
         answers = [one.answer for one in laid[begin:] if one.answer is not None]
         if answers:
-            case = scene.case(comm, scene.relaxed_level)
-            strains = strains_to_ask(case, answers)
-            case = asking(case, strains)
+            misses = misses_of(scene.case(comm, scene.relaxed_level))
+            strains = misses.strains_to_ask(answers)
+            case = misses.asking(strains)
             asked = {
                 m.key: m.value(case.pattern, case.goal)
                 for m in case.judged
                 if m.key in self.misses.aims
             }
         elif set(self.misses.aims) <= set(scene.targets()):
-            strains, asked = None, asked_next(laid[begin:], self.misses.aims)
+            got, before = [one.metrics for one in laid[begin:]], [one.asked for one in laid[begin:]]
+            strains, asked = None, asked_next(got, before, self.misses.aims)
             try:
                 case = scene.asked(asked).case(comm, scene.relaxed_level)
             except ParameterError:  # beyond what the targets' fields allow
@@ -302,11 +295,8 @@ class _Search:
                     relaxed.field, options, printed=printed, planes=planes, like=like
                 ),
             )
-        made = self._made(laid, (case.pattern, relaxed.positions), relaxed)
-        answer = None
-        if strains is not None and not made.printed.failure:
-            answer = Answer(strains, strains_beyond(made.case, made.shape[1]))
-        return self._round(dict(asked), relaxed, laid, made, answer, None)
+        near = case.pattern, relaxed.positions
+        return self._printed(dict(asked), relaxed, laid, near, strains=strains)
 
     def _mending(self, best: Round) -> Mending | None:
         """Return the change that mends the best print most."""
@@ -321,28 +311,26 @@ class _Search:
         near = self.best[1].shape
         with self._timed("lines"):
             laid = on_first_rank(self.job.comm, lambda: changed(step.lines, step.change))
-        made = self._made(laid, near, best.relaxed)
-        return self._round(best.asked, best.relaxed, laid, made, None, step)
+        return self._printed(best.asked, best.relaxed, laid, near, mended=step)
 
-    def _made(self, laid: LaidLines, near: Shape, relaxed: RelaxedResult) -> LinePrint:
-        """Simulate the print of lines."""
-        self.last = None  # its problem is freed if it is not the best one's
-        free_dropped(self.job.comm)
-        with self._timed("prints"):
-            level, pressures = self.job.scene.print_level, relaxed.pressures or None
-            self.last = print_of_lines(self.job, level, self.plain, laid, near, pressures)
-        return self.last
-
-    def _round(
+    def _printed(
         self,
         asked: Mapping[str, float],
         relaxed: RelaxedResult,
         laid: LaidLines,
-        made: LinePrint,
-        answer: Answer | None,
-        mended: Mending | None,
+        near: Shape,
+        *,
+        strains: Floats | None = None,
+        mended: Mending | None = None,
     ) -> Round:
-        """Return the round of a print, report it, and keep the print if it is the best."""
+        """Simulate the print of lines, report its round, and keep the print if it is the best."""
+        free_dropped(self.job.comm)  # the problem of the last print, if that was not the best
+        with self._timed("prints"):
+            level, pressures = self.job.scene.print_level, relaxed.pressures or None
+            made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
+        answer = None
+        if strains is not None and not made.printed.failure:
+            answer = Answer(strains, misses_of(made.case).strains_beyond(made.shape[1]))
         of_metrics = of_shape = missed = uncertain = np.inf
         failure = made.printed.failure
         if not failure:

@@ -21,8 +21,6 @@ class Job:
     """A scene that is designed, and who follows its steps.
 
     Attributes:
-        comm: Communicator.
-        scene: What to design.
         reporter: Called after each step of the design, on every rank; None reports nothing.
         journal: Keeps the state of the run; None keeps nothing.
         verbose: Whether to print every Newton step.

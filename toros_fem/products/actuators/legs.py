@@ -20,6 +20,8 @@ from toros_fem.products.tables.loads import Orientation
 
 # Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
 CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4
+# Part of the reach along a leg that is its tip.
+TIP = 0.05
 
 
 @dataclass(frozen=True)
@@ -77,13 +79,8 @@ class Leg:
         It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
         come before it. The part should be one that the target leaves straight.
 
-        Args:
-            target: Target angle in degrees.
-            name: Name of the metric.
-            outer_count: Number of twelfths of the leg that the outer part has.
-
         Raises:
-            ParameterError: The outer part is not 1 to 11 twelfths of the leg.
+            ParameterError: The outer part is not 1 to 11 twelfths of the leg, `outer_count`.
         """
         require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
 
@@ -97,30 +94,25 @@ class Leg:
         return Metric(name, "deg", target, measure)
 
 
-def tip_positions(
-    pattern: Pattern, positions: Floats, directions: Floats, fraction: float = 0.05
-) -> Floats:
+def tip_positions(pattern: Pattern, positions: Floats, directions: Floats) -> Floats:
     """Return the mean positions of the tips of legs, (k, 3), in m.
 
     Args:
-        pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         directions: Unit vectors along the legs in the assembled skin, (k, 2).
-        fraction: Fraction of the reach along a leg that counts as its tip.
     """
     reach = pattern.points[:, :2] @ directions.T
-    return np.array([positions[r > (1 - fraction) * r.max()].mean(axis=0) for r in reach.T])
+    return np.array([positions[r > (1 - TIP) * r.max()].mean(axis=0) for r in reach.T])
 
 
 def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -> Supports:
-    """Fix a flat star at three vertices of its bottom against rigid motion only.
+    """Fix a flat star, from `two_panels`, at three vertices of its bottom against rigid motion.
 
     The vertex nearest to the centre is fixed, those nearest to `reach` along +x and +y keep their
     heights, and the first of them keeps its y. A closed skin under pressure exerts no force at
     these six components.
 
     Args:
-        pattern: The pattern, from `two_panels`.
         reach: Distance from the centre in m, inside the body.
         symmetry: Axes of the planes that the pattern is cut at. These fix all rigid motion except
             for the height at the centre.

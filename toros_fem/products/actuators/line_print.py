@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from shapely.geometry.base import BaseGeometry
-
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
@@ -17,6 +15,7 @@ from toros_fem.making.as_printed.printed_lines import clean_print, state_near
 from toros_fem.making.print.cleaning import CleanedRegions
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
+from toros_fem.meshes.pattern import Regions
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Shape, near_on_coarser
 
@@ -31,12 +30,10 @@ class LinePrint:
     Attributes:
         case: What is designed, on this mesh.
         regions: The lines on its panels, polygons in m.
-        problem: Its density problem.
-        printed: The print.
     """
 
     case: Case
-    regions: list[BaseGeometry]
+    regions: Regions
     problem: ShapeDesign
     printed: PrintedDesign
 
@@ -68,16 +65,13 @@ def print_of_lines(
     """Print lines on a mesh that is moved onto them, and simulate this print (collective).
 
     Args:
-        job: What is designed.
-        level: The mesh.
-        case: The case on it, before it is moved.
-        laid: The lines.
+        level, case: The mesh, and the case on it before it is moved.
         near: The shape that its simulation on coarser meshes starts from.
         pressures: Pressure of each chamber in Pa; None takes those of the case.
     """
     part, printer = case.pattern, job.scene.print
 
-    def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
+    def cleaning() -> tuple[CleanedRegions, Regions]:
         found = regions_on(laid.pattern, laid.regions, part)
         cleaned = clean_print(part, case.whole, found, printer.limits, printer.island_area)
         return cleaned, part_regions(part, cleaned.regions)

@@ -37,11 +37,9 @@ WORTH = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Mending:
-    """A change of lines, and what it promises.
+    """A change of earlier lines, and what it promises.
 
     Attributes:
-        lines: The lines before.
-        change: Their change.
         before: Size of the misses of their print, as of `Misses`.
         promised: The same after the change, by its derivatives.
         whole: Whether the change was not halved.
@@ -66,11 +64,6 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
     A Gauss–Newton step with a ridge: misses are linear in the widths of the families and in a warp
     of all lines, by a solve with the print's tangent for each smooth function. None where this
     does not promise a fair part.
-
-    Args:
-        made: The print of the lines.
-        lines: The lines.
-        misses: What its shape is judged by.
     """
     problem, evaluation, mesh = made.problem, made.printed.evaluation, lines.mesh
     if not mesh.size or evaluation is None:

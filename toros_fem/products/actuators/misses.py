@@ -1,20 +1,39 @@
-"""What a shape misses of its targets, in units of what may be missed."""
+"""What a shape misses of its targets, and what to ask for so that its print takes them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.rounding import rounded
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import COUNTS, CrossSections, Rod, rod_of
 from toros_fem.measures.figures import DEFAULT, TOLERANCE
-from toros_fem.products.actuators.space_mapping import Aim, aims_of
+from toros_fem.products.actuators.space_mapping import RESOLUTION, Aim, aims_of, next_asked
 
 # Angle in rad that the direction of a body's tip may be off.
 DIRECTION = np.radians(DEFAULT.direction)
+# Least curvature, over that of an arc of 1 rad, and stretch that count as 1.
+TURN, STRETCH = 1.0, 0.2
+# Largest change of a strain in one round, over what counts as 1.
+LARGEST_STEP = 1.0
+# Weights of a strain and its neighbours: between lines the strains of a print vary.
+SMOOTH = (0.25, 0.5, 0.25)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Strains of cross-sections that were asked beyond the target's, and what the print has beyond.
+
+    Attributes:
+        asked, printed: Differences from the strains of the target, (k, 6), as of `Rod.strains`.
+    """
+
+    asked: Floats
+    printed: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +91,35 @@ class Misses:
         off, turned = self._of_shape(positions)
         rms = float(np.sqrt((off**2).sum(axis=1).mean()))
         return TOLERANCE * max(rms, float(np.linalg.norm(turned)))
+
+    def strains_beyond(self, positions: Floats) -> Floats:
+        """Return the strains of a shape minus those of the target, smoothed along it, (k, 6)."""
+        off = self.rod(positions).strains - self.rod(self.case.goal).strains
+        ends = np.concatenate([off[:1], off, off[-1:]])
+        return np.asarray(SMOOTH[0] * ends[:-2] + SMOOTH[1] * off + SMOOTH[2] * ends[2:])
+
+    def strains_to_ask(self, answers: Sequence[Answer]) -> Floats:
+        """Return the strains to ask for next, beyond those of the target, (k, 6)."""
+        goal = self.rod(self.case.goal)
+        length = float(np.linalg.norm(goal.rest[-1] - goal.rest[0]))
+        turn = max(TURN, length * float(np.abs(goal.strains[:, :3]).max())) / length
+        size = np.repeat([turn, STRETCH], 3)
+        asked, printed = (
+            [(s / size).ravel() for s in of]
+            for of in ([a.asked for a in answers], [a.printed for a in answers])
+        )
+        found = next_asked(asked, printed, np.zeros_like(asked[0]), LARGEST_STEP)
+        return size * rounded(found, RESOLUTION).reshape(-1, 6)
+
+    def asking(self, strains: Floats) -> Case:
+        """Return the case with a target that has strains (k, 6) beyond those of its own."""
+        assert self.labels is not None
+        goal, whole = self.case.goal, self.case.whole
+        rod = self.rod(goal)
+        other = rod.strained(rod.strains + strains)
+        places = goal if whole is None else whole.at_vertices(goal)
+        moved = rod.carried(self.labels, places, other)
+        return replace(self.case, target=moved[: len(goal)])  # those of the part come first
 
     def _of_metrics(self, positions: Floats) -> Floats:
         pattern, metrics = self.case.pattern, {m.key: m for m in self.case.judged}

@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import TorosError
@@ -16,7 +15,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.job import Job
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ Shape = tuple[Pattern, Floats]
 # Number of coarser meshes that a print is simulated on before its own.
 COARSER_MESHES = 2
 # A pattern and the print on each of its panels, polygons in m.
-Printed = tuple[Pattern, Sequence[BaseGeometry]]
+Printed = tuple[Pattern, Regions]
 
 
 def simulated_on(
@@ -40,8 +39,6 @@ def simulated_on(
     """Simulate a print on another mesh (collective).
 
     Args:
-        job: What was printed.
-        level: The mesh.
         near: The shape that the simulation starts from.
         printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,9 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
 
@@ -33,22 +33,31 @@ PARTS = 16
 SAME = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class PressureCurve:
-    """Equilibria of a printed skin over the pressure.
+@dataclass(frozen=True)
+class CurveFigures:
+    """What the curve of a print tells.
 
     Attributes:
-        points: Equilibria by rising pressure; that of the print is one of them.
-        unfilled_at: Largest pressure in Pa at which the skin was found to enclose less than its
+        failure: Why there is none; None if there is one.
+        lowest_pa, highest_pa: Its ends.
+        points: Number of equilibria.
+        unfilled_at_pa: Largest pressure at which the skin was found to enclose less than its
             assembled shape, which is no point any more; None if it was filled at all.
         failure_below, failure_above: Why there is no equilibrium at lower or higher pressures;
             None if the curve was followed to its end.
+        measured: Measured values, each beside the simulated one.
+        seconds: Wall time.
     """
 
-    points: tuple[TracePoint, ...]
-    unfilled_at: float | None
-    failure_below: str | None
-    failure_above: str | None
+    failure: str | None = None
+    lowest_pa: float | None = None
+    highest_pa: float | None = None
+    points: int = 0
+    unfilled_at_pa: float | None = None
+    failure_below: str | None = None
+    failure_above: str | None = None
+    measured: Sequence[Mapping[str, Any]] = ()
+    seconds: float | None = None
 
 
 @collective("problem.comm")
@@ -58,7 +67,7 @@ def trace_pressure_curve(
     largest: float,
     steps: int,
     further: Sequence[float] = (),
-) -> PressureCurve:
+) -> tuple[list[TracePoint], CurveFigures]:
     """Follow a print from its pressure down until the skin is not filled, and up (collective).
 
     The pressures are multiples of the step. Below one step they are halved, `HALVINGS` times at
@@ -67,8 +76,9 @@ def trace_pressure_curve(
     assembled shape. While its equilibria are stable, the volume of a chamber rises with its
     pressure, so that this begins at one pressure.
 
+    Returned are the equilibria by rising pressure, that of the print among them, and their figures.
+
     Args:
-        problem: The design problem.
         made: Evaluation of the print, at its pressure.
         largest: Largest pressure in Pa; the curve ends at that of the print if this is larger.
         steps: Number of steps from 0 to there.
@@ -85,17 +95,15 @@ def trace_pressure_curve(
     ) -> tuple[list[TracePoint], str | None]:
         """Return the points as long as the skin is filled, and why there are no more."""
         levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
-        found: list[TracePoint] = []
-        if not levels:
-            return found, None
-        try:
+
+        def filled() -> Iterator[TracePoint]:
             for point in trace(solver, made.projected, levels, problem.metrics, start=start):
-                found.append(point)
+                yield point
                 if point.result.volume < empty:
-                    break
-        except EquilibriumError as caught:  # raised by all ranks or by none
-            return found, str(caught)
-        return found, None
+                    return
+
+        found, failure = until_failure(filled()) if levels else ([], "")
+        return found, failure or None
 
     below, failure_below = follow(lower)
     above, failure_above = follow(higher)
@@ -109,7 +117,16 @@ def trace_pressure_curve(
         # Downwards, as the curve: a skin that snaps does so at a lower pressure when it empties.
         more, _ = follow(between[::-1], points[k + 1].result)
         points[k + 1 : k + 1] = reversed(more)
-    return PressureCurve(tuple(points), unfilled_at, failure_below, failure_above)
+    found = CurveFigures(
+        None,
+        points[0].result.pressure,
+        points[-1].result.pressure,
+        len(points),
+        unfilled_at,
+        failure_below,
+        failure_above,
+    )
+    return points, found
 
 
 def _between(points: Sequence[TracePoint], rest: Floats) -> list[list[float]]:
@@ -144,30 +161,6 @@ def _pressures(
     return lower, [float(p) for p in grid if p > (1 + SAME) * design]
 
 
-@dataclass(frozen=True)
-class CurveFigures:
-    """What the curve of a print tells.
-
-    Attributes:
-        failure: Why there is none; None if there is one.
-        lowest_pa, highest_pa: Its ends.
-        points: Number of equilibria.
-        unfilled_at_pa, failure_below, failure_above: As of `PressureCurve`.
-        measured: Measured values, each beside the simulated one.
-        seconds: Wall time.
-    """
-
-    failure: str | None = None
-    lowest_pa: float | None = None
-    highest_pa: float | None = None
-    points: int = 0
-    unfilled_at_pa: float | None = None
-    failure_below: str | None = None
-    failure_above: str | None = None
-    measured: Sequence[Mapping[str, Any]] = ()
-    seconds: float | None = None
-
-
 @collective("comm", owned=("printed", "measured"))
 def write_curve(
     comm: MPI.Comm,
@@ -176,16 +169,10 @@ def write_curve(
     config: Results,
     measured: Sequence[Measurement] = (),
 ) -> CurveFigures | None:
-    """Write curve.csv and frames, and return what they tell (collective).
+    """Write curve.csv and frames, and return what they tell; None without a curve (collective).
 
-    None if the configuration leaves the curve out.
-
-    Args:
-        comm: Communicator.
-        folder: Output folder, made if missing.
-        printed: The printed pattern.
-        config: Largest pressure and number of steps.
-        measured: Measured values; those of metrics with the same target are compared.
+    The folder is made if missing. Of the measured values those of metrics with the same target are
+    compared.
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
@@ -201,7 +188,9 @@ def write_curve(
     whole = problem.whole
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
-    curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
+    points, found = trace_pressure_curve(
+        problem, made, config.curve_pressure, config.curve_steps, further
+    )
     rows = [
         {
             "pressure_pa": point.result.pressure,
@@ -209,26 +198,17 @@ def write_curve(
             "stretch_use": point.result.stretch_use,
             **point.metrics,
         }
-        for point in curve.points
+        for point in points
     ]
     skin = shown_skin(problem, printed.regions, made.equilibrium.poses)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
-        write_path(folder, "pressure", skin, curve.points, whole)
+        write_path(folder, "pressure", skin, points, whole)
 
     guarded(comm, folder, write)
-    return CurveFigures(
-        None,
-        rows[0]["pressure_pa"],
-        rows[-1]["pressure_pa"],
-        len(rows),
-        curve.unfilled_at,
-        curve.failure_below,
-        curve.failure_above,
-        [_beside(m, rows) for m in compared],
-        time.perf_counter() - begin,
-    )
+    beside = [_beside(m, rows) for m in compared]
+    return replace(found, measured=beside, seconds=time.perf_counter() - begin)
 
 
 def _beside(measured: Measurement, rows: Sequence[Mapping[str, float]]) -> dict[str, Any]:

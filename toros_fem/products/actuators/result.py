@@ -8,19 +8,15 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from toros_fem.design.loop.loop import DesignResult
-from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure, State, overall
 from toros_fem.products.actuators.discovery import Discovery
 from toros_fem.products.actuators.estimates import MetricErrors
 from toros_fem.products.actuators.pressure_curve import CurveFigures
-from toros_fem.results.result import RunResult
 from toros_fem.results.summary import PrintedResult
 
 
 @dataclass(frozen=True, eq=False)
-class Search:
+class Searched:
     """How a design was searched.
 
     Attributes:
@@ -62,10 +58,9 @@ class Search:
         return found
 
 
-class Trial(Protocol):
-    """What the print was simulated at, beyond its curve: a dataclass, as gaits and lifts are."""
+class Tried(Protocol):
+    """What the print was simulated at, beyond its curve."""
 
-    __dataclass_fields__: ClassVar[dict[str, Any]]  # of any dataclass
     NAME: ClassVar[str]  # its entry in summaries
 
     @property
@@ -76,13 +71,15 @@ class Trial(Protocol):
     def words(self) -> str:
         """It in words."""
 
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it."""
 
-@dataclass(frozen=True, eq=False, repr=False)
-class ActuatorResult(RunResult):
-    """The result of the design of an actuator.
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ActuatorResult(PrintedResult):
+    """The design of an actuator and its print, how it was found, and what the print does.
 
     Attributes:
-        made: The design and its print.
         search: How it was found.
         errors: Errors of its metrics; None if they were not estimated.
         curve: What the print does over the pressure; None if this was left out.
@@ -90,37 +87,21 @@ class ActuatorResult(RunResult):
         corrections: How often it could be asked again for what its print missed.
     """
 
-    made: PrintedResult
-    search: Search
+    search: Searched
     errors: MetricErrors | None = None
     curve: CurveFigures | None = None
-    trial: Trial | None = None
+    trial: Tried | None = None
     corrections: int = 0
-
-    @property
-    def problem(self) -> ShapeProblem:
-        """The design problem."""
-        return self.made.problem
-
-    @property
-    def design(self) -> DesignResult:
-        """Result of the design loop."""
-        return self.made.design
-
-    @property
-    def printed(self) -> PrintedDesign:
-        """The printed pattern and its simulation."""
-        return self.made.printed
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume of the print, and those of its trial."""
-        return (*self.made.figures, *(() if self.trial is None else self.trial.figures))
+        return (*super().figures, *(() if self.trial is None else self.trial.figures))
 
     @property
     def binding(self) -> tuple[str, ...]:
         """What keeps the print from its targets, as of `PrintedResult`, and its corrections."""
-        found, rounds, state = list(self.made.binding), self.search.rounds, overall(self.figures)
+        found, rounds, state = list(super().binding), self.search.rounds, overall(self.figures)
         if rounds >= self.corrections > 0 and state in (State.MISSED, State.NOT_CERTAIN):
             found.append(f"all {rounds} corrections are used")
         elif rounds and state is State.MISSED:
@@ -129,22 +110,22 @@ class ActuatorResult(RunResult):
 
     def entries(self) -> dict[str, Any]:
         """Return design, print, search, errors, curve and cost."""
-        found = {**self.search.entries(), **self.made.entries()}
+        found = {**self.search.entries(), **super().entries()}
         if self.errors is not None:
             found["errors"] = self.errors.as_dict()
         if self.curve is not None:
             found["curve"] = asdict(self.curve)
         if self.trial is not None:
-            found[self.trial.NAME] = asdict(self.trial)
+            found[self.trial.NAME] = self.trial.entries()
         return found
 
     def description(self) -> str:
         """Return metrics, pressure and cost in a sentence."""
-        told = self.made.description()
+        told = super().description()
         if self.search.laid and self.search.lines is not None:
             laid = len(self.search.lines.rounds)
-            words = [figure.words for figure in self.made.metric_figures]
-            told = self.made.told(words, f"lines laid {laid} times")
+            words = [figure.words for figure in self.metric_figures]
+            told = self.told(words, f"lines laid {laid} times")
         doubt = "" if self.errors is None else self.errors.words
         tried = "" if self.trial is None else self.trial.words
         start = f"from a {self.search.start} start, seed {self.search.seed}"

@@ -25,16 +25,18 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
-from toros_fem.products.actuators.designer import design_actuator
+from toros_fem.products.actuators.designer import Designer
 from toros_fem.products.actuators.estimates import COARSER
-from toros_fem.products.actuators.result import ActuatorResult, Trial
-from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.result import ActuatorResult, Tried
+from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
 from toros_fem.results.console import print_step
-from toros_fem.results.result import RunResult
+from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.folder import journal_of
 
 SOURCE = {
     "start_from": "output folder of a design, whose print the densities start from; none: `start`"
@@ -70,8 +72,8 @@ class Level:
 
 
 @dataclass(frozen=True)
-class ActuatorScene(Scene):
-    """Materials, pressure, the steps of each part of the design, and its printer.
+class MeshedScene(Scene):
+    """Tables of a skin that is designed, its meshes, and the options of the design on each.
 
     Raises:
         ParameterError: There are so many levels that the coarsest mesh is too coarse; or with a
@@ -116,170 +118,6 @@ class ActuatorScene(Scene):
                     "start = 'random'.",
                     "width_tolerance",
                 )
-
-    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
-    # Measured values of the metrics, which are drawn beside the curves.
-    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
-
-    def coarse(self) -> Self:
-        """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
-        values, bound, edge = self.coarse_values(), self.coarsest_edge, self.edge_length
-        if self.design.levels is not None:
-            values["levels"] = max(1, self.design.levels - 1)
-        if bound is not None and edge is not None:
-            most = max(1.0, bound / edge)
-            for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
-                values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
-        if "print_edge_length" in values:  # no longer than lines are wide
-            wider = self.updated(**{key: values[key] for key in values if key.endswith("_width")})
-            values["print_edge_length"] = min(values["print_edge_length"], *wider.laid_widths)
-        return self.updated(**values)
-
-    @classmethod
-    def targets(cls) -> Mapping[str, str]:
-        """Return the key that holds the target of a metric, by the metric's key."""
-        return {one.metric_key: name for name, one in cls.described().items() if one.metric_key}
-
-    def asked(self, targets: Mapping[str, float]) -> Self:
-        """Return the scene of other targets.
-
-        Args:
-            targets: Target of some metrics, by their keys.
-
-        Raises:
-            ParameterError: No field holds the target of a metric, or its value is out of bounds.
-        """
-        keys = self.targets()
-        for metric in targets:
-            if metric not in keys:
-                known = ", ".join(keys) or "none"
-                raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
-        return self.updated(**{keys[metric]: value for metric, value in targets.items()})
-
-    @property
-    def radius(self) -> float | None:
-        """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
-        return None
-
-    @property
-    def inflated(self) -> Inflated | None:
-        """The skin under its largest pressure; None if its radius is not known."""
-        if self.radius is None:
-            return None
-        pressing = self.pressure
-        largest = pressing.pressure if pressing.bounds is None else pressing.bounds[1]
-        return Inflated(self.material.composite, largest, self.radius)
-
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene that are known."""
-        skin, design = self.inflated, self.design
-        if skin is None:
-            return
-        yield from skin.groups()
-        widths: dict[str, float | None] = {"print_width": self.print.print_width}
-        if design.constrained_iterations:
-            widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
-        if design.start == "relaxed":
-            widths["laid_width"] = max(self.laid_widths)
-        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
-
-    def run_design(
-        self,
-        comm: MPI.Comm,
-        output: Path | str,
-        files: Mapping[str, Path] | None = None,
-        *,
-        verbose: bool = False,
-    ) -> RunResult:
-        """Design the pattern and write all results (collective).
-
-        Args:
-            comm: Communicator.
-            output: Folder for the results.
-            files: Paths, by the names in `DESIGN_FILES`; None for none.
-            verbose: Whether to print every Newton step.
-
-        Raises:
-            TorosError: As of `design_actuator`.
-        """
-        given = files or {}
-        scene, source = self.with_files(comm, given), given.get("start_from")
-        return design_actuator(comm, output, scene, source=source, verbose=verbose)
-
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Trial | None:
-        """Simulate what the print is for, beyond its curve, and write the files of this."""
-        return None
-
-    def run_simulation(
-        self,
-        comm: MPI.Comm,
-        output: Path | str,
-        files: Mapping[str, Path] | None = None,
-        *,
-        verbose: bool = False,
-    ) -> RunResult:
-        """Inflate the plain skin, or a given print, and write all results (collective).
-
-        Args:
-            comm: Communicator.
-            output: Folder for the results.
-            files: Paths, by the names in `SIMULATION_FILES`; None for none.
-            verbose: Whether to print every Newton step.
-
-        Raises:
-            TorosError: As of `simulate_actuator`.
-        """
-        given = files or {}
-        scene, pattern = self.with_files(comm, given), given.get("pattern")
-        return simulate_actuator(comm, output, scene, pattern=pattern, verbose=verbose)
-
-    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
-        """Return the cost of a design with its files, by `actuator_cost` (collective)."""
-        return actuator_cost(comm, self, probing=probing)
-
-    def case(self, comm: MPI.Comm, level: Level) -> Case:
-        """Return skin, loads and target on the mesh of a level (collective).
-
-        Raises:
-            TorosError: Numbers do not fit each other.
-        """
-        raise NotImplementedError(f"{type(self).__name__} has no case.")
-
-    def loaded(
-        self,
-        pattern: Pattern,
-        target: Floats,
-        supports: Supports,
-        planes: tuple[int, ...] = (),
-    ) -> Case:
-        """Return a case of the scene's sheets under its pressure, on a part cut at planes.
-
-        Raises:
-            ParameterError: The knit is not symmetric about the planes.
-        """
-        self.require_symmetric_knit(planes)
-        return Case(
-            pattern,
-            target,
-            supports,
-            self.pressure.pressure,
-            self.pressure.bounds,
-            self.material.composite,
-            symmetry=planes,
-        )
-
-    def problem(
-        self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False
-    ) -> ShapeDesign:
-        """Return the design problem of a case on the mesh of a level (collective).
-
-        Raises:
-            TorosError: A number is out of its bounds, or does not fit the case.
-        """
-        require_island_area(case.pattern, self.print.island_area)
-        log = print_step(comm) if verbose else None
-        return ShapeDesign(comm, case, level.regularisation, log=log)
 
     @property
     def edge_length(self) -> float | None:
@@ -376,20 +214,6 @@ class ActuatorScene(Scene):
             ),
         )
 
-    def require_symmetric_knit(self, planes: tuple[int, ...]) -> None:
-        """Check that a knit has the mirrored grain where the skin is cut at symmetry planes.
-
-        Raises:
-            ParameterError: It has not.
-        """
-        sheets = self.material
-        if planes and sheets.knit_ratio is not None and sheets.grain_angle % 90:
-            raise ParameterError(
-                f"grain_angle = {sheets.grain_angle} deg is not symmetric: the other part would "
-                "have the mirrored grain. Set 0 or 90, or design the whole skin.",
-                "grain_angle",
-            )
-
     @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
@@ -442,3 +266,213 @@ class ActuatorScene(Scene):
                 "print cannot be simulated. Give shorter edges.",
                 "print_edge_length",
             )
+
+
+@dataclass(frozen=True)
+class ActuatorScene(MeshedScene):
+    """Materials, pressure, the steps of each part of the design, and its printer.
+
+    Raises:
+        ParameterError: As of `MeshedScene`.
+    """
+
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
+    # Measured values of the metrics, which are drawn beside the curves.
+    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
+
+    def coarse(self) -> Self:
+        """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
+        values, bound, edge = self.coarse_values(), self.coarsest_edge, self.edge_length
+        if self.design.levels is not None:
+            values["levels"] = max(1, self.design.levels - 1)
+        if bound is not None and edge is not None:
+            most = max(1.0, bound / edge)
+            for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
+                values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
+        if "print_edge_length" in values:  # no longer than lines are wide
+            wider = self.updated(**{key: values[key] for key in values if key.endswith("_width")})
+            values["print_edge_length"] = min(values["print_edge_length"], *wider.laid_widths)
+        return self.updated(**values)
+
+    @classmethod
+    def targets(cls) -> Mapping[str, str]:
+        """Return the key that holds the target of a metric, by the metric's key."""
+        return {one.metric_key: name for name, one in cls.described().items() if one.metric_key}
+
+    def asked(self, targets: Mapping[str, float]) -> Self:
+        """Return the scene of other targets of some metrics, by the keys of these.
+
+        Raises:
+            ParameterError: No field holds the target of a metric, or its value is out of bounds.
+        """
+        keys = self.targets()
+        for metric in targets:
+            if metric not in keys:
+                known = ", ".join(keys) or "none"
+                raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
+        return self.updated(**{keys[metric]: value for metric, value in targets.items()})
+
+    @property
+    def radius(self) -> float | None:
+        """Radius in m of the inflated skin where it is thinnest; None if it is not known."""
+        return None
+
+    @property
+    def inflated(self) -> Inflated | None:
+        """The skin under its largest pressure; None if its radius is not known."""
+        if self.radius is None:
+            return None
+        pressing = self.pressure
+        largest = pressing.pressure if pressing.bounds is None else pressing.bounds[1]
+        return Inflated(self.material.composite, largest, self.radius)
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene that are known."""
+        skin, design = self.inflated, self.design
+        if skin is None:
+            return
+        yield from skin.groups()
+        widths: dict[str, float | None] = {"print_width": self.print.print_width}
+        if design.constrained_iterations:
+            widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
+        if design.start == "relaxed":
+            widths["laid_width"] = max(self.laid_widths)
+        yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
+        yield from self.target_groups(skin)
+
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target, which the skin is to take."""
+        return iter(())
+
+    def run_design(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        reporter: DesignReporter | None = None,
+        verbose: bool = False,
+    ) -> ActuatorResult:
+        """Design the pattern and write all results (collective).
+
+        The design goes from coarse to fine over the levels of the scene. On each, free islands of
+        the printed pattern are removed, or connected to the rest if that gives a lower T, and the
+        design is continued for `polish_iterations` steps. With several starts the best one takes
+        the place of the first level; its islands are left to the next. The design is asked again
+        for what its print misses, `corrections` times at most.
+
+        With `start` = "relaxed" line families are designed and laid as lines instead, by
+        `discover`, and densities come last.
+
+        Args:
+            output: Folder for summary, history, pattern, fields and pictures.
+            files: Paths, by the names in `DESIGN_FILES`. The print of "start_from" may be of
+                another size, target or pressure. None for none.
+            reporter: Reports the progress; None makes one for `output`. One that is made earlier
+                also counts the time of the set-up.
+            verbose: Whether to print every Newton step.
+
+        Raises:
+            TorosError: A number is out of its bounds, the start has no equilibrium, the folder
+                cannot be written to, or a file does not fit.
+        """
+        given = files or {}
+        scene, source = self.with_files(comm, given), given.get("start_from")
+        scene.require_trial()
+        designer = Designer(
+            comm=comm,
+            scene=scene if source is None else scene.from_print(),
+            output=output,
+            reporter=reporter or DesignReporter(comm, output),
+            journal=journal_of(output),
+            source=source,
+            verbose=verbose,
+        )
+        return designer.design()
+
+    def require_trial(self) -> None:
+        """Check that `trial` has what it needs: this is told before the design, not after it."""
+
+    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Tried | None:
+        """Simulate what the print is for, beyond its curve, and write the files of this."""
+        return None
+
+    def run_simulation(
+        self,
+        comm: MPI.Comm,
+        output: Path | str,
+        files: Mapping[str, Path] | None = None,
+        *,
+        verbose: bool = False,
+    ) -> SimulationResult:
+        """Inflate the plain skin, or a given print, and write all results (collective).
+
+        The pressure rises to that of the scene in `curve_steps` equal steps, on the finest of its
+        meshes. Where it cannot be followed to its end, the summary's "failure" says why.
+
+        Args:
+            output: Folder for curve, fields and pictures.
+            files: Paths, by the names in `SIMULATION_FILES`. The "pattern" is the output folder of
+                a design, or the pattern file in it. On the mesh of that design the simulation is
+                that of its print. A mesh of the scene follows the polygons of a folder; of a file
+                alone, a triangle of another mesh is printed where at least half of it is. Without,
+                only what is always printed is.
+            verbose: Whether to print every Newton step.
+
+        Raises:
+            ParameterError: The pressure is 0, or a number is out of its bounds.
+            PatternFileError: The pattern cannot be read.
+            PanelError: It is that of another skin.
+            EquilibriumError: There is no equilibrium at the first pressure.
+        """
+        given = files or {}
+        job = Job(comm, self.with_files(comm, given), verbose=verbose)
+        return simulate_actuator(job, output, given.get("pattern"))
+
+    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
+        """Return the cost of a design with its files, by `actuator_cost` (collective)."""
+        return actuator_cost(comm, self, probing=probing)
+
+    def case(self, comm: MPI.Comm, level: Level) -> Case:
+        """Return skin, loads and target on the mesh of a level (collective).
+
+        Raises:
+            TorosError: Numbers do not fit each other.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no case.")
+
+    def loaded(
+        self,
+        pattern: Pattern,
+        target: Floats,
+        supports: Supports,
+        planes: tuple[int, ...] = (),
+    ) -> Case:
+        """Return a case of the scene's sheets under its pressure, on a part cut at planes.
+
+        Raises:
+            ParameterError: The knit is not symmetric about the planes.
+        """
+        self.material.require_symmetric(planes)
+        return Case(
+            pattern,
+            target,
+            supports,
+            self.pressure.pressure,
+            self.pressure.bounds,
+            self.material.composite,
+            symmetry=planes,
+        )
+
+    def problem(
+        self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False
+    ) -> ShapeDesign:
+        """Return the design problem of a case on the mesh of a level (collective).
+
+        Raises:
+            TorosError: A number is out of its bounds, or does not fit the case.
+        """
+        require_island_area(case.pattern, self.print.island_area)
+        log = print_step(comm) if verbose else None
+        return ShapeDesign(comm, case, level.regularisation, log=log)

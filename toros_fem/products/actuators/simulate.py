@@ -33,7 +33,7 @@ from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Printed
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
-from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.result import write_summary
 from toros_fem.results.writer import draw_pictures
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
@@ -43,69 +43,46 @@ FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SimulationResult(RunResult):
+class SimulationResult(PathResult):
     """An actuator that was inflated without being designed.
 
     Attributes:
-        path: The equilibria.
-        pattern: Where its print was read; None for a plain skin.
+        source: Where its print was read; None for a plain skin.
         failure: Why the pressures were not followed to their end; None if they were.
         errors: Errors of its metrics; None if they were not estimated.
     """
 
-    path: PathResult
-    pattern: str | None
-    failure: str | None
+    source: str | None = None
+    failure: str | None = None
     errors: MetricErrors | None = None
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume at the last pressure."""
-        return self.path.figures_within({} if self.errors is None else self.errors.intervals)
+        return self.figures_within({} if self.errors is None else self.errors.intervals)
 
     def entries(self) -> dict[str, Any]:
         """Return errors, inputs and cost."""
-        found = {"failure": self.failure, "pattern": self.pattern, **self.path.entries()}
+        found = {"failure": self.failure, "pattern": self.source, **super().entries()}
         return found if self.errors is None else {**found, "errors": self.errors.as_dict()}
 
     def description(self) -> str:
         """Return metrics and pressure in a sentence."""
-        what = "plain skin" if self.pattern is None else "as printed"
+        what = "plain skin" if self.source is None else "as printed"
         ended = "" if self.failure is None else f"; it ends there: {self.failure}"
-        return f"{self.path.told(self.figures)}, {what}{ended}"
+        return f"{super().description()}, {what}{ended}"
 
 
-@collective("comm")
+@collective("job.comm")
 def simulate_actuator(
-    comm: MPI.Comm,
-    output: Path | str,
-    scene: ActuatorScene,
-    *,
-    pattern: Path | str | None = None,
-    verbose: bool = False,
+    job: Job, output: Path | str, pattern: Path | str | None = None
 ) -> SimulationResult:
     """Inflate an actuator without designing it, and write curve, fields and pictures (collective).
 
-    The pressure rises to that of the scene in `curve_steps` equal steps. Where it cannot be
-    followed to its end, the summary's "failure" says why.
-
-    Args:
-        comm: Communicator.
-        output: Folder for the results.
-        scene: What to simulate; the finest of its meshes is taken.
-        pattern: Output folder of a design, or the pattern file in it. On the mesh of that design
-            the simulation is that of its print. A mesh of the scene follows the polygons of a
-            folder; of a file alone, a triangle of another mesh is printed where at least half of it
-            is. None: only what is always printed is.
-        verbose: Whether to print every Newton step.
-
-    Raises:
-        ParameterError: The pressure is 0, or a number is out of its bounds.
-        PatternFileError: The pattern cannot be read.
-        PanelError: It is that of another skin.
-        EquilibriumError: There is no equilibrium at the first pressure.
+    `ActuatorScene.run_simulation` tells what it takes.
     """
     begin = time.perf_counter()
+    comm, scene = job.comm, job.scene
     if not scene.pressure.pressure > 0:
         raise ParameterError(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
@@ -113,7 +90,7 @@ def simulate_actuator(
     made, level, density, regions = _printed(comm, scene, pattern)
     made = made.smoothed()
     skin = sew(comm, made.pattern)
-    log = print_step(comm) if verbose else None
+    log = print_step(comm) if job.verbose else None
     assert made.composite is not None
     solver = EquilibriumSolver(
         skin,
@@ -133,7 +110,7 @@ def simulate_actuator(
         failure = str(caught)
         if not points:
             raise
-    path = PathResult(
+    found = SimulationResult(
         made.pattern,
         points,
         density,
@@ -143,18 +120,17 @@ def simulate_actuator(
         scene,
         {"total": time.perf_counter() - begin},
         scene.results.tolerance,
+        source=None if pattern is None else str(pattern),
+        failure=failure,
     )
-    write_pressure_path(comm, output, path)
-    errors = None
+    write_pressure_path(comm, output, found)
     if scene.results.estimate_error:
         last, measures = points[-1].result, {m.key: m.measure for m in made.judged}
-        shape, job = limit_shape(solver, last), Job(comm, scene)
-        if pattern is not None and regions is None:
-            errors = MetricErrors({}, failure="a file of triangles has no polygons to print anew.")
-        else:
+        errors = MetricErrors({}, failure="a file of triangles has no polygons to print anew.")
+        if pattern is None or regions is not None:
+            shape = limit_shape(solver, last)
             errors = metric_errors(job, level, shape, measures, regions, last.pressures)
-    where = None if pattern is None else str(pattern)
-    found = SimulationResult(path, where, failure, errors)
+        found = replace(found, errors=errors)
     write_summary(comm, output, found)
     draw_pictures(comm, output)
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,18 +26,6 @@ RESOLUTION = 1e-5
 LEAST_SLOPE, LARGEST_SLOPE = 0.4, 3.0
 # Largest change of what is asked in one round, over the scale of its metric.
 LARGEST_STEP = 0.4
-
-
-class Answer(Protocol):
-    """The metrics of a print, and the targets that were asked for it, both by key."""
-
-    @property
-    def asked(self) -> Mapping[str, float]:
-        """Targets that were asked."""
-
-    @property
-    def metrics(self) -> Mapping[str, float]:
-        """Metrics of the print; empty without an equilibrium."""
 
 
 class Aim(NamedTuple):
@@ -85,16 +73,19 @@ def follows(
     return changes[0] >= FOLLOWS * changes[1]
 
 
-def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:
-    """Return which targets of metrics to ask for next, by `next_asked`."""
+def asked_next(
+    got: Sequence[Mapping[str, float]],
+    asked: Sequence[Mapping[str, float]],
+    aims: Mapping[str, Aim],
+) -> dict[str, float]:
+    """Return which targets to ask for next, by `next_asked`; the arguments are as of `follows`."""
     size = np.array([aim.scale for aim in aims.values()])
 
     def vector(values: Mapping[str, float]) -> Floats:
         return np.array([values[key] for key in aims]) / size
 
-    asked, printed = [vector(r.asked) for r in rounds], [vector(r.metrics) for r in rounds]
     target = vector({key: aim.target for key, aim in aims.items()})
-    found = next_asked(asked, printed, target, LARGEST_STEP)
+    found = next_asked([*map(vector, asked)], [*map(vector, got)], target, LARGEST_STEP)
     return dict(zip(aims, map(float, size * rounded(found, RESOLUTION)), strict=True))
 
 

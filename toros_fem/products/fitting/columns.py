@@ -159,9 +159,7 @@ def split_header(text: str) -> tuple[str, str]:
 def columns_of(header: Sequence[str], units: Mapping[str, str]) -> dict[int, Column]:
     """Return the columns that are known, by their places.
 
-    Args:
-        header: Cells of the header.
-        units: Units by what a column holds, over those of the header.
+    `units`, by what a column holds, come before those of the header.
 
     Raises:
         ParameterError: Two columns say the same, one is needed, or a name or a unit is wrong.

@@ -15,13 +15,7 @@ from toros_fem.materials.sheet import Material
 from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
 from toros_fem.products.fitting.parameters import scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
-from toros_fem.products.fitting.robust_fit import (
-    Model,
-    Problem,
-    Solution,
-    remembered,
-    robust_fit,
-)
+from toros_fem.products.fitting.robust_fit import Model, Problem, Solution, remembered, robust_fit
 from toros_fem.products.fitting.samples import samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest

@@ -124,8 +124,6 @@ def library_entry(
     """Return a fitted material as an entry of a library, for `materials.library.write_material`.
 
     Args:
-        result: The fit.
-        name: Name in scene files.
         kind: "fabric" or "print".
         with_fabric: Whether a print was tested together with its fabric.
         title: What it is; None for the name.

@@ -45,7 +45,6 @@ class Estimate:
     """One constant, in SI units.
 
     Attributes:
-        value: The value.
         low, high: Ends of the 95 % interval; `high` is infinite for a bound c₁ or c₂ that the data
             do not reach.
         identified: Whether the data tell it: its interval ends within the bounds of the fit.
@@ -70,7 +69,6 @@ class Fit:
         estimates: Constants by name.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
-        options: Options of the fit.
     """
 
     estimates: Mapping[str, Estimate]
@@ -250,7 +248,6 @@ def estimates_of(
     """Return constants with their intervals.
 
     Args:
-        values: The constants.
         draws: The same constants of each draw, (draws,).
         ranges: Smallest and largest value that the fit allows for c₁ and c₂.
     """

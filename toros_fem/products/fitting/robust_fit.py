@@ -29,7 +29,6 @@ class Problem:
     """What is fitted to what.
 
     Attributes:
-        model: The model.
         measured: Measured values, each over the largest of its group, (n,).
         groups: Number of each value's group, (n,); a group has one standard deviation.
         bounds: Smallest and largest value of each parameter, (p,) each.

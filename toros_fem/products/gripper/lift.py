@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, if_plotting
 from toros_fem.measures.gap import Body
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import repeated, write_series
 from toros_fem.results.frames.shown_skin import ShownSkin
@@ -66,7 +65,7 @@ def write_lift(
     folder: Path,
     pattern: Pattern,
     rows: Sequence[tuple[Floats, Sequence[LiftShape]]],
-    regions: Sequence[BaseGeometry],
+    regions: Regions,
     body: RigidBody,
     fingers: int,
     title: str,
@@ -74,8 +73,6 @@ def write_lift(
     """Write frames, and a picture of all fingers around the object (collective).
 
     Args:
-        comm: Communicator.
-        folder: Output folder, which exists.
         pattern: The pattern of one whole finger.
         rows: Density of its triangles, (t,), and shapes of a lift, a row of the picture each; the
             last one is that of the print.

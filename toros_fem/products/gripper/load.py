@@ -9,9 +9,9 @@ becomes of each mass. Fingers close without friction, which acts from then on.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -96,15 +96,17 @@ class Lifted:
             found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
         return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
 
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it."""
+        return asdict(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Grip:
     """Fingers around their object, as they are simulated.
 
     Attributes:
-        scene: The gripper.
         closing, pulling: Solvers without and with friction.
-        body: The object.
         finger: The whole finger of which half is simulated; None where all fingers are.
     """
 
@@ -155,7 +157,6 @@ class Pull:
     """What one design does to the object.
 
     Attributes:
-        grip: The fingers.
         density: Density of all triangles that are simulated, (t,).
         points: The equilibria; none where the fingers do not close.
         failure: Why the pull ended early; empty if it did not.

@@ -33,7 +33,7 @@ from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
-from toros_fem.products.plausibility import Group, bending_strain, twisting_strain
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import (
@@ -286,9 +286,7 @@ class OwnMeshScene(ActuatorScene):
     def with_files(self, comm: MPI.Comm, files: Mapping[str, Path]) -> Self:
         """Return the scene with its skin, and a filter radius if none is given (collective).
 
-        Args:
-            comm: Communicator.
-            files: Paths of the "mesh", a pattern file or its folder too, and of the "target".
+        They are the "mesh", a pattern file or its folder too, and the "target".
 
         Raises:
             TorosError: There is no mesh, or a file cannot be read, or does not fit.
@@ -320,25 +318,20 @@ class OwnMeshScene(ActuatorScene):
         whole = self.read.whole
         return abs(2 * volume(whole.points, whole.triangles)) / float(whole.areas.sum())
 
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene, once its files are read."""
-        yield from super().groups()
-        skin, asked = self.inflated, self.target
-        if self.read is None or skin is None:
-            return
-        edge = self.read.edge_length / 2.0**self.skin.refinements
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the mesh, and of a target that no file holds."""
+        read, asked = self.own_skin, self.target
+        edge = read.edge_length / 2.0**self.skin.refinements
         yield Group("edges", "refinements", 2 * np.pi * skin.radius / edge)
-        if self.read.target is not None:
+        if read.target is not None:
             return
-        body = asked.of_body(self.read.whole)
+        body = asked.of_body(read.whole)
         length, half = body.end - body.begin, body.half_width
         if asked.bend is not None:
             neutral = half if asked.neutral is None else asked.neutral
-            strain = bending_strain(asked.bend, length, half, neutral)
-            yield from skin.turn("bend", asked.bend, strain)
+            yield from skin.bend("bend", asked.bend, length, half + neutral)
         if asked.twist is not None:
-            strain = twisting_strain(asked.twist, length, skin.radius)
-            yield from skin.turn("twist", asked.twist, strain)
+            yield from skin.twist("twist", asked.twist, length)
         if asked.shorten is not None and asked.shorten > 0:
             yield Group("shortening", "shorten", asked.shorten / 100)
 
@@ -494,7 +487,7 @@ class OwnMeshScene(ActuatorScene):
         Raises:
             TorosError: One is not; the message names it.
         """
-        self.require_symmetric_knit((axis,))
+        self.material.require_symmetric((axis,))
         if isinstance(body, Surface):
             require_symmetric(body, axis)
         for name in ("held", "printed", "plain"):
@@ -513,7 +506,6 @@ def read_skin(
     """Read a mesh, cut it into flat panels, and read its target (collective).
 
     Args:
-        comm: Communicator.
         scene: Scale, new mesh, cuts and symmetry.
         mesh: Mesh file; or a pattern file, or the folder that it lies in.
         target: Mesh file of the target; None for none.

@@ -95,10 +95,9 @@ class TipWeights(Orientation):
     tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
 
     def shape_part(self, pattern: Pattern, tip: Ints, turned: Ints, radius: float) -> ShapePart:
-        """Return a whole shape that counts, and its tip more.
+        """Return the shape of a whole pattern that counts, and its tip more.
 
         Args:
-            pattern: The whole pattern.
             tip: Vertices of the tip.
             turned: Vertices whose orientation counts.
             radius: Of these in m: turned by a small angle about a diameter they move by
@@ -124,12 +123,11 @@ class SectionWeights(TipWeights):
     def sections_part(
         self, pattern: Pattern, labels: Ints, axis: int, *, border: bool = True
     ) -> CrossSections:
-        """Return cross-sections that count.
+        """Return cross-sections of a whole pattern that count.
 
         If each of n sections is off by δ/n from the one before, the tip is off by δ.
 
         Args:
-            pattern: The whole pattern.
             labels: Cross-section of each vertex, as of `label_cross_sections`.
             axis: Axis of the body, 0 for x, …
             border: Whether the tip is one section more than `cross_sections`.

@@ -7,17 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.keys import (
-    Angle,
-    In,
-    Length,
-    Modulus,
-    OneOf,
-    Poisson,
-    Stretch,
-    Table,
-    key,
-)
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Angle, In, Length, Modulus, OneOf, Poisson, Stretch, Table, key
 from toros_fem.materials.sheet import (
     CURVATURES,
     PRINT_SIDES,
@@ -129,3 +120,16 @@ class SkinSheets(Sheets):
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
             knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
         )
+
+    def require_symmetric(self, planes: tuple[int, ...]) -> None:
+        """Check that a knit has the mirrored grain where the skin is cut at symmetry planes.
+
+        Raises:
+            ParameterError: It has not.
+        """
+        if planes and self.knit_ratio is not None and self.grain_angle % 90:
+            raise ParameterError(
+                f"grain_angle = {self.grain_angle} deg is not symmetric: the other part would "
+                "have the mirrored grain. Set 0 or 90, or design the whole skin.",
+                "grain_angle",
+            )

@@ -5,17 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from toros_fem.base.keys import (
-    Count,
-    Fraction,
-    In,
-    Length,
-    Number,
-    OneOf,
-    Positive,
-    Table,
-    key,
-)
+from toros_fem.base.keys import Count, Fraction, In, Length, Number, OneOf, Positive, Table, key
 from toros_fem.design.density.filters import FILTERS
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.perimeter import SHARPNESS
@@ -52,6 +42,11 @@ class Filtering(Table):
     perimeter_sharpness: float = key(
         SHARPNESS, "w of eq. (15): above 0 it erodes the print, as in the paper, below 0 the fabric"
     )
+
+    @property
+    def projection(self) -> Projection:
+        """Smoothed step from ρ̃ to ρ̄."""
+        return Projection(self.beta, self.eta)
 
 
 @dataclass(frozen=True)
@@ -117,11 +112,6 @@ class Designing(Filtering, Stepping):
         SPREAD_WEIGHT,
         "weight of the spread over these widths in the objective, where there is a tolerance",
     )
-
-    @property
-    def projection(self) -> Projection:
-        """Smoothed step from ρ̃ to ρ̄."""
-        return Projection(self.beta, self.eta)
 
     @property
     def regularisation(self) -> Regularisation:

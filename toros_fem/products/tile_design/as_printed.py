@@ -18,11 +18,7 @@ from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
-from toros_fem.products.tiles.printability import (
-    RepeatedTile,
-    TilePrintability,
-    tile_printability,
-)
+from toros_fem.products.tiles.printability import RepeatedTile, TilePrintability, tile_printability
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver, profiles
 

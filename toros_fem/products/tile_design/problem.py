@@ -17,7 +17,6 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.linear import group_mean
 from toros_fem.design.density.perimeter import Perimeter
-from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
@@ -166,7 +165,7 @@ def tile_problem(
     solver = TileSolver(skin, config.material.composite, Periodic(patch), log=log)
     every = group_mean(skin, patch.symmetry_maps(case.symmetry))
     smooth = make_filter(design.filter, skin, design.filter_radius, lattice).after(every)
-    projection, terms = Projection(design.beta, design.eta), []
+    projection, terms = design.projection, []
     if design.perimeter_weight is not None:
         window = design.perimeter_window * design.filter_radius
         perimeter = Perimeter(skin, window, design.perimeter_sharpness, beyond=lattice)

@@ -85,7 +85,6 @@ class RepeatedTile(Panels):
     reach their own images.
 
     Args:
-        tile: The tile.
         symmetry: Symmetry that the print keeps exactly, as for `Tile.symmetry_maps`.
     """
 

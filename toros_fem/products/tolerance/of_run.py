@@ -34,14 +34,8 @@ def tolerances_of_run(
 ) -> Tolerances:
     """Return how a finished design moves if it is not made as drawn (collective).
 
-    The simulation starts from the shape of the print that the run has stored.
-
-    Args:
-        comm: Communicator.
-        run: Folder of the design.
-        scene: What was designed.
-        files: Files that the design has taken, by name.
-        config: How far what is off; None takes the defaults.
+    The simulation starts from the shape of the print that the run has stored. The files are those
+    that the design has taken, by name. None takes the default tolerances.
 
     Raises:
         OutputError: The folder holds no finished design of an actuator.

@@ -41,7 +41,6 @@ class TangentRates:
     K λ = ∂T/∂x: the adjoint of eq. (19).
 
     Args:
-        problem: The design problem.
         density: Density of the owned triangles.
         equilibrium: The last equilibrium of its solver.
     """

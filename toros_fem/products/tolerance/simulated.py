@@ -4,38 +4,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-
-from shapely.geometry.base import BaseGeometry
+from dataclasses import dataclass, replace
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import Distributed, collective, on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.validation import require_kind
-from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import (
-    PrintLimits,
-    printability,
-    printed_fractions,
-)
+from toros_fem.making.print.printability import PrintLimits, printability, printed_fractions
 from toros_fem.making.print.regions import part_regions
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.following import border_motion, snapped, with_flat_points
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
-from toros_fem.products.tolerance.rates import (
-    MovedSkin,
-    Rate,
-    TangentRates,
-    values_at,
-)
+from toros_fem.products.tolerance.rates import MovedSkin, Rate, TangentRates, values_at
 from toros_fem.products.tolerance.result import Tolerances, Variant
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
@@ -52,26 +40,6 @@ STIFFNESSES = (
 
 
 @dataclass(frozen=True, eq=False)
-class Change(Distributed):
-    """A skin of which one quantity is off.
-
-    Attributes:
-        quantity, amount: What is off, and by how much, as of `Variant`.
-        rate: Derivatives by the quantity.
-        solver: Solver of the skin.
-        pressures: In Pa, of each chamber.
-        moved: The skin, if its print's borders have moved; else its mesh is that as drawn.
-    """
-
-    quantity: str
-    amount: float
-    rate: Rate
-    solver: EquilibriumSolver
-    pressures: Sequence[float]
-    moved: MovedSkin | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class Drawn:
     """A print on a part of a skin and on the whole, and where its simulation starts.
 
@@ -81,16 +49,16 @@ class Drawn:
         limits: Limits of the printer.
         near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
             None starts from the assembled shape.
-        pressure: In Pa, of all chambers or of each; None takes the problem's own.
-        own_mesh: Metrics by key on the mesh of the design, to compare with; empty if not known.
+        pressures: In Pa, of each chamber.
+        own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
     """
 
-    regions: Sequence[BaseGeometry]
-    whole: tuple[Pattern, Sequence[BaseGeometry]]
+    regions: Regions
+    whole: tuple[Pattern, Regions]
     limits: PrintLimits
     near: tuple[Pattern, Floats] | None
-    pressure: Pressure | None
-    own_mesh: Mapping[str, float] = field(default_factory=dict)
+    pressures: Sequence[float]
+    own_mesh: Mapping[str, float]
 
 
 @collective("problem.comm")
@@ -145,7 +113,7 @@ def simulated_tolerances(
     begin = time.perf_counter()
     study = _Study(problem, drawn)
     middle = time.perf_counter()
-    variants = tuple(map(study.variant, study.changes(config or ToleranceConfig())))
+    variants = tuple(study.variants(config or ToleranceConfig()))
     as_drawn = on_first_rank(problem.comm, lambda: printability(*drawn.whole, drawn.limits))
     return Tolerances(
         metrics=tuple(problem.metrics),
@@ -172,15 +140,15 @@ class _Study:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            part[skin.owned_cells], start=start, pressure=drawn.pressure
+            part[skin.owned_cells], start=start, pressure=drawn.pressures
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)
         self.nominal = values_at(problem, self.equilibrium.positions)
         self.rates = TangentRates(problem, self.density, self.equilibrium)
 
-    def changes(self, config: ToleranceConfig) -> Iterator[Change]:
-        """Yield all changes by quantity, from less to more."""
+    def variants(self, config: ToleranceConfig) -> Iterator[Variant]:
+        """Yield all variants by quantity, from less to more."""
         if config.width is not None:
             yield from self._widths(config.width)
         sizes = {"young": config.modulus, "thickness": config.thickness}
@@ -190,7 +158,7 @@ class _Study:
         if config.pressure_change is not None:
             yield from self._pressures(config.pressure_change)
 
-    def _widths(self, width: float) -> Iterator[Change]:
+    def _widths(self, width: float) -> Iterator[Variant]:
         pattern, unknowns = (
             self.pattern,
             self.problem.solver.model.patch.gather(self.equilibrium.state),
@@ -210,11 +178,11 @@ class _Study:
         step = BORDER_STEP * width
         rate = self.rates.by_borders(moved(-step), moved(step), self.density_of_all, step)
         for factor in (-2, -1, 1, 2):
-            skin, pressures = moved(factor * width), self.equilibrium.pressures
-            solver = skin.problem.solver
-            yield Change("print width", factor * width, rate, solver, pressures, skin)
+            skin = moved(factor * width)
+            found = self._solved("print width", factor * width, rate, moved=skin)
+            yield self._worn(found, skin)
 
-    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Change]:
+    def _stiffnesses(self, name: str, material: str, part: str, size: float) -> Iterator[Variant]:
         composite = self.problem.solver.model.composite
 
         def changed(factor: float) -> Composite:
@@ -225,36 +193,45 @@ class _Study:
         rate = self.rates.by_composite(changed)
         for amount in (-size, size):
             solver = self.problem.solver.like(composite=changed(1 + amount), log=None)
-            yield Change(name, amount, rate, solver, self.equilibrium.pressures)
+            yield self._solved(name, amount, rate, solver)
 
-    def _pressures(self, size: float) -> Iterator[Change]:
+    def _pressures(self, size: float) -> Iterator[Variant]:
         rate = self.rates.by_pressure()
         for amount in (-size, size):
             pressures = [(1 + amount) * p for p in self.equilibrium.pressures]
-            yield Change("pressure", amount, rate, self.problem.solver, pressures)
+            yield self._solved("pressure", amount, rate, pressures=pressures)
 
-    def variant(self, c: Change) -> Variant:
-        """Return what a change does, at the places of the skin as drawn."""
-        found = self._solved(c)
-        return found if c.moved is None else self._worn(found, c.moved)
+    def _solved(
+        self,
+        quantity: str,
+        amount: float,
+        rate: Rate,
+        solver: EquilibriumSolver | None = None,
+        pressures: Sequence[float] | None = None,
+        moved: MovedSkin | None = None,
+    ) -> Variant:
+        """Return a variant, at the places of the skin as drawn, from where the rate leads.
 
-    def _solved(self, c: Change) -> Variant:
-        """Return the variant of a change, simulated from the motion that the tangent predicts."""
-        predicted = {k: value + c.amount * c.rate.values[k] for k, value in self.nominal.items()}
-        state, along = self.equilibrium.state, c.amount * c.rate.motion
+        Solver and pressures are those of the drawn skin, if the quantity changes no others.
+        """
+        predicted = {k: value + amount * rate.values[k] for k, value in self.nominal.items()}
+        state, along = self.equilibrium.state, amount * rate.motion
         density, starts = self.density, [state + along, state.copy()]
-        if c.moved is not None:
-            density = self.density_of_all[c.moved.problem.skin.owned_cells]
-            starts = [c.moved.state(self.problem.solver.model.patch.gather(along)), c.moved.state()]
-        start = next(filter(c.solver.model.admits, starts), None)
+        if moved is not None:
+            solver = moved.problem.solver
+            density = self.density_of_all[moved.problem.skin.owned_cells]
+            starts = [moved.state(self.problem.solver.model.patch.gather(along)), moved.state()]
+        solver = solver or self.problem.solver
+        start = next(filter(solver.model.admits, starts), None)
+        load = Load(pressures or self.equilibrium.pressures, self.problem.physics.force)
         try:
-            found = c.solver.solve(density, Load(c.pressures, self.problem.physics.force), start)
+            found = solver.solve(density, load, start)
         except EquilibriumError as caught:  # raised by all ranks or by none
-            return Variant(c.quantity, c.amount, {}, predicted, (str(caught),), caught.steps)
+            return Variant(quantity, amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()
-        places = found.positions if c.moved is None else c.moved.before(found.positions)
+        places = found.positions if moved is None else moved.before(found.positions)
         values = values_at(self.problem, places)
-        return Variant(c.quantity, c.amount, values, predicted, notes, found.steps)
+        return Variant(quantity, amount, values, predicted, notes, found.steps)
 
     def _worn(self, variant: Variant, skin: MovedSkin) -> Variant:
         """Return a variant with what its lines and gaps have become."""

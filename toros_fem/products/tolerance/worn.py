@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Ints
 from toros_fem.making.print.polygons import fabric_of
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 
 
 def offset_print(
-    pattern: Pattern, regions: Sequence[BaseGeometry], offset: float, resolution: float
+    pattern: Pattern, regions: Regions, offset: float, resolution: float
 ) -> list[BaseGeometry]:
     """Return a print whose borders have moved outwards; the panel's border is none of them.
 
@@ -36,8 +34,8 @@ def offset_print(
 
 def broken_lines(
     pattern: Pattern,
-    drawn: Sequence[BaseGeometry],
-    made: Sequence[BaseGeometry],
+    drawn: Regions,
+    made: Regions,
     resolution: float,
 ) -> list[str]:
     """Return what vanishes, parts or merges between a print as drawn and as made, as sentences."""

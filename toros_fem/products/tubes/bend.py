@@ -19,7 +19,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.plausibility import Group, bending_strain
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
@@ -34,11 +34,10 @@ class BendTarget(Table):
         0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
 
-    def groups(self, scene: TubeScene) -> Iterator[Group]:
-        """Yield the groups of the bend of a tube."""
-        yield Group("neutral", "neutral", self.neutral / scene.radius)
-        strain = bending_strain(self.angle, scene.skin.length, scene.radius, self.neutral)
-        yield from scene.inflated.turn("angle", self.angle, strain)
+    def groups(self, skin: Inflated, length: float) -> Iterator[Group]:
+        """Yield the groups of the bend of a tube of a length in m."""
+        yield Group("neutral", "neutral", self.neutral / skin.radius)
+        yield from skin.bend("angle", self.angle, length, skin.radius + self.neutral)
 
 
 @dataclass(frozen=True)
@@ -57,10 +56,9 @@ class BendScene(TubeScene):
     )  # fmt: skip
     MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene."""
-        yield from super().groups()
-        yield from self.target.groups(self)
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target."""
+        return self.target.groups(skin, self.skin.length)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""

@@ -15,17 +15,12 @@ from mpi4py import MPI
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.plausibility import Group
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
-from toros_fem.products.tubes.tube import (
-    SectionTubeScene,
-    bend_metric,
-    twist_groups,
-    twist_metric,
-)
+from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, twist_metric
 
 
 @dataclass(frozen=True)
@@ -49,11 +44,10 @@ class BendTwistScene(SectionTubeScene):
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
     FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
 
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene."""
-        yield from super().groups()
-        yield from self.target.groups(self)
-        yield from twist_groups(self, self.target.twist)
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target."""
+        yield from self.target.groups(skin, self.skin.length)
+        yield from skin.twist("twist", self.target.twist, self.skin.length)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""

@@ -17,7 +17,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.plausibility import Group
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Designing, Lines
 from toros_fem.products.tables.targets import Shortening, shortening_key
@@ -53,12 +53,11 @@ class ContractScene(SectionTubeScene):
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "print_edge_length": 9 / 5}
     MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
 
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene."""
-        yield from super().groups()
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target."""
         share = self.target.contraction / 100
         if share < 0:
-            yield from self.inflated.reach("contraction", -share)
+            yield from skin.reach("contraction", -share)
         else:
             yield Group("shortening", "contraction", share)
 

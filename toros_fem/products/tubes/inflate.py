@@ -28,7 +28,7 @@ from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
-from toros_fem.results.result import RunResult, write_summary
+from toros_fem.results.result import write_summary
 from toros_fem.results.writer import draw_pictures
 
 METRICS = (
@@ -112,13 +112,13 @@ class InflateScene(Scene):
         files: Mapping[str, Path] | None = None,
         *,
         verbose: bool = False,
-    ) -> RunResult:
+    ) -> InflationResult:
         """Inflate the tube and write curve, fields and pictures; it takes no files (collective)."""
         begin, planes = time.perf_counter(), self.planes
         solver, density = self.solver(comm, verbose=verbose)
         owned, pattern = density[solver.skin.owned_cells], solver.skin.pattern
         metrics = [metric.of_whole(planes) for metric in METRICS]
-        path = PathResult(
+        found = InflationResult(
             pattern,
             list(trace(solver, owned, [*map(float, self.pressures)], metrics)),
             density,
@@ -127,9 +127,9 @@ class InflateScene(Scene):
             self.material.composite,
             self,
             {"total": time.perf_counter() - begin},
+            saturation=self.pressure.pressure,
         )
-        write_pressure_path(comm, output, path)
-        found = InflationResult(path, self.pressure.pressure)
+        write_pressure_path(comm, output, found)
         write_summary(comm, output, found)
         draw_pictures(comm, output)
         return found
@@ -160,21 +160,20 @@ class InflateScene(Scene):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InflationResult(RunResult):
-    """A tube that swells, and a pressure in Pa at which it counts as saturated."""
+class InflationResult(PathResult):
+    """A tube that swells, and the pressure in Pa from which on it counts as saturated."""
 
-    path: PathResult
-    pressure: float
+    saturation: float = 0.0
 
     @property
     def half(self) -> TracePoint:
         """The equilibrium at that pressure."""
-        return min(self.path.points, key=lambda point: abs(point.result.pressure - self.pressure))
+        return min(self.points, key=lambda point: abs(point.result.pressure - self.saturation))
 
     @property
     def growth_ratio(self) -> float:
         """Growth of the radius above that pressure, over its growth below."""
-        states = (self.path.points[0], self.half, self.path.points[-1])
+        states = (self.points[0], self.half, self.points[-1])
         first, half, last = (state.metrics["radius_percent"] for state in states)
         return (last - half) / (half - first)
 
@@ -183,21 +182,20 @@ class InflationResult(RunResult):
         """Radius and length at the highest pressure, and at that of the saturation."""
         at = self.half.metrics
         saturated = (Figure(f"{one.name}_when_saturated", one.unit, at[one.key]) for one in METRICS)
-        return (*self.path.figures, *saturated)
+        return (*super().figures, *saturated)
 
     def entries(self) -> dict[str, Any]:
         """Return how the radius grows, inputs and cost."""
-        points = self.path.points
-        radius = [point.metrics["radius_percent"] for point in points]
-        steepest = points[1 + int(np.argmax(np.diff(radius)))].result.pressure
+        radius = [point.metrics["radius_percent"] for point in self.points]
+        steepest = self.points[1 + int(np.argmax(np.diff(radius)))].result.pressure
         growth = {"growth_above_over_below": self.growth_ratio, "steepest_pa": steepest}
-        return {**growth, **self.path.entries()}
+        return {**growth, **super().entries()}
 
     def description(self) -> str:
         """Return it in a sentence."""
         (radius, length, at), (last_radius, last_length, end) = (
             (*(state.metrics[one.key] for one in METRICS), state.result.pressure / 1e3)
-            for state in (self.half, self.path.points[-1])
+            for state in (self.half, self.points[-1])
         )
         return (
             f"radius {radius:.0f} % and length {length:.0f} % at {at:g} kPa, {last_radius:.0f} % "

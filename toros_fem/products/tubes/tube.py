@@ -31,7 +31,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated, twisting_strain
+from toros_fem.products.plausibility import Group
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -107,13 +107,6 @@ class TubeScene(ActuatorScene):
         yield Group("slenderness", "length", self.skin.length / self.skin.diameter)
         yield from super().groups()
 
-    @property
-    def inflated(self) -> Inflated:
-        """The tube under its largest pressure."""
-        found = super().inflated
-        assert found is not None
-        return found
-
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: all its vertices count, those of the tip more."""
         plate = pattern.vertices_of(TIP)
@@ -132,8 +125,6 @@ class TubeScene(ActuatorScene):
         """Return a tube along z whose base is held and whose caps are printed (collective).
 
         Args:
-            comm: Communicator.
-            level: Its mesh.
             deform: Maps assembled to target positions.
             metrics: Numbers that the design is judged by, as functions of the whole tube. The
                 `length_metric` is watched too if it is not among them.
@@ -193,12 +184,6 @@ def shortening_metric(target: float) -> Metric:
     return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
 
 
-def twist_groups(scene: TubeScene, twist: float) -> Iterator[Group]:
-    """Yield the groups of the twist of a tube in degrees."""
-    strain = twisting_strain(twist, scene.skin.length, scene.radius)
-    return scene.inflated.turn("twist", twist, strain)
-
-
 def length_metric(target: float | None) -> Metric:
     """Return the distance of a tube's ends over the assembled one; None: no target."""
     return Metric("length", "ratio", target, length_ratio, LENGTH_SCALE)
@@ -211,8 +196,6 @@ def plain_tube(
     """Return a tube with a plain wall: pattern, supports, and density of all triangles, (t,).
 
     Args:
-        comm: Communicator.
-        sizes: Its sizes.
         planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
         seams: How seams carry moments, as of `Bending`.
 

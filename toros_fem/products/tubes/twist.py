@@ -18,16 +18,11 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.plausibility import Group
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Pressing, SectionWeights
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tables.targets import TwistAngle, twist_key
-from toros_fem.products.tubes.tube import (
-    SectionTubeScene,
-    length_metric,
-    twist_groups,
-    twist_metric,
-)
+from toros_fem.products.tubes.tube import SectionTubeScene, length_metric, twist_metric
 
 # Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
 HELICES = 0.78
@@ -80,10 +75,9 @@ class TwistScene(SectionTubeScene):
         thinner = HELICES if self.lines.second_laid_width is None else 1.0
         return self.lines.axial_width, thinner * self.lines.widths[1]
 
-    def groups(self) -> Iterator[Group]:
-        """Yield the dimensionless groups of the scene."""
-        yield from super().groups()
-        yield from twist_groups(self, self.target.twist)
+    def target_groups(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the target."""
+        return skin.twist("twist", self.target.twist, self.skin.length)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
-from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
@@ -23,7 +22,7 @@ from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.supports import Planes, Supports
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.legs import tip_positions
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
@@ -69,71 +68,32 @@ class Gait:
         return np.concatenate([ends[:1], *rows])
 
 
-@dataclass(frozen=True)
-class GaitFigures:
-    """What a cycle on the ground tells; None where the cycle ends too early for it.
-
-    Attributes:
-        chambers, pressures_pa: Names of the chambers, and the full pressure of each.
-        failure: Why the cycle ends early; None if it does not.
-        equilibria: Number of equilibria.
-        stride_mm, slip_mm: How far the feet get ahead, and slide back.
-        measured_stride_mm: Measured stride of such a robot.
-        smallest_distance_mm: Smallest distance between faces.
-        foot_lift_mm: Largest height of a foot.
-        supplied_energy_j, lost_energy_j: As of `Walk`.
-    """
-
-    chambers: tuple[str, ...]
-    pressures_pa: tuple[float, ...]
-    failure: str | None
-    equilibria: int = 0
-    stride_mm: float | None = None
-    slip_mm: float | None = None
-    measured_stride_mm: float | None = None
-    smallest_distance_mm: float | None = None
-    foot_lift_mm: float | None = None
-    supplied_energy_j: float | None = None
-    lost_energy_j: float | None = None
-
-    NAME: ClassVar[str] = "gait"
-
-    @property
-    def figures(self) -> tuple[Figure, ...]:
-        """The most important of them."""
-        return (
-            Figure("stride", "mm", self.stride_mm),
-            Figure("slip", "mm", self.slip_mm),
-            Figure("smallest_distance", "mm", self.smallest_distance_mm),
-        )
-
-    @property
-    def words(self) -> str:
-        """It in words."""
-        if self.failure is not None or self.stride_mm is None or self.slip_mm is None:
-            return f"its gait ends after {self.equilibria} equilibria: {self.failure}"
-        return f"a stride of {self.stride_mm:.1f} mm, {self.slip_mm:.1f} mm of slip"
-
-
 @dataclass(frozen=True, eq=False)
 class Walk:
     """What a robot does on the ground in one cycle of pressures.
 
     Attributes:
-        gait: The cycle.
         points: The equilibria of a part of the robot, one for each row of the gait's pressure
             fractions, or for the first of them.
         whole: The whole robot and that part.
         feet: Positions of the tips of the legs at each equilibrium, (rows, f, 3), in m, heights
             from the ground.
         touching: Which of them touch the ground, (rows, f).
+        pressures: Full pressure of each chamber in Pa.
+        failure: Why the path ends before the cycle does; empty where it does not.
+        measured: Who measured the stride of such a robot, and it in m; None for none.
     """
+
+    NAME: ClassVar[str] = "gait"
 
     gait: Gait
     points: Sequence[TracePoint]
     whole: Mirrored
     feet: Floats
     touching: Bools
+    pressures: tuple[float, ...] = ()
+    failure: str = ""
+    measured: tuple[str, float] | None = None
 
     @property
     def complete(self) -> bool:
@@ -169,34 +129,38 @@ class Walk:
         """Work in J over the closed cycle: what friction and snapping turn into heat."""
         return float(self.work.sum())
 
-    def figures(
-        self,
-        full: Sequence[float],
-        failure: str | None,
-        measured: tuple[str, float] | None = None,
-    ) -> GaitFigures:
-        """Return what the cycle tells.
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """The most important numbers; None where the cycle ends too early for them."""
+        found = self.entries()
+        names = "stride", "slip", "smallest_distance"
+        return tuple(Figure(name, "mm", found[f"{name}_mm"]) for name in names)
 
-        Args:
-            full: Full pressure of each chamber in Pa.
-            failure: Why it is not complete; None if it is.
-            measured: Who measured the stride, and it in m; None for none.
-        """
-        distances = [point.result.smallest_distance for point in self.points]
-        found = GaitFigures(
-            self.gait.names,
-            tuple(full),
-            failure,
-            len(self.points),
-            measured_stride_mm=None if measured is None else 1e3 * measured[1],
-            smallest_distance_mm=1e3 * min(d for d in distances if d is not None),
-            foot_lift_mm=1e3 * float(self.feet[:, :, 2].max()),
-            supplied_energy_j=self.supplied_energy,
-        )
-        if not self.complete:
-            return found
-        stride, slip, lost = 1e3 * self.stride, 1e3 * self.slip, self.lost_energy
-        return replace(found, stride_mm=stride, slip_mm=slip, lost_energy_j=lost)
+    @property
+    def words(self) -> str:
+        """It in words."""
+        if self.failure or not self.complete:
+            return f"its gait ends after {len(self.points)} equilibria: {self.failure}"
+        return f"a stride of {1e3 * self.stride:.1f} mm, {1e3 * self.slip:.1f} mm of slip"
+
+    def entries(self) -> dict[str, Any]:
+        """Return it as summaries hold it; None where the cycle ends too early for a number."""
+        states = [point.result for point in self.points]
+        distances = [d for d in (state.smallest_distance for state in states) if d is not None]
+        complete = self.complete
+        return {
+            "chambers": self.gait.names,
+            "pressures_pa": self.pressures,
+            "failure": self.failure or None,
+            "equilibria": len(states),
+            "stride_mm": 1e3 * self.stride if complete else None,
+            "slip_mm": 1e3 * self.slip if complete else None,
+            "measured_stride_mm": 1e3 * self.measured[1] if self.measured and states else None,
+            "smallest_distance_mm": 1e3 * min(distances) if states else None,
+            "foot_lift_mm": 1e3 * float(self.feet[:, :, 2].max()) if states else None,
+            "supplied_energy_j": self.supplied_energy if states else None,
+            "lost_energy_j": self.lost_energy if complete else None,
+        }
 
 
 @collective("comm")
@@ -206,10 +170,7 @@ def flat_on_ground(
     """Return a flat robot as it lies on the ground, and the height of the ground (collective).
 
     Args:
-        comm: Communicator.
-        pattern: The robot, or a part of it.
-        supports: Its symmetry planes.
-        sizes: Sizes of its contact.
+        pattern, supports: The robot, or a part of it, and its symmetry planes.
 
     Returns:
         Positions of all vertices, (n, 3), in m, with the layers apart, and the height in m of a
@@ -250,17 +211,11 @@ def write_gait(
     comm: MPI.Comm,
     folder: Path,
     walk: Walk,
-    regions: Sequence[BaseGeometry],
-    measured: tuple[str, float] | None = None,
+    regions: Regions,
 ) -> None:
     """Write table, frames and pictures of a cycle (collective).
 
-    Args:
-        comm: Communicator.
-        folder: Output folder, which exists.
-        walk: What the robot does.
-        regions: Print on each panel of the whole, polygons in m.
-        measured: Who measured the stride, and it in m; None for none.
+    The regions are the print on each panel of the whole, polygons in m.
 
     Raises:
         OutputError: A file cannot be written.
@@ -288,7 +243,7 @@ def write_gait(
         rows = [shown[k : k + IN_A_ROW] for k in range(0, len(shown), IN_A_ROW)]
         plot_states(folder / "gait.png", rows, View(15.0, 15.0), title, ground)
         with page(folder / "tracks.png") as figure:
-            draw_tracks(figure, walk.feet, gait.steps, stride, measured)
+            draw_tracks(figure, walk.feet, gait.steps, stride, walk.measured)
 
     def write() -> None:
         rows = []

@@ -8,7 +8,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -37,15 +37,7 @@ from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
-from toros_fem.products.walker.gait import (
-    Gait,
-    GaitFigures,
-    Walk,
-    flat_on_ground,
-    walk_of,
-    write_gait,
-)
-from toros_fem.results.result import RunResult
+from toros_fem.products.walker.gait import Gait, Walk, flat_on_ground, walk_of, write_gait
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
@@ -263,20 +255,12 @@ class WalkerScene(ActuatorScene):
 
         return Metric("foot", "mm", 1e3 * self.skin.leg_width / 2, measure)
 
-    def run_design(
-        self,
-        comm: MPI.Comm,
-        output: Path | str,
-        files: Mapping[str, Path] | None = None,
-        *,
-        verbose: bool = False,
-    ) -> RunResult:
-        """Design the walker and let it walk (collective)."""
+    def require_trial(self) -> None:
+        """Check that the library of contact is there, which the gait needs."""
         if self.results.gait_steps is not None:
-            ipctk()  # what is missing is told before the design, not after it
-        return super().run_design(comm, output, files, verbose=verbose)
+            ipctk()
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> GaitFigures | None:
+    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Walk | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
         if self.results.gait_steps is None:
             return None
@@ -290,12 +274,10 @@ class WalkerScene(ActuatorScene):
         quarter = skin.gather_cells(shown.projected)
         half = mirrored(skin.pattern, (0,))
         density = half.at_cells(quarter)
-        found, failure = self.follow(comm, gait, half.pattern, density, full)
-        if found is None:
-            return GaitFigures(CHAMBERS, tuple(full), failure)
-        measured = MEASURED_STRIDE if self.target.motion == "crawl" else None
-        write_gait(comm, output, found, printed.regions, measured)
-        return found.figures(full, failure or None, measured)
+        found = self.follow(comm, gait, half.pattern, density, full)
+        if found.points:
+            write_gait(comm, output, found, printed.regions)
+        return found
 
     def follow(
         self,
@@ -304,22 +286,16 @@ class WalkerScene(ActuatorScene):
         half: Pattern,
         density: Floats,
         pressures: Sequence[float],
-    ) -> tuple[Walk | None, str]:
+    ) -> Walk:
         """Simulate half of a robot on the ground through one cycle of a gait (collective).
 
         It begins flat on the ground, and fills what the end of the last phase has filled. The other
         half is its mirror image.
 
         Args:
-            comm: Communicator.
-            gait: The cycle.
             half: Half of the robot, at y ≥ 0.
             density: Printed part of each triangle of the half, (t,).
             pressures: Full pressure of each chamber in Pa, (3,).
-
-        Returns:
-            What the robot does, None without any equilibrium; and why the path ends before the
-            cycle does, empty where it does not.
         """
         skin, supports, sheets = sew(comm, half), symmetry_plane(half, 1), self.material
         sizes = self.contact_on(half, 0.0).sizes(sheets.composite)
@@ -341,10 +317,13 @@ class WalkerScene(ActuatorScene):
         points, failure = until_failure(
             trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
         )
-        if not points:
-            return None, failure
         reach, whole = sizes.thickness / 2 + sizes.distance, mirrored(half, (1,))
-        return walk_of(gait, points, whole, self.star.directions, height, reach), failure
+        return replace(
+            walk_of(gait, points, whole, self.star.directions, height, reach),
+            pressures=tuple(pressures),
+            failure=failure,
+            measured=MEASURED_STRIDE if self.target.motion == "crawl" else None,
+        )
 
 
 def chambers(pattern: Pattern, star: Star) -> Chambers:
