@@ -57,6 +57,10 @@ def test_parts_of_a_design(alone: MPI.Comm) -> None:
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
     lines = actuator_cost(alone, contract.ContractScene(), probing=False)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
+    again = actuator_cost(alone, contract.ContractScene(), probing=False, from_print=True)
+    (own, *_) = (part for part in again.parts if part.name.startswith("design"))
+    assert own.newton_steps[0] > 0
+    assert not any("lines" in part.name or "relaxed" in part.name for part in again.parts)
 
 
 def test_time_grows_with_the_mesh_and_the_steps() -> None:
@@ -101,7 +105,7 @@ def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
 
 def test_starts_are_shared_out_over_the_ranks() -> None:
     steps = [
-        _density_parts(SMALL.updated(starts=starts), 1000, ranks)[0].newton_steps
+        _density_parts(SMALL.updated(starts=starts), 1000, SMALL.options, ranks)[0].newton_steps
         for starts, ranks in ((1, 1), (4, 1), (4, 2), (3, 2))
     ]
     one, four, shared, uneven = np.array(steps)[:, 0]

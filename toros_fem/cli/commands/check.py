@@ -55,7 +55,8 @@ class Check(SceneCommand):
             read = scene.config.with_files(comm, scene.files)
             figures["doubts"] = doubtful = doubts(read)
             cost_of = getattr(read, "expected_cost", None)
-            cost = cost_of and cost_of(comm, probing=not self.no_probe)
+            more = {"from_print": True} if "start_from" in scene.files else {}
+            cost = cost_of and cost_of(comm, probing=not self.no_probe, **more)
         state = "is in order" if not doubtful else "can be read, but is doubtful"
         lines = [f"{scene.path} {state}: {ABOUT[scene.kind.KIND]}."]
         lines += [f"doubt       {one}" for one in doubtful]

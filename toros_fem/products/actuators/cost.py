@@ -122,28 +122,33 @@ def probe(problem: DesignProblem, seed: int) -> Probe:
     return Probe(len(problem.skin.pattern.panel), steps, seconds)
 
 
-def actuator_cost(comm: MPI.Comm, scene: ActuatorScene, *, probing: bool) -> Cost:
+def actuator_cost(
+    comm: MPI.Comm, scene: ActuatorScene, *, probing: bool, from_print: bool = False
+) -> Cost:
     """Return the expected cost of a design (collective).
 
     `probing` says whether to try some steps on a coarse mesh. What is too large for a quick look is
-    too large for that.
+    too large for that. `from_print` says whether the densities start from a given print.
 
     Raises:
         MeshSizeError: A mesh would have more triangles than the limit.
     """
+    scene = scene.from_print() if from_print else scene
     level = probe_level(scene)
     area, made = sized(comm, scene, level)
     tried = None
     if probing and made is not None:
         tried = probe(scene.problem(comm, made, level), scene.design.seed)
     finest, results = finest_triangles(scene, area, made), scene.results
-    if scene.design.start == "relaxed":
+    if from_print:
+        parts = _density_parts(scene.updated(starts=1), finest, [scene.print_options], comm.size)
+    elif scene.design.start == "relaxed":
         relaxed = 0 if made is None else len(made.pattern.panel)
         if _edges(scene):
             relaxed = round(expected_triangles(area, scene.lines.relaxed_edge_length))
         parts = _line_parts(scene, relaxed, finest)
     else:
-        parts = _density_parts(scene, finest, comm.size)
+        parts = _density_parts(scene, finest, scene.options, comm.size)
     if results.estimate_error:
         parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
     if results.curve_pressure is not None:
@@ -229,11 +234,13 @@ def _times(steps: tuple[int, int], fewest: int, most: int) -> tuple[int, int]:
     return steps[0] * fewest, steps[1] * most
 
 
-def _density_parts(scene: ActuatorScene, finest: int, ranks: int) -> list[Part]:
+def _density_parts(
+    scene: ActuatorScene, finest: int, options: Sequence[DesignOptions], ranks: int
+) -> list[Part]:
     """Return the parts of a design by densities; each mesh has a quarter of the next one."""
-    design, parts, levels = scene.design, list[Part](), scene.level_count
-    for level, options in enumerate(scene.options):
-        steps = sum(stage.iterations + 1 for stage in options.stages)
+    design, parts, levels = scene.design, list[Part](), len(options)
+    for level, own in enumerate(options):
+        steps = sum(stage.iterations + 1 for stage in own.stages)
         if level == 0:
             steps *= math.ceil(design.starts / ranks)  # each rank tries its own
         likely = _times(DESIGN_STEP, steps, steps + design.polish_iterations)

@@ -74,7 +74,6 @@ class Designer(Distributed, DensityDesigner):
         comm, scene = self.comm, self.scene
         lines = scene.design.start == "relaxed"
         level = scene.density_level if lines else scene.finest_level
-        options = scene.density_options if lines else scene.design.finer_options
         stored, case = read_print_polygons(comm, source), scene.case(comm, level)
         try:
             own = print_on(comm, case, stored.pattern, stored.regions, any_size=True)
@@ -82,7 +81,9 @@ class Designer(Distributed, DensityDesigner):
             raise PanelError(f"{source} is the design of another skin: {caught}") from None
         density = on_first_rank(comm, lambda: printed_fractions(case.pattern, own))
         begin = CarriedDesign(case.pattern, density)
-        return self._densified([level], [options], Searched(scene.design.seed, "print", 0), begin)
+        return self._densified(
+            [level], [scene.print_options], Searched(scene.design.seed, "print", 0), begin
+        )
 
     def _from_densities(self) -> ActuatorResult:
         """Design densities on each level, from coarse to fine, and correct the last ones."""

@@ -215,6 +215,12 @@ class MeshedScene(Scene):
         )
 
     @property
+    def print_options(self) -> DesignOptions:
+        """Options of the design loop for densities that start from a given print."""
+        lines = self.design.start == "relaxed"
+        return self.density_options if lines else self.design.finer_options
+
+    @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
         return self.lines.widths
@@ -430,9 +436,9 @@ class ActuatorScene(MeshedScene):
         job = Job(comm, self.with_files(comm, given), verbose=verbose)
         return simulate_actuator(job, output, given.get("pattern"))
 
-    def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
+    def expected_cost(self, comm: MPI.Comm, *, probing: bool, from_print: bool = False) -> Cost:
         """Return the cost of a design with its files, by `actuator_cost` (collective)."""
-        return actuator_cost(comm, self, probing=probing)
+        return actuator_cost(comm, self, probing=probing, from_print=from_print)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return skin, loads and target on the mesh of a level (collective).
