@@ -105,9 +105,10 @@ def _results(demo: Demo, rows: Rows) -> Iterator[str]:
             state = state_in(row)
             told.append(figure_of(row).words + f" ({state})" * bool(state))
         if told:
-            seconds = next(iter(own.values())).seconds or 0.0
-            time = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-            yield f"{words}, {time}: {'; '.join(told)}"
+            seconds = next(iter(own.values())).seconds
+            if seconds is not None:  # None where other jobs ran beside it
+                words += f", {seconds:.0f} s" if seconds < 100 else f", {seconds / 60:.0f} min"
+            yield f"{words}: {'; '.join(told)}"
 
 
 def main() -> int:

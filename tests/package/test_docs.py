@@ -5,6 +5,7 @@ import json
 import os
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -144,7 +145,7 @@ def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> Non
     assert [line.split()[0] for line in lines][:4] == ["new", "check", "design", "view"]
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     for line in lines:
-        words = line.split()
+        words = shlex.split(line)
         if words[0] == "design":
             words += [word for change in SHORT.split() for word in ("--set", change)]
         done = subprocess.run(
