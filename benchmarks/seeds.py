@@ -204,7 +204,7 @@ def _spread(figures: list[Figure]) -> str:
     values = [one.value for one in figures if one.value is not None]
     widths = [one.interval for one in figures if one.interval is not None]
     one = figures[0]
-    ends = " to ".join(formatted(end, one.unit, 3) for end in (min(values), max(values)))
+    ends = " to ".join(formatted(end, one.unit, 3) for end in sorted({min(values), max(values)}))
     return f"{one.label} {ends}, ± {formatted(max(widths), one.unit, 2)}"
 
 
