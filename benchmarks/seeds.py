@@ -27,7 +27,7 @@ from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from benchmarks.figures import figure_of, figure_rows
 from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.case import Case as ShapeCase
-from toros_fem.measures.figures import Figure, State, formatted, overall
+from toros_fem.measures.figures import NONE, Figure, State, formatted, overall
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.kinds import KINDS
@@ -201,11 +201,14 @@ def tubes_table(rows: Rows) -> str:
 
 
 def _spread(figures: list[Figure]) -> str:
+    one = figures[0]
     values = [one.value for one in figures if one.value is not None]
     widths = [one.interval for one in figures if one.interval is not None]
-    one = figures[0]
+    if not values:
+        return f"{one.label} {NONE}"
     ends = " to ".join(formatted(end, one.unit, 3) for end in sorted({min(values), max(values)}))
-    return f"{one.label} {ends}, ± {formatted(max(widths), one.unit, 2)}"
+    width = f", ± {formatted(max(widths), one.unit, 2)}" if widths else ""
+    return f"{one.label} {ends}{width}"
 
 
 def kernels_table(rows: Rows) -> str:

@@ -76,7 +76,8 @@ class Neighbourhood:
         if isinstance(beyond, Mirrored):
             cells, points, panel = beyond.cell, beyond.pattern.centroids, beyond.pattern.panel
         elif beyond is not None:
-            lattice = checked_floats("lattice", beyond, "two vectors (2, 2), in m", lambda _: True)
+            what = "two vectors (2, 2), in m, or a skin of `mirrored`"
+            lattice = checked_floats("beyond", beyond, what, lambda _: True)
             points, cells = _repeated(points, lattice, radius)
             panel = panel[cells]
         # A third coordinate separates the panels by more than the radius and their size.

@@ -159,7 +159,7 @@ class Functions(Distributed):
 
 
 @collective("comm", owned=("lower", "upper", "move"))
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MMA:
     """Svanberg's MMA and GCMMA: min f₀ + Σ rₖ² subject to fᵢ ≤ 0, x̲ ≤ x ≤ x̄.
 

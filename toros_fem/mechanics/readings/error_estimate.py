@@ -34,7 +34,7 @@ GAIN = 1.4
 # Parts of the half-width of an interval: of the correction; of the change from rest; and of that
 # times the mean square of the angles at edges, by which a skin of triangles is no round one.
 SHARE, FLOOR, ROUND = 0.4, 0.02, 1.0
-# Safety factor of half-widths, as Roache (1994) gives it for three meshes.
+# Safety factor of half-widths: that of Roache (1997) for three meshes, chosen here by the study.
 SAFETY = 1.25
 # Edges that are folded by more are creases of the skin itself, in rad.
 CREASE = np.radians(45.0)

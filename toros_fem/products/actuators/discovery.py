@@ -53,7 +53,7 @@ class Round:
         of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Misses`;
             infinite without an equilibrium.
         missed: Size of all misses, as of `Misses`.
-        uncertain: Half-width of its interval, from two elements on the mesh of the print.
+        uncertain: The part of its half-width that the mesh of the print tells, without a factor.
         failure: Why the print has no equilibrium; empty if it has one.
         answer: What was asked of the shape, and what its print has; None where metrics are asked,
             or without an equilibrium.
