@@ -31,7 +31,10 @@ from toros_fem.measures.figures import NONE, Figure, State, formatted, overall
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.kinds import KINDS
+from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
+from toros_fem.products.tubes.contract import ContractScene
+from toros_fem.products.tubes.twist import TwistScene
 
 # Places along a rod at which its frame is known.
 PLACES = 1000
@@ -100,17 +103,17 @@ class HalfHelix(Rod):
         return whole * np.stack([np.cos(whole * at), np.sin(whole * at)])
 
 
-# Coarse scenes by their titles.
-TUBES: dict[str, Callable[[], ActuatorScene]] = {
-    "bend by 180°": lambda: KINDS["bend"]().coarse(),
-    "shorten by 8 %": lambda: KINDS["contract"]().coarse(),
-    "twist by 300°, length free": lambda: KINDS["twist"]().coarse(),
-    "twist by 300°, length kept": lambda: KINDS["twist"]().coarse().updated(keep_length=True),
-    "bend by 90° and twist by 60°": lambda: BendTwistScene().coarse(),
-    "bend by 60° and twist by −90°": lambda: BendTwistScene().coarse().updated(angle=60, twist=-90),
-    "S of 60° and −60°": lambda: EqualS().coarse(),
-    "S of 75° and −45°": lambda: UnequalS().coarse(),
-    "half a helix": lambda: HalfHelix().coarse(),
+# Scenes by their titles; their coarse variants are designed.
+TUBES: dict[str, ActuatorScene] = {
+    "bend by 180°": BendScene(),
+    "shorten by 8 %": ContractScene(),
+    "twist by 300°, length free": TwistScene(),
+    "twist by 300°, length kept": TwistScene.of(keep_length=True),
+    "bend by 90° and twist by 60°": BendTwistScene(),
+    "bend by 60° and twist by −90°": BendTwistScene.of(angle=60, twist=-90),
+    "S of 60° and −60°": EqualS(),
+    "S of 75° and −45°": UnequalS(),
+    "half a helix": HalfHelix(),
 }
 SEEDS = range(3)
 # The figure that a scene is known by.
@@ -145,7 +148,7 @@ def designed(scene: Any) -> tuple[Any, float]:
 def tube_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row]:
     """Design a tube from a seed; its figures that have a target, and its state."""
     place = ("tubes", f"{title}, seed {seed}", "")
-    found, seconds = designed(TUBES[title]().updated(**changes, seed=seed))
+    found, seconds = designed(TUBES[title].coarse().updated(**changes, seed=seed))
     told = [figure for figure in found.figures if figure.state is not None]
     yield from figure_rows(place, told, round(seconds, 1))
     yield Row(*place, "state", None, seconds=round(seconds, 1), note=str(overall(told)))

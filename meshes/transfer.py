@@ -143,7 +143,10 @@ class Transfer:
 def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     """Return the transfer between two meshes of the same panels, with exact overlaps.
 
-    A PanelError says that panels have other names, sizes or outlines.
+    Raises:
+        PanelError: The names of the panels are not the same, or a panel has another size or
+            outline.
+        PatternError: A skin is moulded.
     """
     for pattern in (source, target):
         pattern.require_flat_panels("transfer between meshes")

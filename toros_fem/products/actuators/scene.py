@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import collective
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
@@ -405,7 +404,6 @@ class ActuatorScene(MeshedScene):
         """Simulate what the print is for, beyond its curve, and write the files of this."""
         return None
 
-    @collective("comm")
     def run_simulation(
         self,
         comm: MPI.Comm,
