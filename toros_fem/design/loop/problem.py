@@ -172,7 +172,12 @@ class DesignProblem(Distributed, Generic[R]):
             )
 
     def changed(self, **parts: Any) -> Self:
-        """Return the same problem with other parts; all others are shared."""
+        """Return the same problem with other parts; all others are shared.
+
+        Raises:
+            TypeError: It has no such part.
+            ParameterError: Two terms have one name.
+        """
         other = copy.copy(self)
         if unknown := set(parts) - set(vars(other)):
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
