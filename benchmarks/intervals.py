@@ -9,6 +9,7 @@ ones, from whose computed shapes the limit is extrapolated. The intervals should
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -21,16 +22,18 @@ from shapely.geometry import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
+from toros_fem.mechanics.readings.error_estimate import ORDER, LimitShape, half_width, limit_shape
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import COARSER
+from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 
 Floats = npt.NDArray[np.float64]
 Lines = list[Any]
@@ -39,9 +42,9 @@ AROUND = np.pi * DIAMETER
 # Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
-SEEDS = range(7)
-# Order by which errors fall between the two fine meshes: from 1 at corners of stiff lines to 2.
-ORDER = 1.5
+SEEDS = range(9)
+# Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
+OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
 
 
 def helices(rng: np.random.Generator) -> Lines:
@@ -158,30 +161,44 @@ def simulated(
 def rows_of(
     kind: str, seed: int, edges: tuple[float, ...], fine: tuple[float, float]
 ) -> Iterator[Row]:
-    """Simulate a print on all meshes, and return each figure, its interval and its limit."""
-    found, near = {}, None
-    for edge in sorted((*edges, *(COARSER * edge for edge in edges), *fine), reverse=True):
-        found[edge] = simulated(kind, seed, edge, near)
-        near = found[edge][0]
+    """Simulate a print on all meshes, and return each figure, parts of its interval, and its limit.
+
+    Meshes of which none converges are left out, as a run leaves them out.
+    """
+    found: dict[float, tuple[LimitShape, float, float]] = {}
+    near = None
+    coarser = [edge * COARSER**k for edge in edges for k in range(1, COARSER_MESHES + 1)]
+    for edge in sorted({*edges, *coarser, *fine}, reverse=True):
+        with suppress(*(() if edge in (*edges, *fine) else (NoEquilibriumError,))):
+            found[edge] = simulated(kind, seed, edge, near)
+            near = found[edge][0]
     (one, *_), (two, *_) = (found[edge] for edge in fine)
     for name, (measure, unit, factor, least) in FIGURES.items():
-        ends = [factor * np.asarray(measure(s.pattern, s.computed)) for s in (one, two)]
+
+        def told(shape: LimitShape, positions: Floats) -> Floats:
+            return np.asarray(factor * np.asarray(measure(shape.pattern, positions)))  # noqa: B023
+
+        ends = [told(shape, shape.computed) for shape in (one, two)]
         limit = ends[1] + (ends[1] - ends[0]) / ((fine[0] / fine[1]) ** ORDER - 1)
-        rest = factor * np.asarray(measure(one.pattern, one.pattern.points))
+        rest = told(one, one.pattern.points)
         if np.linalg.norm(limit - rest) < least:
             continue
         for edge in edges:
-            (shape, solving, estimating), (coarser, *_) = found[edge], found[COARSER * edge]
-            place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm")
-            told, computed = (
-                np.linalg.norm(factor * np.asarray(measure(shape.pattern, x)) - limit)
-                for x in (shape.limit, shape.computed)
-            )
-            width = shape.interval(measure, measure(coarser.pattern, coarser.limit), COARSER)
-            yield Row(*place, f"{name}, error", float(told), unit, seconds=solving)
-            yield Row(*place, f"{name}, half-width", factor * width, unit, seconds=estimating)
-            yield Row(*place, f"{name}, error as computed", float(computed), unit)
-            yield Row(*place, f"{name}, limit", float(np.linalg.norm(limit - rest)), unit)
+            shape, solving, estimating = found[edge]
+            value = told(shape, shape.limit)
+            values = {
+                "error": value - limit,
+                "error as computed": told(shape, shape.computed) - limit,
+                "limit": limit - rest,
+                OWN: factor * shape.half_width(measure),
+            }
+            for k in range(1, COARSER_MESHES + 1):
+                if other := found.get(edge * COARSER**k):
+                    values[CHANGE.format(COARSER**k)] = value - told(other[0], other[0].limit)
+            for what, at in values.items():
+                seconds = {"error": solving, OWN: estimating}.get(what)
+                place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm", f"{name}, {what}")
+                yield Row(*place, float(np.linalg.norm(at)), unit, seconds=seconds)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -233,10 +250,16 @@ def told_figures(rows: Rows) -> list[Told]:
     for (kind, seed, size, figure), row in by_place.items():
         name, _, what = figure.partition(", ")
         if what == "error":
-            width, computed, change = (
+            own, computed, change = (
                 by_place[kind, seed, size, f"{name}, {other}"].value or 0.0
-                for other in ("half-width", "error as computed", "limit")
+                for other in (OWN, "error as computed", "limit")
             )
+            changes = {
+                COARSER**k: by_place[place].value or 0.0
+                for k in range(1, COARSER_MESHES + 1)
+                if (place := (kind, seed, size, f"{name}, {CHANGE.format(COARSER**k)}")) in by_place
+            }
+            width = half_width(own, changes)
             numbers = row.value or 0.0, width, computed, change, row.seconds or 0.0
             found.append(Told(kind, size, name, *numbers))
     return found

@@ -21,12 +21,12 @@ from typing import Any, ClassVar
 import gmsh
 import numpy as np
 from mpi4py import MPI
-from scipy.spatial.transform import Rotation
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
 from benchmarks.figures import figure_of, figure_rows
 from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.case import Case as ShapeCase
+from toros_fem.measures.cross_sections import Rod
 from toros_fem.measures.figures import NONE, Figure, State, formatted, overall
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -48,24 +48,22 @@ def rod(length: float, curvature: Callable[[Floats], Floats]) -> Deformer:
         curvature: Angle of the whole length in rad by which the tube bends towards x and y at
             places in [0, 1], (n,): (2, n).
     """
-    places = (np.arange(PLACES) + 0.5) / PLACES
-    toward_x, toward_y = curvature(places) / PLACES
-    frames, centres = [Rotation.identity()], [np.zeros(3)]
-    for turn in np.stack([-toward_y, toward_x, 0 * toward_x], axis=1):
-        middle = frames[-1] * Rotation.from_rotvec(turn / 2)
-        centres.append(centres[-1] + length / PLACES * middle.apply([0, 0, 1]))
-        frames.append(middle * Rotation.from_rotvec(turn / 2))
-    turns, centre = Rotation.concatenate(frames).as_matrix(), np.array(centres)
+    along = np.arange(PLACES) / PLACES
+    rest = length * (along + 0.5 / PLACES)[:, None] * [0.0, 0.0, 1.0]
+    toward_x, toward_y = curvature(along) / length
+    none = np.zeros(PLACES)
+    strains = np.stack([-toward_y, toward_x, none, none, none, none + 1], axis=1)
+    straight = Rod(rest, rest, np.tile(np.eye(3), (PLACES, 1, 1)))
+    bent = straight.strained(strains)
 
     def deform(points: Floats) -> Floats:
-        nearest = np.rint(np.clip(points[:, 2] / length, 0, 1) * PLACES).astype(int)
-        offset = points - [0, 0, 1] * (nearest * length / PLACES)[:, None]
-        return np.asarray(centre[nearest] + np.einsum("nij,nj->ni", turns[nearest], offset))
+        nearest = np.clip(points[:, 2] / length * PLACES, 0, PLACES - 1).astype(int)
+        return straight.carried(nearest, points, bent)
 
     return deform
 
 
-class Rod(BendTwistScene):
+class RodScene(BendTwistScene):
     """A tube whose centre line is the target; no number is."""
 
     def curvature(self, at: Floats) -> Floats:
@@ -77,7 +75,7 @@ class Rod(BendTwistScene):
         return self.tube_case(comm, level, rod(self.skin.length, self.curvature), [])
 
 
-class EqualS(Rod):
+class EqualS(RodScene):
     """An S whose halves bend to opposite sides."""
 
     ANGLES: ClassVar = (60.0, -60.0)  # of the halves, the one at the base first, in degrees
@@ -94,7 +92,7 @@ class UnequalS(EqualS):
     ANGLES: ClassVar = (75.0, -45.0)
 
 
-class HalfHelix(Rod):
+class HalfHelix(RodScene):
     """Half a turn of a helix that leans by 45 degrees: as much curvature as torsion."""
 
     def curvature(self, at: Floats) -> Floats:

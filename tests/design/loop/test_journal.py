@@ -9,11 +9,11 @@ from helpers.loops import OneEntry, Stopped, figures
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
-from toros_fem.base.errors import CheckpointError
-from toros_fem.design.loop.journal import restored_evaluation, signature_of
+from toros_fem.base.errors import CheckpointError, NoEquilibriumError
+from toros_fem.design.loop.journal import kept_evaluation, restored_evaluation, signature_of
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.steps import Steps
 from toros_fem.design.loop.variables import Variables
 from toros_fem.design.relaxed.families import FixedDirections
@@ -128,3 +128,19 @@ def test_a_signature_tells_problems_apart(alone: MPI.Comm, short_tube: Skin) -> 
     assert signature_of(one, OPTIONS) == signature_of(densities(short_tube), OPTIONS)
     others = {signature_of(one), signature_of(shorter, OPTIONS), signature_of(one, Stage(1))}
     assert len(others | {signature_of(one, OPTIONS)}) == 4
+
+
+def test_a_simulation_without_equilibrium_is_not_tried_again(short_tube: Skin) -> None:
+    """What failed is kept as a file keeps it, and told again in the same words."""
+    problem, tried = densities(short_tube), []
+
+    def simulate() -> Evaluation:
+        tried.append(1)
+        raise NoEquilibriumError("it is too weak.")
+
+    journal = OneEntry(stop_at=1)
+    with pytest.raises(Stopped):
+        kept_evaluation(journal, problem, simulate)
+    with pytest.raises(NoEquilibriumError, match="it is too weak"):
+        kept_evaluation(journal, problem, simulate)
+    assert len(tried) == 1

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.products.actuators import other_mesh
-from toros_fem.products.actuators.other_mesh import COARSER_MESHES, near_on_coarser
+from toros_fem.products.actuators.other_mesh import COARSER_MESHES, coarser_levels, near_on_coarser
 
 
 def levels_tried(
@@ -50,6 +50,12 @@ def test_a_mesh_without_equilibrium_is_left_out(monkeypatch: pytest.MonkeyPatch)
     tried, found = levels_tried(monkeypatch, meshes=9, without=(2,))
     assert tried == [(2, ("given", "far")), (1, ("given", "far"))]
     assert found == (1, "shape")
+
+
+def test_ratios_of_edge_lengths_multiply() -> None:
+    scene: Any = SimpleNamespace(coarser=lambda level: (2.0, level + 1))
+    level: Any = 0
+    assert coarser_levels(scene, level) == {2.0: 1, 4.0: 2}
 
 
 @pytest.mark.parametrize("meshes", [0, 1])

@@ -101,6 +101,6 @@ def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
 def test_a_lift_without_equilibrium_is_told() -> None:
     failed, none = LiftFigures(failure="no equilibrium"), LiftFigures()
     load = Lifted(0.1, 0.3, 3, failed, none)
-    assert load.words == "100 g are not lifted: no equilibrium"
+    assert load.words == "An object of 100 g is not lifted: no equilibrium"
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
-    assert dropped.words == "100 g are dropped, at most 50 g are held"
+    assert dropped.words == "An object of 100 g falls; the print holds at most 50 g"

@@ -1,6 +1,7 @@
 """Skins that are not made as drawn: simulated and to first order."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
 from toros_fem.products.tolerance.result import Tolerances
-from toros_fem.products.tolerance.writing import write_tolerances
+from toros_fem.products.tolerance.writing import by_size, write_tolerances
 
 KEYS = ("objective", "angle_deg", "length_ratio")
 QUANTITIES = (
@@ -83,6 +84,16 @@ def test_files(alone: MPI.Comm, found: Tolerances, tmp_path: Path) -> None:
     assert content["worst"]["angle_deg"]["sentence"] == found.worst_sentences[0]
     assert (tmp_path / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 15
     assert (tmp_path / "tolerance.png").stat().st_size > 10_000
+
+
+def test_a_variant_without_equilibrium_is_drawn_as_the_largest(found: Tolerances) -> None:
+    """Not as one that changes nothing; the largest is on top, the last of them."""
+    weak = replace(found.variants[0], values={})
+    pairs = by_size(replace(found, variants=(weak, *found.variants[1:])))
+    assert weak in pairs[-1]
+    assert sum(map(len, pairs)) == len(found.variants)
+    sizes = [[abs(found.change(v, "angle_deg") or 0) for v in pair] for pair in pairs[:-1]]
+    assert list(map(max, sizes)) == sorted(map(max, sizes))
 
 
 def test_wrong_types_are_refused(printed: Printed) -> None:

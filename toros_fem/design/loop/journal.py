@@ -12,12 +12,14 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import CheckpointError
+from toros_fem.base.errors import CheckpointError, NoEquilibriumError
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
 
 # Kind of the archives: states that any number of ranks can go on from, equal on all ranks.
 KIND = "checkpoint"
+# Number of an archive that holds why a simulation has no equilibrium, and nothing else.
+FAILURE = "failure"
 
 
 class JournalEntry:
@@ -86,18 +88,26 @@ def kept_evaluation(
 ) -> Evaluation:
     """Return an evaluation, from a journal if it is there already (collective).
 
-    `simulate` makes it, and ends in a complete solve; a failure is not kept. `like` is the design
-    that it belongs to, on the mesh of the problem, if there is one.
+    `simulate` makes it, and ends in a complete solve. `like` is the design that it belongs to, on
+    the mesh of the problem, if there is one.
+
+    Raises:
+        NoEquilibriumError: There is none; this is kept too.
     """
     of = [] if like is None else [content_of(by_cell(problem.skin, like.density))]
     entry = (journal or Journal()).entry(problem.comm, signature_of(problem, *of))
     saved = entry.saved()
-    if saved is not None:
-        found = restored_evaluation(problem, saved)
-        entry.close()
-        return found
     entry.close()  # a stop need not wait for the simulation
-    found = simulate()
+    if saved is not None:
+        if FAILURE in saved.numbers:
+            raise NoEquilibriumError(saved.numbers[FAILURE])
+        return restored_evaluation(problem, saved)
+    try:
+        found = simulate()
+    except NoEquilibriumError as caught:  # raised by all ranks or by none
+        failure = {FAILURE: str(caught)}
+        entry.offer(lambda: Archive(KIND, {}, failure), last=True)
+        raise
     entry.offer(lambda: Archive(KIND, *saved_evaluation(found)), last=True)
     return found
 

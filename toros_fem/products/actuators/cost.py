@@ -18,6 +18,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.triangles import expected_triangles, lowered_limit, require_affordable
 from toros_fem.products.actuators.estimates import COARSER
+from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 from toros_fem.products.actuators.pressure_curve import HALVINGS, PARTS
 
 if TYPE_CHECKING:  # a scene checks its cost before it is designed
@@ -150,7 +151,8 @@ def actuator_cost(
     else:
         parts = _density_parts(scene, finest, scene.options, comm.size)
     if results.estimate_error:
-        parts.append(Part("estimate of the error", round(finest / COARSER**2), LINE_PRINT))
+        coarser = sum(finest / COARSER ** (2 * k) for k in range(1, COARSER_MESHES + 1))
+        parts.append(Part("estimate of the error", round(coarser), LINE_PRINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)

@@ -1,4 +1,4 @@
-"""Errors of what a run tells of a print: half-widths of intervals, from a coarser mesh."""
+"""Errors of what a run tells of a print: half-widths of intervals, from coarser meshes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import free_dropped
 from toros_fem.mechanics.readings.error_estimate import LimitShape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Printed, simulated_on
+from toros_fem.products.actuators.other_mesh import Printed, coarser_levels, simulated_on
 from toros_fem.results.shape_miss import shape_of
 
 if TYPE_CHECKING:
@@ -32,14 +33,15 @@ class MetricErrors:
 
     Attributes:
         computed: Values of the equilibrium on its mesh, by key; those that are told are its limit.
-        coarser: Those that would be told on a coarser mesh; empty where there is none.
+        coarser: Those that would be told on coarser meshes, by the ratio of their edge lengths;
+            empty where there is none.
         intervals: Half-width of the interval of each, by key.
         failure: Why there is nothing to compare with; None if there is.
         seconds: Wall time.
     """
 
     computed: Mapping[str, float]
-    coarser: Mapping[str, float] = field(default_factory=dict)
+    coarser: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
     intervals: Mapping[str, float] = field(default_factory=dict)
     failure: str | None = None
     seconds: float | None = None
@@ -62,7 +64,7 @@ def metric_errors(
     printed: Printed | None,
     pressures: Sequence[float] | None,
 ) -> MetricErrors:
-    """Return the errors of measures of a print, from the same print on a coarser mesh (collective).
+    """Return the errors of measures of a print, from the same print on coarser meshes (collective).
 
     Args:
         job: What was printed.
@@ -75,16 +77,20 @@ def metric_errors(
     """
     begin = time.perf_counter()
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
+    coarser: dict[float, dict[str, float]] = {}
     try:
-        ratio, other = job.scene.coarser(level)
-        near = shape.pattern, shape.computed
-        made = simulated_on(job, other, near, printed, pressures)
-        coarser = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
+        for ratio, other in coarser_levels(job.scene, level).items():
+            near = shape.pattern, shape.computed
+            made = simulated_on(job, other, near, printed, pressures)
+            coarser[ratio] = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
+            del made
+            free_dropped(job.comm)
     except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
-        return MetricErrors(computed, failure=str(caught))
-    intervals = {
-        key: shape.interval(measures[key], value, ratio)
-        for key, value in coarser.items()
-        if key in measures and np.isfinite(value)
-    }
+        if not coarser:
+            return MetricErrors(computed, failure=str(caught))
+    intervals = {}
+    for key, measure in measures.items():
+        values = {r: told[key] for r, told in coarser.items() if np.isfinite(told.get(key, np.nan))}
+        if values:
+            intervals[key] = shape.interval(measure, values)
     return MetricErrors(computed, coarser, intervals, seconds=time.perf_counter() - begin)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import TorosError
+from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
@@ -19,11 +19,11 @@ from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.job import Job
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.scene import Level
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 # A pattern and the positions of its points, from which another print starts.
 Shape = tuple[Pattern, Floats]
-# Number of coarser meshes that a print is simulated on before its own.
+# Number of coarser meshes that a print is simulated on, where there are so many.
 COARSER_MESHES = 2
 # A pattern and the print on each of its panels, polygons in m.
 Printed = tuple[Pattern, Regions]
@@ -57,6 +57,26 @@ def simulated_on(
     return problem.simulate_binary(here, start=state_near(problem, *near), pressure=pressures)
 
 
+def coarser_levels(scene: ActuatorScene, level: Level) -> dict[float, Level]:
+    """Return coarser meshes, by their edge length over that of a level.
+
+    Raises:
+        ParameterError: There is none.
+    """
+    found: dict[float, Level] = {}
+    ratio = 1.0
+    for _ in range(COARSER_MESHES):
+        try:
+            more, level = scene.coarser(level)
+        except ParameterError:
+            if not found:
+                raise
+            break
+        ratio *= more
+        found[ratio] = level
+    return found
+
+
 def near_on_coarser(
     job: Job,
     level: Level,
@@ -68,11 +88,10 @@ def near_on_coarser(
 
     The steps from a far start are cheap there. The coarsest mesh comes first.
     """
-    levels: list[Level] = []
+    others: list[Level] = []
     with suppress(TorosError):  # raised by all ranks or by none, as below
-        for _ in range(COARSER_MESHES):
-            levels.append(job.scene.coarser(levels[-1] if levels else level)[1])
-    for other in reversed(levels):
+        others.extend(coarser_levels(job.scene, level).values())
+    for other in reversed(others):
         with suppress(TorosError):
             near = _shape(simulated_on(job, other, near, printed, pressures))
         free_dropped(job.comm)

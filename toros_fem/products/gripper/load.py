@@ -88,13 +88,14 @@ class Lifted:
     def words(self) -> str:
         """It in words."""
         made, initial = self.printed, self.initial.held_mass_kg
-        lifted = "are dropped" if made.slip_mm is None else f"slide by {made.slip_mm:.1f} mm"
+        lifted = "falls" if made.slip_mm is None else f"slides by {made.slip_mm:.1f} mm"
         if made.slip_mm is None and made.held_mass_kg is None and made.failure:
-            lifted = f"are not lifted: {made.failure}"
-        found = f"{1e3 * self.mass_kg:.0f} g {lifted}"
-        if made.held_mass_kg is not None:
-            found += f", at most {1e3 * made.held_mass_kg:.0f} g are held"
-        return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
+            lifted = f"is not lifted: {made.failure}"
+        found = f"An object of {1e3 * self.mass_kg:.0f} g {lifted}"
+        if made.held_mass_kg is None:
+            return found
+        before = "" if initial is None else f" (initial design: {1e3 * initial:.0f} g)"
+        return f"{found}; the print holds at most {1e3 * made.held_mass_kg:.0f} g{before}"
 
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it."""

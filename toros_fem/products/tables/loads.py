@@ -147,7 +147,7 @@ class Results(Table):
 
     estimate_error: bool = key(
         True,
-        "estimate the discretisation error of the metrics, from a coarser mesh",
+        "estimate the discretisation error of the metrics, from coarser meshes",
         free=True,
     )
     curve_pressure: Modulus | None = key(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import groupby
 from pathlib import Path
 
@@ -32,18 +33,28 @@ def write_tolerances(comm: MPI.Comm, folder: Path | str, found: Tolerances) -> N
     guarded(comm, folder, write)
 
 
-def plot_tolerances(path: Path, found: Tolerances) -> None:
-    """Write a picture of how each metric moves, a bar for each variant (one rank)."""
-    from toros_fem.results.pictures.style import ACCENT, DARK, INK, page
+def by_size(found: Tolerances) -> list[list[Variant]]:
+    """Return the variants of each quantity and amount, those that move the first metric most last.
+
+    A variant without an equilibrium counts as the largest.
+    """
 
     def what(variant: Variant) -> tuple[str, str]:
         return variant.quantity, variant.amount
 
-    def spread(pair: list[Variant]) -> float:
-        return max(abs(found.change(v, found.metrics[0].key) or 0.0) for v in pair)
+    def size(pair: list[Variant]) -> float:
+        changes = [found.change(v, found.metrics[0].key) for v in pair]
+        return max(math.inf if change is None else abs(change) for change in changes)
 
     pairs = [list(pair) for _, pair in groupby(sorted(found.variants, key=what), what)]
-    pairs.sort(key=spread)
+    return sorted(pairs, key=size)
+
+
+def plot_tolerances(path: Path, found: Tolerances) -> None:
+    """Write a picture of how each metric moves, a bar for each variant (one rank)."""
+    from toros_fem.results.pictures.style import ACCENT, DARK, INK, page
+
+    pairs = by_size(found)
     bars = [(k, v) for k, pair in enumerate(pairs) for v in pair]
     tick = {"color": ACCENT, "marker": "|", "ls": "", "ms": 13, "mew": 2}
     height = 1.9 + 0.34 * len(pairs)
@@ -72,7 +83,8 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
                 )  # fmt: skip
             axes.set_xlabel(metric.label)
             axes.grid(axis="x")
-        grid[0, 0].set_yticks(range(len(pairs)), [" ± ".join(what(pair[0])) for pair in pairs])
+        names = [f"{pair[0].quantity} ± {pair[0].amount}" for pair in pairs]
+        grid[0, 0].set_yticks(range(len(pairs)), names)
         words = [
             ("■ less than drawn", LESS),
             ("■ more than drawn", DARK),

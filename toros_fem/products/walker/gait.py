@@ -237,9 +237,12 @@ def write_gait(
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
             full = ", ".join(name for name, fraction in fractions if fraction >= 0.5)
-            shown.append((f"{number}: {full or 'none'}", robot.surfaces(shapes[k])))
+            filled = f"{full} inflated" if full else "nothing inflated"
+            shown.append((f"phase {number}: {filled}", robot.surfaces(shapes[k])))
         stride = walk.stride if walk.complete else None
-        title = "A cycle of the gait" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm"
+        title = (
+            "A cycle of the gait" if stride is None else f"One cycle walks {1e3 * stride:.3g} mm"
+        )
         rows = [shown[k : k + IN_A_ROW] for k in range(0, len(shown), IN_A_ROW)]
         plot_states(folder / "gait.png", rows, View(15.0, 15.0), title, ground)
         with page(folder / "tracks.png") as figure:

@@ -183,7 +183,7 @@ def draw_tracks(
     """
     write_title(
         figure,
-        "Paths of the feet" if stride is None else f"A cycle goes {1e3 * stride:.3g} mm",
+        "Paths of the feet" if stride is None else f"One cycle walks {1e3 * stride:.3g} mm",
     )
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
