@@ -31,13 +31,13 @@ TOLERANCE = 1e-6
 
 # Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
-# Parts of the half-width of an interval: of the correction; of the change from rest; and of that
-# times the mean square of the angles at edges, by which a skin of triangles is no round one.
-SHARE, FLOOR, ROUND = 0.4, 0.02, 1.0
+# Parts of the half-width of an interval, beside the whole correction: of the change from rest, and
+# of that times the mean square of the angles at edges, by which a skin of triangles is no round one.
+FLOOR, ROUND = 0.02, 1.0
 # Safety factor of half-widths, of Roache (1997) for three meshes.
 SAFETY = 1.25
 # Order of errors that three meshes tell: from 1 at corners of stiff lines to 2 elsewhere.
-ORDER = 1.5
+ORDER = 1.75
 # Edges that are folded by more are creases of the skin itself, in rad.
 CREASE = np.radians(45.0)
 # Shapes are read again and again: by each metric, by frames and pictures.
@@ -180,7 +180,7 @@ class LimitShape:
             return float(np.linalg.norm(np.subtract(measure(self.pattern, positions), told)))
 
         corrected = max(away(self.computed), away(2 * self.limit - self.computed))
-        return SHARE * corrected + self._coarseness * away(self.pattern.points)
+        return corrected + self._coarseness * away(self.pattern.points)
 
     def interval(
         self, measure: Callable[[Pattern, Floats], Any], coarser: Mapping[float, Any]
