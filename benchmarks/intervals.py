@@ -27,7 +27,7 @@ from toros_fem.making.print.printability import printed_fractions
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
+from toros_fem.mechanics.readings.error_estimate import ORDER, LimitShape, half_width, limit_shape
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped
@@ -43,8 +43,6 @@ AROUND = np.pi * DIAMETER
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
 SEEDS = range(9)
-# Order by which errors fall between the two fine meshes: from 1 at corners of stiff lines to 2.
-ORDER = 1.5
 # Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
 OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
 

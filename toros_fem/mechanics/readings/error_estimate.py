@@ -37,7 +37,7 @@ FLOOR, ROUND = 0.02, 1.0
 # Safety factor of half-widths, of Roache (1997) for three meshes.
 SAFETY = 1.25
 # Order of errors that three meshes tell: from 1 at corners of stiff lines to 2 elsewhere.
-ORDER = 1.75
+ORDER = 1.5
 # Edges that are folded by more are creases of the skin itself, in rad.
 CREASE = np.radians(45.0)
 # Shapes are read again and again: by each metric, by frames and pictures.
