@@ -40,11 +40,11 @@ def test_nothing_is_missing_here() -> None:
 @pytest.mark.parametrize(
     ("without", "named", "remedy"),
     [
-        (("mpi4py",), "mpi4py", "pip install 'toros_fem[fenicsx]'"),
-        (("dolfinx",), "dolfinx", "pip install 'toros_fem[fenicsx]'"),
-        (("petsc4py", "dolfinx"), "petsc4py", "pip install 'toros_fem[fenicsx]'"),
+        (("mpi4py",), "mpi4py", "pip install '.[fenicsx]'"),
+        (("dolfinx",), "dolfinx", "pip install '.[fenicsx]'"),
+        (("petsc4py", "dolfinx"), "petsc4py", "pip install '.[fenicsx]'"),
         (("numpy",), "numpy", "pip install numpy"),
-        (("gmsh",), "gmsh", "pip install 'toros_fem[fenicsx]'"),
+        (("gmsh",), "gmsh", "pip install '.[fenicsx]'"),
         (("shapely",), "shapely", "pip install shapely"),
     ],
 )

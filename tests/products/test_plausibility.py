@@ -48,6 +48,8 @@ def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
         ("bend-twist", "angle", 400.0, "bound"),
         ("bend", "reinforcement_young", 1e5, "contrast"),
         ("inflate", "highest_pressure", 1e6, "load"),
+        ("bend", "filter_radius", 1e-4, "filter"),
+        ("gripper", "filter_radius", 0.2, "filter"),
     ],
 )
 def test_doubted(kind: str, key: str, value: float, group: str) -> None:
@@ -95,6 +97,27 @@ def test_check_tells_doubts_and_refuses_with_line(
     path.write_text('kind = "bend"\n[pressure]\npressure = "1 GPa"\n', encoding="utf-8")
     assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
     assert f"{path}, line 3: pressure: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'island_area = "5000 cm2"',
+        'filter_radius = "1 m"',
+        'width_tolerance = "2 mm"',
+        'line_width = "20 mm"',
+    ],
+)
+def test_check_refuses_without_a_probe_what_a_design_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str
+) -> None:
+    path = tmp_path / "a.toml"
+    table = "print" if line.startswith("island") else "design"
+    path.write_text(f'kind = "bend"\n[{table}]\n{line}\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--coarse", "--no-probe"]) == 2
+    told = capsys.readouterr().err
+    assert f"{path}, line 3: " in told
+    assert line.split()[0].split("_")[0] in told
 
 
 def test_design_is_refused_with_line_and_leaves_no_run(

@@ -72,7 +72,7 @@ def test_no_pictures_without_matplotlib(capsys: pytest.CaptureFixture[str]) -> N
         raise ImportError("No module named 'matplotlib'")
 
     if_plotting(lacking)
-    said = "no pictures: No module named 'matplotlib'; pip install toros_fem[plot]"
+    said = "no pictures: No module named 'matplotlib'; in the checkout: pip install '.[plot]'"
     assert said in capsys.readouterr().err
 
 

@@ -95,6 +95,10 @@ class RunError(TorosError, OSError):
     """A run folder is in use, cannot be written to, or holds nothing that could go on."""
 
 
+class NoRunError(RunError, OutputError):
+    """There is no run in a folder, or no finished design where one is needed."""
+
+
 class RunStoppedError(BaseException):
     """A run was stopped by a signal, a number, and can go on; its state is on disk.
 

@@ -154,7 +154,8 @@ def replace_file(path: Path, content: bytes) -> None:
 
 def reason(caught: Exception) -> str:
     """Return what an error says of a damaged file, in one line: zipfile may quote half of it."""
-    text = " ".join(str(caught).split()).rstrip(".") or type(caught).__name__
+    known = caught.strerror if isinstance(caught, OSError) else None
+    text = " ".join((known or str(caught)).split()).rstrip(".") or type(caught).__name__
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
@@ -294,4 +295,4 @@ def if_plotting(draw: Callable[[], None]) -> None:
     try:
         draw()
     except ImportError as missing:
-        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
+        print(f"no pictures: {missing}; in the checkout: pip install '.[plot]'", file=sys.stderr)

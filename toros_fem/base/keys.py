@@ -342,15 +342,20 @@ class Table:
                 raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
 
 
+def meant(word: Any, known: Iterable[str]) -> str | None:
+    """Return the known word that an unknown one is most like; None if it is like none."""
+    words, name = list(known), str(word)[:LONGEST]
+    # "fabric_thickness" is "thickness", rather than "bladder_thickness".
+    if ends := [one for one in words if name.endswith(f"_{one}")]:
+        return max(ends, key=len)
+    return next(iter(difflib.get_close_matches(name, words, n=1)), None)
+
+
 def nearest(word: Any, known: Iterable[str], otherwise: str = "") -> str:
     """Return the advice for an unknown word: the nearest known one, by default all of them."""
     words = list(known)
-    # "fabric_thickness" is "thickness", rather than "bladder_thickness".
-    ends = [one for one in words if str(word)[:LONGEST].endswith(f"_{one}")]
-    if ends:
-        return f"did you mean {max(ends, key=len)!r}?"
-    if near := difflib.get_close_matches(str(word)[:LONGEST], words, n=1):
-        return f"did you mean {near[0]!r}?"
+    if near := meant(word, words):
+        return f"did you mean {near!r}?"
     every = f"known are {', '.join(words)}." if words else "none is known here."
     return otherwise or every
 

@@ -16,8 +16,8 @@ MISSING = 5
 MEANING = "something that the package needs is missing; `toros doctor` says what"
 
 WHEELS = (
-    "On Linux (x86-64, glibc 2.34 or newer): pip install 'toros_fem[fenicsx]', or in a checkout "
-    "pip install '.[fenicsx]'. Otherwise take the packages of a distribution: see the page Install."
+    "On Linux (x86-64, glibc 2.34 or newer), in the checkout: pip install '.[fenicsx]'. "
+    "Otherwise take the packages of a distribution: see the page Install."
 )
 LIBRARIES = (
     "It is installed, but needs libraries of the system: on Debian and Ubuntu "

@@ -14,5 +14,5 @@ def required(name: str) -> Any:
         return import_module(name)
     except ImportError as missing:
         raise MissingPackageError(
-            f"machine files need {name} ({missing}); pip install toros_fem[manufacture]"
+            f"machine files need {name} ({missing}); in the checkout: pip install '.[manufacture]'"
         ) from None

@@ -84,8 +84,8 @@ class GapObjective:
     """T = ½ w Σᵥ wᵥ dᵥ² / (L² Σᵥ wᵥ), d the distance from a body's surface.
 
     wᵥ is a weight ≥ 0 times the flat area of a vertex, w the factor, and L the diagonal of the
-    assembled skin's bounding box. Distances inside the body count as much as those outside, since
-    contact is not modelled: a vertex inside would press on the body.
+    assembled skin's bounding box. Distances inside the body count as much as those outside:
+    without contact a vertex may lie inside, where it would press on the body.
     """
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:

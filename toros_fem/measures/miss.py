@@ -126,6 +126,19 @@ def compared_axes(objective: Objective) -> tuple[bool, bool, bool]:
     return x, y, z
 
 
+def is_aligned(objective: Objective) -> bool:
+    """Return whether an objective compares positions after a rigid motion onto the target.
+
+    A sum does where all of its parts do that compare positions.
+    """
+    if isinstance(objective, MirroredObjective):
+        return is_aligned(objective.objective)
+    if isinstance(objective, SumObjective):
+        compared = [part for part in objective.parts if any(compared_axes(part))]
+        return bool(compared) and all(map(is_aligned, compared))
+    return isinstance(objective, AlignedObjective)
+
+
 def shape_figures(
     values: Mapping[str, float],
     intervals: Mapping[str, float] | None = None,

@@ -73,6 +73,11 @@ RANGES: Mapping[str, Range] = {
         (1e-3, 0.25), (1e-5, 0.5), "lines that shape a tube are much thinner than its girth",
         "Is the width in the unit that was meant? Numbers without a unit are m.",
     ),
+    "filter": Range(
+        "radius of the filter over the edge length of the mesh",
+        (1.5, 20.0), (0.0, INFINITE), "a filter reaches the neighbours of a triangle (paper §4)",
+        "With less it hardly filters, with more it leaves no lines.",
+    ),
     "neutral": Range(
         "distance of the line that keeps its length from the axis, over the radius",
         (0.8, 1.2), (-5.0, 5.0), "print holds the length of a wall, which is at 1 (paper Fig. 8b)",

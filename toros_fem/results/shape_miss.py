@@ -11,9 +11,8 @@ from toros_fem.base.array_types import Floats
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.measures.alignment import AlignedObjective
 from toros_fem.measures.metrics import MetricFunction
-from toros_fem.measures.miss import compared_axes, miss_of
+from toros_fem.measures.miss import compared_axes, is_aligned, miss_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -35,7 +34,7 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
         return None
     own, known = problem.skin.pattern, goal_here
     case = problem.case if isinstance(problem, ShapeDesign) else None
-    aligned = isinstance(problem.objective, AlignedObjective)
+    aligned = is_aligned(problem.objective)
 
     def goal(pattern: Pattern) -> Floats | None:
         if pattern is own:

@@ -74,7 +74,8 @@ def test_too_large_meshes_are_refused(
     alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
     scene = small_scene(alone, tmp_path)
-    options = [part for word in words for part in ("--set", word)]
+    radius = "filter_radius=1.5e-6"  # the mesh of a probe is as many times as coarse
+    options = [part for word in (*words, radius) for part in ("--set", word)]
     for command in (["check"], ["design", "--output", str(scene.parent / "run")]):
         capsys.readouterr()
         assert run(alone, [*command, str(scene), *options]) == 2

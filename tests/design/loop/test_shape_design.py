@@ -88,3 +88,12 @@ def test_a_design_towards_another_target(alone: MPI.Comm, pattern: Pattern) -> N
     for found in (asking, asking.on(pattern), asking.without_variants().on(pattern)):
         assert found.objective.forward(1.1 * pattern.points[at]) == pytest.approx(expected)
     assert problem.objective.forward(1.1 * pattern.points[at]) != pytest.approx(expected)
+
+
+def test_changes_go_on_or_are_refused_on_another_mesh(alone: MPI.Comm, pattern: Pattern) -> None:
+    problem = design(alone, pattern)
+    assert problem.changed(metrics=()).on(pattern).metrics == ()
+    assert [m.key for m in problem.on(pattern).metrics] == [m.key for m in problem.metrics]
+    other = problem.changed(objective=design(alone, pattern).objective)
+    with pytest.raises(errors.ParameterError, match=r"towards\(case\)"):
+        other.on(pattern)

@@ -229,5 +229,5 @@ def test_what_cannot_be_made_is_said_in_a_line(
     assert "no machine files: panel 'wall'" in capsys.readouterr().err
     monkeypatch.setitem(sys.modules, "u_nesting", None)
     if_possible("machine files", lambda: write(SMALL))
-    assert "pip install toros_fem[manufacture]" in capsys.readouterr().err
+    assert "pip install '.[manufacture]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

@@ -104,3 +104,6 @@ def test_a_lift_without_equilibrium_is_told() -> None:
     assert load.words == "An object of 100 g is not lifted: no equilibrium"
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
     assert dropped.words == "An object of 100 g falls; the print holds at most 50 g"
+    early = replace(load, printed=LiftFigures(held_mass_kg=0.05, failure="no equilibrium."))
+    told = "An object of 100 g is not lifted: no equilibrium; the print holds at least 50 g"
+    assert early.words == told

@@ -13,8 +13,8 @@ from toros_fem.design.loop.options import Stage
 from toros_fem.measures.alignment import AlignedObjective, MirroredObjective
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.miss import compared_axes
-from toros_fem.measures.shape import ShapeObjective, SumObjective
+from toros_fem.measures.miss import compared_axes, is_aligned
+from toros_fem.measures.shape import Nodes, ShapeObjective, SumObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
 from toros_fem.results.frames.files import read_frames
@@ -62,7 +62,10 @@ def test_copies_of_a_skin_are_one_pattern(tube: Skin) -> None:
 
 
 def test_what_a_design_compares_is_known(comm: MPI.Comm, tube: Skin) -> None:
-    """Of sums, of aligned and of mirrored objectives too; a small weight counts as none."""
+    """Of sums, of aligned and of mirrored objectives too; a small weight counts as none.
+
+    Whether it is compared after a rigid motion is seen through mirrors and sums too.
+    """
     target, count = tube.pattern.points, len(tube.pattern.points)
     every = np.arange(count)
     whole = ShapeObjective(tube, target)
@@ -74,15 +77,28 @@ def test_what_a_design_compares_is_known(comm: MPI.Comm, tube: Skin) -> None:
     half = sew(comm, cylinder(comm, 0.06, 0.02, 6e-3, planes=(1,)))
     images = mirrored(half.pattern, (1,))
     goal = images.pattern.points
-    parts = MirroredObjective(half, images, lambda nodes: ShapeObjective(nodes, goal))
+
+    def moved(nodes: Nodes) -> ShapeObjective:
+        return ShapeObjective(nodes, goal)
+
+    parts = MirroredObjective(half, images, moved)
+    aligned = AlignedObjective(tube, target, sections)
+    gap = GapObjective(tube, Body("sphere", 0.01, (0, 0, 0.1)), np.ones(count))
     for objective, found in (
         (whole, (True, True, True)),
         (height, (False, False, True)),
         (sections, (True, True, False)),
         (leg, (False, False, False)),
         (SumObjective(height, leg), (False, False, True)),
-        (AlignedObjective(tube, target, sections), (True, True, False)),
+        (aligned, (True, True, False)),
         (parts, (True, True, True)),
-        (GapObjective(tube, Body("sphere", 0.01, (0, 0, 0.1)), np.ones(count)), (False,) * 3),
+        (gap, (False,) * 3),
     ):
         assert compared_axes(objective) == found
+    both = MirroredObjective(
+        half, images, lambda nodes: AlignedObjective(nodes, goal, moved(nodes))
+    )
+    for objective in (aligned, both, SumObjective(aligned, gap), SumObjective(aligned, leg)):
+        assert is_aligned(objective)
+    for objective in (whole, parts, gap, SumObjective(aligned, height), SumObjective(gap)):
+        assert not is_aligned(objective)

@@ -59,7 +59,7 @@ def test_a_missing_package_is_named_with_its_extra(
         if name.partition(".")[0] == package:
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(MissingPackageError, match=rf"{package}.*pip install toros_fem\[plot\]"):
+    with pytest.raises(MissingPackageError, match=rf"{package}.*pip install '\.\[plot\]'"):
         write_report(run)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import difflib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, ParameterError, SceneError
-from toros_fem.base.keys import Key, Table, nearest, plain_value
+from toros_fem.base.errors import LibraryError, MeshSizeError, ParameterError, SceneError
+from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, at, read_text
@@ -67,13 +66,16 @@ class SceneFile:
 
     @contextlib.contextmanager
     def located(self) -> Iterator[None]:
-        """Tell file and line of the key that an error in the block names, by a SceneError."""
+        """Tell the file, and the line of a key that an error in the block names, by a SceneError.
+
+        A MeshSizeError, whose remedy may be an option, stays itself.
+        """
         try:
             yield
+        except MeshSizeError:
+            raise
         except ParameterError as caught:
-            if caught.key is None:
-                raise
-            line = self.lines.get(str(caught.key))
+            line = None if caught.key is None else self.lines.get(str(caught.key))
             message = f"{at(self.path, line)}: {caught}"
             raise SceneError(message, self.path, line, caught.key) from None
 
@@ -210,13 +212,13 @@ class _Reader(Document):
     def advice(self, place: Place, name: str, known: Collection[str]) -> str:
         """Return the nearest known word, or the table in which a key stands."""
         homes = {} if place[0] in self.apart else self.homes
-        near, far = (difflib.get_close_matches(name, words, n=1) for words in (known, homes))
         if name in homes:
             return f"it stands in the table [{homes[name]}]."
         if place[0] == CHANGED and name in self.keys[FILES]:
             return f"write {FILES}.{name}."
-        if far and not near:
-            return f"did you mean {far[0]!r}, in the table [{homes[far[0]]}]?"
+        far = meant(name, homes)
+        if far is not None and meant(name, known) is None:
+            return f"did you mean {far!r}, in the table [{homes[far]}]?"
         return nearest(name, known)
 
     def table(self, at: Place, content: Any, keys: Mapping[str, Key]) -> _Values:

@@ -29,19 +29,22 @@ def filtered_bar(name: str, width: float, distance: float) -> float:
     return fraction(distance + width / 2) - fraction(distance - width / 2)
 
 
-def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
+def threshold_for_width(
+    name: str, width: float, level: float = 0.5, key: str = "line_width"
+) -> float:
     """Return the η_r at which a straight bar of a projected width is just allowed.
 
     The bar is as thin as eq. (13) allows when ρ̃ on its centre line is η_r. By the symmetry of
-    (14), 1 − η_r is the η_t of a gap of that width if `level` is 1 − η.
+    (14), 1 − η_r is the η_t of a gap of that width if `level` is 1 − η. The key is for errors.
     """
     require_choice("filter", name, tuple(_FRACTIONS))
     widest = width_for_threshold(name, HIGHEST, level)
     require_between(0.0, np.inf, width=width)
     if not 0 < width <= widest:
         raise ParameterError(
-            f"width = {width:.3g} filter radii cannot be enforced: with this filter the "
-            f"constraints guarantee at most {widest:.3g} radii. Enlarge the filter's radius."
+            f"{key} = {width:.3g} filter radii cannot be enforced: with this filter the "
+            f"constraints guarantee at most {widest:.3g} radii. Enlarge the filter's radius.",
+            key,
         )
     gap = lambda eta: width_for_threshold(name, eta, level) - width  # noqa: E731
     return float(brentq(gap, level, HIGHEST, xtol=1e-10))
@@ -59,7 +62,8 @@ def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[flo
     if not offset >= LEAST_OFFSET:
         raise ParameterError(
             f"borders that move by {offset:.3g} filter radii are too close to be told apart; the "
-            f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius."
+            f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius.",
+            "width_tolerance",
         )
     fraction = _FRACTIONS[name]
     border = float(brentq(lambda x: fraction(x) - level, -20.0, 20.0, xtol=1e-12))
@@ -69,7 +73,8 @@ def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[flo
             f"borders that move by {offset:.3g} filter radii need the thresholds {eroded:.3g} and "
             f"{dilated:.3g}, at which lines or gaps of the least width vanish; they must lie in "
             f"[{1 - LARGEST_ERODED:.1f}, {LARGEST_ERODED}]. Reduce width_tolerance, or raise "
-            "filter_radius."
+            "filter_radius.",
+            "width_tolerance",
         )
     return eroded, dilated
 

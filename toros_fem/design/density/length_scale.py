@@ -129,9 +129,11 @@ class LengthScaleConstraints:
         if p.void_threshold is not None:
             thresholds[1] = 1 - p.void_threshold
         solid, empty = (
-            threshold_for_width(name, (width or radius) / radius, level) if given is None else given
-            for width, level, given in zip(
-                (p.line_width, p.gap_width), levels, thresholds, strict=True
+            threshold_for_width(name, (getattr(p, key) or radius) / radius, level, key)
+            if given is None
+            else given
+            for key, level, given in zip(
+                ("line_width", "gap_width"), levels, thresholds, strict=True
             )
         )
         self.solid_threshold, self.void_threshold = solid, 1 - empty

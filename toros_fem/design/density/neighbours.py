@@ -187,7 +187,8 @@ def check_radius(skin: Skin, radius: float) -> None:
     if radius > size:
         raise ParameterError(
             f"filter radius = {radius:.3g} m is larger than the skin of {size:.3g} m: every "
-            "density would be the mean. Radii are two or three edge lengths; in m, not mm."
+            "density would be the mean. Radii are two or three edge lengths; in m, not mm.",
+            "filter_radius",
         )
     edge = mean_edge(skin)
     if radius < RESOLVED * edge:

@@ -110,6 +110,7 @@ class ShapeDesign(ShapeProblem):
             whole=whole,
             target=goal,
         )
+        self._of_case = self.objective, self.metrics
         if r.perimeter_weight is not None:
             require_positive(perimeter_weight=r.perimeter_weight)
             window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
@@ -146,7 +147,8 @@ class ShapeDesign(ShapeProblem):
         given = replace(
             self.case, target=case.target, parts=case.parts, parts_of_whole=case.parts_of_whole
         )
-        return self.changed(objective=case.objective(self.skin), case=given)
+        made = case.objective(self.skin)
+        return self.changed(objective=made, case=given, _of_case=(made, self._of_case[1]))
 
     def without_variants(self) -> Self:
         """Return the same design with the nominal pattern alone."""
@@ -191,6 +193,14 @@ class ShapeDesign(ShapeProblem):
         return self._with(self.case.refined(), self.regularisation.scaled(0.5))
 
     def _with(self, case: Case, regularisation: Regularisation) -> ShapeDesign:
+        objective, metrics = self._of_case
+        if self.objective is not objective:
+            raise ParameterError(
+                "the objective was changed, and is known on its own mesh only: give a case that "
+                "makes it, towards(case)."
+            )
+        if self.metrics is not metrics:
+            case = replace(case, metrics=self.metrics)
         now = replace(regularisation, projection=self.fields.projection)
         return ShapeDesign(self.comm, case, now, options=self.solver.options, log=self._log)
 

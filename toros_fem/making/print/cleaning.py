@@ -52,7 +52,8 @@ def require_island_area(pattern: Pattern, island_area: float) -> None:
     if not (is_number(island_area) and (0 <= island_area < whole or math.isinf(island_area))):
         raise ParameterError(
             f"island_area = {shown(island_area)} m² must be at least 0 and below the pattern's "
-            f"{whole:.3g} m²; 0 bridges all islands, math.inf removes all. 20 mm² are 20e-6."
+            f"{whole:.3g} m²; 0 bridges all islands, math.inf removes all. 20 mm² are 20e-6.",
+            "island_area",
         )
 
 

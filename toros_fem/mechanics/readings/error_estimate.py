@@ -31,8 +31,8 @@ TOLERANCE = 1e-6
 
 # Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
-# Parts of the half-width of an interval, beside the whole correction: of the change from rest, and
-# of that times the mean square of the angles at edges, by which a skin of triangles is no round one.
+# Parts of the half-width of an interval, beside the whole correction: of the change from rest; and
+# of that times the mean square of angles at edges, by which a skin of triangles is no round one.
 FLOOR, ROUND = 0.02, 1.0
 # Safety factor of half-widths, of Roache (1997) for three meshes.
 SAFETY = 1.25

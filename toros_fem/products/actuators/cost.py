@@ -137,9 +137,9 @@ def actuator_cost(
     scene = scene.from_print() if from_print else scene
     level = probe_level(scene)
     area, made = sized(comm, scene, level)
-    tried = None
-    if probing and made is not None:
-        tried = probe(scene.problem(comm, made, level), scene.design.seed)
+    # What the problem refuses is refused without a probe too.
+    problem = None if made is None else scene.problem(comm, made, level)
+    tried = None if problem is None or not probing else probe(problem, scene.design.seed)
     finest, results = finest_triangles(scene, area, made), scene.results
     if from_print:
         parts = _density_parts(scene.updated(starts=1), finest, [scene.print_options], comm.size)

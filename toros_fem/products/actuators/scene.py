@@ -344,6 +344,9 @@ class ActuatorScene(MeshedScene):
             widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
         if design.start == "relaxed":
             widths["laid_width"] = max(self.laid_widths)
+        elif self.edge_length is not None:
+            radius = self.finest_level.regularisation.filter_radius
+            yield Group("filter", "filter_radius", radius / self.edge_length)
         yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
         yield from self.target_groups(skin)
 

@@ -88,14 +88,16 @@ class Lifted:
     def words(self) -> str:
         """It in words."""
         made, initial = self.printed, self.initial.held_mass_kg
-        lifted = "falls" if made.slip_mm is None else f"slides by {made.slip_mm:.1f} mm"
-        if made.slip_mm is None and made.held_mass_kg is None and made.failure:
-            lifted = f"is not lifted: {made.failure}"
+        lifted, most = "falls", "at most"
+        if made.slip_mm is not None:
+            lifted = f"slides by {made.slip_mm:.1f} mm"
+        elif made.failure:
+            lifted, most = f"is not lifted: {made.failure.rstrip('.')}", "at least"
         found = f"An object of {1e3 * self.mass_kg:.0f} g {lifted}"
         if made.held_mass_kg is None:
             return found
         before = "" if initial is None else f" (initial design: {1e3 * initial:.0f} g)"
-        return f"{found}; the print holds at most {1e3 * made.held_mass_kg:.0f} g{before}"
+        return f"{found}; the print holds {most} {1e3 * made.held_mass_kg:.0f} g{before}"
 
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it."""

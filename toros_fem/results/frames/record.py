@@ -14,8 +14,7 @@ from toros_fem.base.array_types import Floats, Ints
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.measures.alignment import AlignedObjective
-from toros_fem.measures.miss import compared_axes
+from toros_fem.measures.miss import compared_axes, is_aligned
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
@@ -73,7 +72,7 @@ def shown_skin(
     on, passive, target = OnWhole(problem), problem.fields.passive, problem.target
     passive = None if passive is None else on.cells(passive)
     target = None if target is None else on.vertices(target)
-    aligned = isinstance(problem.objective, AlignedObjective)
+    aligned = is_aligned(problem.objective)
     touched = _touched(problem.solver.contact, poses)
     compared = compared_axes(problem.objective)
     return ShownSkin(on.pattern, target, aligned, passive, regions, *touched, compared)

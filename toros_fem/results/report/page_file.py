@@ -53,7 +53,7 @@ def page_of(run: Run, *, alone: bool = False) -> str:
 
         from toros_fem.results.report.charts import over_iterations, over_pressure
     except ImportError as missing:
-        raise MissingPackageError(f"{missing}; pip install toros_fem[plot]") from None
+        raise MissingPackageError(f"{missing}; in the checkout: pip install '.[plot]'") from None
     scene, data, patterns = packed_scene(run) if run.series else ({"series": {}}, "", [])
     if run.series:
         scene |= _told(run, scene["series"])

@@ -162,6 +162,7 @@ def warnings(run: Run) -> list[str]:
     """Return what a reader must know before trusting the figures, as sentences."""
     entries, found = run.summary.entries, []
     made, curve = entries.get("manufacture") or {}, entries.get("curve") or {}
+    lift = (entries.get("load") or {}).get("printed") or {}
     if not run.summary:
         found.append(
             "This run has no summary: it was stopped, or it still goes on. What is shown is the "
@@ -170,6 +171,7 @@ def warnings(run: Run) -> list[str]:
     for what, reason in (
         ("The print has no equilibrium", entries.get("printed_failure")),
         ("At the design's pressure", run.note),
+        ("The lift ends early", lift.get("failure")),
         ("The discretisation error is unknown", (entries.get("errors") or {}).get("failure")),
         ("The curve ends before lower pressures", curve.get("failure_below")),
         ("The curve ends before higher pressures", curve.get("failure_above")),

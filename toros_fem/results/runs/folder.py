@@ -19,7 +19,7 @@ from typing import Any, NoReturn, Self, TypeVar
 from mpi4py import MPI
 
 from toros_fem.base.archive import FORMAT
-from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
+from toros_fem.base.errors import CheckpointError, NoRunError, RunError, RunStoppedError
 from toros_fem.base.files import (
     add_to_list,
     guarded,
@@ -328,7 +328,7 @@ def _read_record(folder: Path) -> RunRecord:
     path = folder / STATE / RECORD
     content = read_json(path, CheckpointError, ANEW)
     if not content:
-        raise RunError(f"{folder} holds no run: {path} is missing. Start one there.")
+        raise NoRunError(f"{folder} holds no run: {path} is missing. Start one there.")
     found = content.get("format")
     if not isinstance(found, int):
         raise CheckpointError(f"{path} is damaged: it has no format. {ANEW}")
