@@ -10,6 +10,7 @@ from toros_fem.measures.figures import (
     overall,
     split_key,
     verdict_of,
+    worst_of,
 )
 from toros_fem.measures.metrics import Metric
 
@@ -96,6 +97,9 @@ def test_a_miss_has_a_sign_and_a_reason() -> None:
     assert figure.why == "angle 5.0° beyond 90° (± 4.0°; within 2.7° is reached)"
     back = Figure("angle", "deg", -55.0, 1.0, -60.0, 1.8)
     assert back.off == "5.0° short of -60°"
+    assert back.off_with_error == "5.0 ± 1.0° short of -60°"
+    part = Figure("shortening", "percent", 8.1, 2.0, 8.0, 0.24)
+    assert part.off_with_error == "0.1 ± 2.0 percentage points beyond 8 %"
     shape = Figure("shape_distance", "percent", 9.71, 0.4, 0.0, 3.0)
     assert shape.why == "shape distance 9.71 % (± 0.40 %; within 3 % is reached)"
     unknown = Figure("angle", "deg", 88.9, None, 90.0, 2.7)
@@ -111,6 +115,9 @@ def test_the_worst_figure_decides() -> None:
     assert verdict_of([good, unsure]).startswith("Not certain: twist 2.0° short of 60°")
     assert overall([good, unsure, bad]) is MISSED
     assert verdict_of([good, unsure, bad]) == f"Missed: {bad.why}"
+    tip = Figure("tip_direction", "deg", 60.0, 0.5, 0.0, 5.0)
+    assert worst_of([tip, bad]) is bad, "what was asked for by a number comes first"
+    assert worst_of([tip, unsure]) is tip
     assert verdict_of([Figure("angle", "deg", None, None, 90.0, 2.7)]).endswith("no equilibrium")
     told = verdict_of(far)
     assert told.startswith("Missed: angle 4 ")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -190,13 +190,21 @@ class Figure:
     @property
     def off(self) -> str:
         """How far the value is from the target in words, such as "5.9° short of 180°"."""
+        return self._off(self.rounded(abs(self.miss or 0.0)))
+
+    @property
+    def off_with_error(self) -> str:
+        """The same with the half-width of its interval, such as "5.9 ± 1.1° short of 180°"."""
+        return self._off(replace(self, value=abs(self.miss or 0.0)).shown)
+
+    def _off(self, far: str) -> str:
         if self.miss is None or self.target is None:
             return self.shown
         if self.target == 0:
-            return self.rounded(abs(self.miss))
+            return far
         less = abs(self.value or 0.0) < abs(self.target)
         side = "short of" if less else "beyond"
-        far = self.rounded(abs(self.miss)).replace(" %", " percentage points")
+        far = far.replace(" %", " percentage points")
         return f"{far} {side} {formatted(self.target, self.unit)}"
 
     @property
@@ -241,23 +249,25 @@ def verdict_of(figures: Sequence[Figure]) -> str:
         return "Missed: the print has no equilibrium"
     if state is State.REACHED:
         return "Reached"
-    found = sorted((f for f in figures if f.state is state), key=_badness, reverse=True)
+    found = sorted((f for f in figures if f.state is state), key=_weight, reverse=True)
     told = "; ".join(figure.why for figure in found[:MOST_TOLD])
     more = len(found) - MOST_TOLD
     return f"{state.capitalize()}: {told}{f'; and {more} more' if more > 0 else ''}"
 
 
 def worst_of(figures: Sequence[Figure]) -> Figure | None:
-    """Return the figure that decides: of the worst state, and furthest off; None without any."""
+    """Return the figure that decides: of the worst state, and furthest off; None without any.
+
+    A figure whose target is a number comes before a distance, whose target is 0.
+    """
     state = overall(figures)
     found = [figure for figure in figures if state is not None and figure.state is state]
-    return max(found, key=_badness, default=None)
+    return max(found, key=_weight, default=None)
 
 
-def _badness(figure: Figure) -> float:
-    if figure.miss is None:
-        return np.inf
-    return abs(figure.miss) / (figure.tolerance or 1.0)
+def _weight(figure: Figure) -> tuple[bool, float]:
+    far = np.inf if figure.miss is None else abs(figure.miss) / (figure.tolerance or 1.0)
+    return figure.target != 0, far
 
 
 def formatted(value: float | None, unit: str, digits: int = 4, *, sign: bool = False) -> str:

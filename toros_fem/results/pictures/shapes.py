@@ -56,6 +56,8 @@ CAPTION, ROOM = 0.24, (0.06, 0.06, 0.12, 0.03)
 ARROW, RAY = 0.02, 0.13
 # Degrees from which on both directions of a tip are drawn.
 SEEN = 2.0
+# Mean width of a bold letter over the size of the text.
+LETTER = 0.62
 # Vertices that moved less than this over the size of the skin are held, and are flat so far.
 HELD, FLAT = 1e-4, 0.1
 # Left, bottom, width and height of the views of a miss and of its colours, over the page.
@@ -214,7 +216,7 @@ def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
         stage.axes.annotate("", at, goal, zorder=6, arrowprops=style)
         if labelled:  # on the other side of the tip than the directions
             up = -13.0 if rays[0, 1] > 0 else 6.0
-            _label(stage, (at + goal) / 2, f"tip {1e3 * tip.distance:.2g} mm off", up)
+            _label(stage, (at + goal) / 2, f"tip {_short(1e3 * tip.distance)} mm off", up)
     lengths = np.linalg.norm(rays, axis=1)
     seen = np.arccos(np.clip(rays[0] @ rays[1] / max(lengths.prod(), 1e-12), -1, 1))
     if lengths.min() < 0.5 or seen < max(np.radians(SEEN), 0.5 * tip.direction):
@@ -224,13 +226,23 @@ def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
         stage.axes.plot(*np.array([at, end]).T, color=colour, ls=line, lw=1.2, zorder=6)
     if labelled:
         end = at + 1.05e3 * RAY * miss.length * rays.mean(axis=0)
-        _label(stage, end, f"{np.degrees(tip.direction):.2g}°", -3.0)
+        _label(stage, end, f"{_short(np.degrees(tip.direction))}°", -3.0)
+
+
+def _short(number: float) -> str:
+    """Return two digits of a number, or all before its point."""
+    return f"{number:.0f}" if number >= 10 else f"{number:.2g}"
 
 
 def _label(stage: Stage, at: Floats, words: str, up: float) -> None:
-    """Write words on a view beside a place in mm, (2,), `up` points higher."""
-    left, right = stage.axes.get_xlim()
-    side = ("left", 5) if at[0] < left + 0.8 * (right - left) else ("right", -5)
+    """Write words on a view beside a place in mm, (2,), `up` points higher.
+
+    They stand at the right of it where there is room.
+    """
+    (left, right), axes = stage.axes.get_xlim(), stage.axes
+    across = 72 * axes.bbox.width / axes.figure.dpi
+    room = (right - at[0]) / (right - left) * across
+    side = ("left", 5) if LETTER * TEXT * len(words) < room else ("right", -5)
     text = stage.axes.annotate(
         words, (at[0], at[1]), (side[1], up), textcoords="offset points", color=ACCENT,
         fontweight="bold",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import fill
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -27,11 +28,15 @@ ROW, LINE = 0.40, 0.155
 # Letters of a line of notes in an inch, and the size of notes in points.
 LETTERS_PER_INCH, NOTE = 17.5, 7.5
 BY_SECTIONS = (
-    "Shape: root mean square distance of the centres of 12 cross-sections from the target. "
-    "Bulging does not count."
+    "Shape: root mean square distance of the centres of 12 cross-sections from the target, in % "
+    "of the skin's length. Bulging does not count."
 )
 GUIDE = "The outline is a guide: only the numbers above are asked for, no place."
-BY_POINTS = "Shape: root mean square distance of all points from the target."
+BY_POINTS = (
+    "Shape: root mean square distance of all points from the target, in % of the skin's length."
+)
+# Half-width over the target beyond which a figure tells little.
+TELLS_LITTLE = 0.5
 
 
 @dataclass(frozen=True)
@@ -72,16 +77,15 @@ def verdict(figures: Sequence[Told], miss: Miss | None = None) -> Verdict | None
     if worst.value is None:
         return Verdict("No equilibrium", ACCENT)
     within = f"within {worst.allowed} would be reached"
-    width = worst.interval
-    known = "its error is not estimated" if width is None else f"± {worst.rounded(width)}"
+    known = "its error is not estimated; " if worst.interval is None else ""
     by = "off by " if is_of_shape(worst) else ""
-    reason = f"{name_of(worst)} {by}{worst.off}{AFTER.get(worst.key, '')}"
+    reason = f"{name_of(worst)} {by}{worst.off_with_error}{AFTER.get(worst.key, '')}"
     if state is State.REACHED:
         reason = ", ".join(
             f"{name_of(figure)} {figure.shown}{AFTER.get(figure.key, '')}" for figure in found[:2]
         )
         return Verdict("Reached", DARK, reason)
-    return Verdict(state.capitalize(), COLOURS[state], reason, f"{known}; {within}")
+    return Verdict(state.capitalize(), COLOURS[state], reason, f"{known}{within}")
 
 
 def write_verdict(figure: Figure, found: Verdict | None, tail: str, otherwise: str) -> None:
@@ -167,9 +171,11 @@ def notes_of(figures: Sequence[Told], miss: Miss | None, skin: ShownSkin) -> lis
         free = [name for name, one in zip("xyz", skin.compared, strict=True) if not one]
         if free:
             axes = " and ".join(free)
-            found.append(f"Nothing is asked along {axes}: the outline has the skin's place there.")
+            found.append(f"The target leaves {axes} free: there the outline follows the skin.")
     elif skin.target is not None:
         found.append(GUIDE)
     if any(figure.interval is not None for figure in figures):
         found.append("±: how far the mesh of the simulation may put a number off.")
+    if any((f.interval or 0.0) > TELLS_LITTLE * abs(f.target or np.inf) for f in figures):
+        found.append("Where ± is over half of the target, the mesh is too coarse to tell.")
     return found
