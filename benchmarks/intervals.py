@@ -1,6 +1,6 @@
 """Told intervals against limits from finer meshes.
 
-A run tells each figure of a print with an interval, from a coarser mesh and from two elements on
+A run tells each figure of a print with an interval, from coarser meshes and from two elements on
 its own (`products.actuators.estimates`). Here prints of six kinds are drawn by seeds on a small
 tube, at several pressures. Each is simulated on three meshes, as a run does it, and on two finer
 ones, from whose computed shapes the limit is extrapolated. The intervals should hold it.
@@ -163,7 +163,7 @@ def rows_of(
 ) -> Iterator[Row]:
     """Simulate a print on all meshes, and return each figure, parts of its interval, and its limit.
 
-    Meshes of which none converges are left out, as a run leaves them out.
+    A coarser mesh without an equilibrium is left out, as a run leaves it out.
     """
     found: dict[float, tuple[LimitShape, float, float]] = {}
     near = None

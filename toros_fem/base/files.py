@@ -248,7 +248,7 @@ def naming(
     except TorosError:
         raise
     except OSError as caught:
-        raise error(says.format(path, caught)) from None
+        raise error(says.format(path, reason(caught))) from None
 
 
 @collective("comm", owned=("action",))

@@ -343,7 +343,7 @@ class Table:
 
 
 def meant(word: Any, known: Iterable[str]) -> str | None:
-    """Return the known word that an unknown one is most like; None if it is like none."""
+    """Return the known word that is most similar to an unknown one; None without a similar one."""
     words, name = list(known), str(word)[:LONGEST]
     # "fabric_thickness" is "thickness", rather than "bladder_thickness".
     if ends := [one for one in words if name.endswith(f"_{one}")]:

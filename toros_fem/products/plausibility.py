@@ -75,8 +75,8 @@ RANGES: Mapping[str, Range] = {
     ),
     "filter": Range(
         "radius of the filter over the edge length of the mesh",
-        (1.5, 20.0), (0.0, INFINITE), "a filter reaches the neighbours of a triangle (paper §4)",
-        "With less it hardly filters, with more it leaves no lines.",
+        (1.5, INFINITE), (0.0, INFINITE), "a filter reaches the neighbours of a triangle",
+        "With less it hardly filters, and guarantees no width of a line.",
     ),
     "neutral": Range(
         "distance of the line that keeps its length from the axis, over the radius",

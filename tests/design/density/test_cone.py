@@ -7,7 +7,7 @@ from helpers.warned import warned
 from mpi4py import MPI
 
 from toros_fem.design.density.cone import cone_filter
-from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.meshes import Skin, cylinder, mirrored, sew
 
 
 def test_filter_against_its_definition(short_tube: Skin) -> None:
@@ -87,3 +87,11 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
 def test_a_radius_too_small_warns(short_tube: Skin) -> None:
     with warned(short_tube.comm, match="under 1.5 edge lengths"):
         cone_filter(short_tube, 3e-3)
+
+
+def test_a_filter_of_most_of_a_part_and_its_image(alone: MPI.Comm) -> None:
+    """A triangle and its image are one column, although both are near."""
+    half = cylinder(alone, 0.05, 0.02, 5e-3, planes=(1,))
+    skin = sew(alone, half)
+    wide = cone_filter(skin, 0.04, beyond=mirrored(half, (1,)))
+    assert wide.forward(np.ones(len(skin.owned_cells))) == pytest.approx(1.0, rel=1e-12)

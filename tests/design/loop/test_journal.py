@@ -1,6 +1,7 @@
 """A loop that is stopped and goes on is the same, to the last bit, as one that is not."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,3 +145,8 @@ def test_a_simulation_without_equilibrium_is_not_tried_again(short_tube: Skin) -
     with pytest.raises(NoEquilibriumError, match="it is too weak"):
         kept_evaluation(journal, problem, simulate)
     assert len(tried) == 1
+    assert journal.kept is not None
+    older = OneEntry(stop_at=1, saved=replace(journal.kept, written_by="0.0.1"))
+    with pytest.raises(Stopped):
+        kept_evaluation(older, problem, simulate)
+    assert len(tried) == 2, "another version tries again"

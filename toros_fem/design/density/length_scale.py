@@ -75,6 +75,21 @@ class LengthScale:
         given = {name: getattr(self, name) for name in factors}
         return replace(self, **{k: v and factors[k] * v for k, v in given.items()})
 
+    def thresholds(self, filter: str, radius: float, eta: float = 0.5) -> tuple[float, float]:
+        """Return η_r and η_t of both widths, by a filter's name and radius in m.
+
+        Raises:
+            ParameterError: The filter cannot enforce a width.
+        """
+        solid, void = self.solid_threshold, self.void_threshold
+        if solid is None:
+            line = (self.line_width or radius) / radius
+            solid = threshold_for_width(filter, line, eta)
+        if void is None:  # a gap is a line of the opposite design
+            gap = (self.gap_width or radius) / radius
+            void = 1 - threshold_for_width(filter, gap, 1 - eta, "gap_width")
+        return solid, void
+
     @classmethod
     def paper(cls, skin: Skin) -> LengthScale:
         """Return the paper's constants: η_r = 0.7, η_t = 0.3, ε = 10⁻³, c = 100 edge lengths²."""
@@ -125,18 +140,9 @@ class LengthScaleConstraints:
         projection = projection or Projection()
         p, name, radius = parameters, filter.name, filter.radius
         self._comm, self._filter = skin.comm, filter
-        levels, thresholds = (projection.eta, 1 - projection.eta), [p.solid_threshold, None]
-        if p.void_threshold is not None:
-            thresholds[1] = 1 - p.void_threshold
-        solid, empty = (
-            threshold_for_width(name, (getattr(p, key) or radius) / radius, level, key)
-            if given is None
-            else given
-            for key, level, given in zip(
-                ("line_width", "gap_width"), levels, thresholds, strict=True
-            )
-        )
-        self.solid_threshold, self.void_threshold = solid, 1 - empty
+        levels = projection.eta, 1 - projection.eta
+        solid, self.void_threshold = p.thresholds(name, radius, projection.eta)
+        self.solid_threshold, empty = solid, 1 - self.void_threshold
         steepest = max(LEAST_DECAY, (radius / mean_edge(skin)) ** 2) * radius**2
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed

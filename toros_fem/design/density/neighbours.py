@@ -154,7 +154,8 @@ def neighbour_matrices(
     column = skin.gather_cells(first + np.arange(len(owned), dtype=np.float64))
     column = column.astype(PETSc.IntType)
     points, panel = pattern.centroids[owned], pattern.panel[owned]
-    counts = near.counts(points, panel).astype(PETSc.IntType)
+    # A triangle and its copies may be counted, and are one column.
+    counts = np.minimum(near.counts(points, panel), len(column)).astype(PETSc.IntType)
     size = (len(owned), len(column))
     # How many neighbours are owned is not known here; allocated rows that stay empty cost nothing.
     room = counts if skin.comm.size == 1 else (np.minimum(counts, len(owned)), counts)
@@ -180,16 +181,20 @@ def mean_edge(skin: Skin) -> float:
     return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
 
 
-def check_radius(skin: Skin, radius: float) -> None:
-    """Check a filter's radius in m, and warn if it is too small for the mesh."""
+def require_radius(radius: float, size: float) -> None:
+    """Check a filter's radius against the size of the skin, both in m."""
     require_positive(**{"filter radius": radius})
-    size = skin.pattern.size
     if radius > size:
         raise ParameterError(
             f"filter radius = {radius:.3g} m is larger than the skin of {size:.3g} m: every "
             "density would be the mean. Radii are two or three edge lengths; in m, not mm.",
             "filter_radius",
         )
+
+
+def check_radius(skin: Skin, radius: float) -> None:
+    """Check a filter's radius in m, and warn if it is too small for the mesh."""
+    require_radius(radius, skin.pattern.size)
     edge = mean_edge(skin)
     if radius < RESOLVED * edge:
         warn_together(

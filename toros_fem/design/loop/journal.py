@@ -13,6 +13,7 @@ from mpi4py import MPI
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError
+from toros_fem.base.versions import __version__
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.variables import by_cell
 
@@ -92,16 +93,17 @@ def kept_evaluation(
     the mesh of the problem, if there is one.
 
     Raises:
-        NoEquilibriumError: There is none; this is kept too.
+        NoEquilibriumError: There is none; this is kept too, for the same version of the package.
     """
     of = [] if like is None else [content_of(by_cell(problem.skin, like.density))]
     entry = (journal or Journal()).entry(problem.comm, signature_of(problem, *of))
     saved = entry.saved()
     entry.close()  # a stop need not wait for the simulation
     if saved is not None:
-        if FAILURE in saved.numbers:
+        if FAILURE not in saved.numbers:
+            return restored_evaluation(problem, saved)
+        if saved.written_by == __version__:  # another one may find what this one did not
             raise NoEquilibriumError(saved.numbers[FAILURE])
-        return restored_evaluation(problem, saved)
     try:
         found = simulate()
     except NoEquilibriumError as caught:  # raised by all ranks or by none

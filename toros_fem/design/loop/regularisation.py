@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.length_scale import LengthScale
+from toros_fem.design.density.neighbours import require_radius
 from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.robust import WidthTolerance
@@ -37,6 +39,20 @@ class Regularisation:
     perimeter_window: float | None = None
     perimeter_sharpness: float = SHARPNESS
     width_tolerance: WidthTolerance | None = None
+
+    def require_possible(self, size: float) -> None:
+        """Check what is known without a mesh, on a skin of a size in m.
+
+        Raises:
+            ParameterError: The filter is larger than the skin, or cannot enforce widths or
+                tolerance.
+        """
+        radius, eta = self.filter_radius, self.projection.eta
+        require_radius(radius, size)
+        if self.length_scale is not None:
+            self.length_scale.thresholds(self.filter, radius, eta)
+        if self.width_tolerance is not None:
+            offset_thresholds(self.filter, self.width_tolerance.offset / radius, eta)
 
     def scaled(self, factor: float) -> Regularisation:
         """Return the same on a mesh whose edges are longer by a factor: all lengths follow it."""

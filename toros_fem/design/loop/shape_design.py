@@ -57,7 +57,8 @@ class ShapeDesign(ShapeProblem):
         log: Called with each Newton step, on every rank.
 
     Attributes:
-        case, regularisation: As given, or as they were changed by the methods of this class.
+        case, regularisation: As given, or as they were changed by the methods of this class. What
+            else `changed` gives holds on this mesh alone, but for metrics.
         fields: DensityFields, filter and projection.
 
     Raises:

@@ -20,8 +20,8 @@ def ipctk() -> Any:
         import ipctk as module
     except ImportError as error:
         raise MissingPackageError(
-            "contact needs the IPC Toolkit; in the checkout: pip install '.[contact]'. Or leave "
-            "the contact out."
+            "contact needs the IPC Toolkit: install it in the checkout, pip install '.[contact]', "
+            "or leave the contact out."
         ) from error
     module.set_num_threads(1)
     module.set_logger_level(module.LoggerLevel.error)

@@ -137,9 +137,11 @@ def actuator_cost(
     scene = scene.from_print() if from_print else scene
     level = probe_level(scene)
     area, made = sized(comm, scene, level)
-    # What the problem refuses is refused without a probe too.
-    problem = None if made is None else scene.problem(comm, made, level)
-    tried = None if problem is None or not probing else probe(problem, scene.design.seed)
+    tried = None
+    if made is not None:
+        scene.require_possible(made.pattern)
+        if probing:
+            tried = probe(scene.problem(comm, made, level), scene.design.seed)
     finest, results = finest_triangles(scene, area, made), scene.results
     if from_print:
         parts = _density_parts(scene.updated(starts=1), finest, [scene.print_options], comm.size)
@@ -151,8 +153,9 @@ def actuator_cost(
     else:
         parts = _density_parts(scene, finest, scene.options, comm.size)
     if results.estimate_error:
-        coarser = sum(finest / COARSER ** (2 * k) for k in range(1, COARSER_MESHES + 1))
-        parts.append(Part("estimate of the error", round(coarser), LINE_PRINT))
+        for k in range(1, COARSER_MESHES + 1):
+            name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
+            parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)

@@ -12,6 +12,8 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import free_dropped
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import LimitShape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
@@ -78,19 +80,26 @@ def metric_errors(
     begin = time.perf_counter()
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
     coarser: dict[float, dict[str, float]] = {}
+    failure, near = None, (shape.pattern, shape.computed)
     try:
-        for ratio, other in coarser_levels(job.scene, level).items():
-            near = shape.pattern, shape.computed
-            made = simulated_on(job, other, near, printed, pressures)
-            coarser[ratio] = {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
-            del made
-            free_dropped(job.comm)
-    except (ParameterError, NoEquilibriumError) as caught:  # raised by all ranks or by none
-        if not coarser:
-            return MetricErrors(computed, failure=str(caught))
+        others = coarser_levels(job.scene, level)
+    except ParameterError as caught:  # raised by all ranks or by none, as below
+        return MetricErrors(computed, failure=str(caught))
+    for ratio, other in others.items():
+        try:
+            coarser[ratio] = _told(simulated_on(job, other, near, printed, pressures))
+        except (ParameterError, NoEquilibriumError) as caught:
+            failure = failure or str(caught)
+        free_dropped(job.comm)
+    if not coarser:
+        return MetricErrors(computed, failure=failure)
     intervals = {}
     for key, measure in measures.items():
         values = {r: told[key] for r, told in coarser.items() if np.isfinite(told.get(key, np.nan))}
         if values:
             intervals[key] = shape.interval(measure, values)
     return MetricErrors(computed, coarser, intervals, seconds=time.perf_counter() - begin)
+
+
+def _told(made: Evaluation[Equilibrium]) -> dict[str, float]:
+    return {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}

@@ -51,7 +51,7 @@ class LiftFigures:
         smallest_distance_mm: Smallest distance between faces.
         finger_force_n: Force of a finger on the object, where the sliding ends.
         contact_area_mm2, contact_pressure_kpa: Area that touches it, and the mean pressure there.
-        failure: Why the pull ended early; None if it did not.
+        failure: Why the pull ended before the limit of sliding; None if it did not.
     """
 
     held_mass_kg: float | None = None
@@ -88,11 +88,11 @@ class Lifted:
     def words(self) -> str:
         """It in words."""
         made, initial = self.printed, self.initial.held_mass_kg
-        lifted, most = "falls", "at most"
+        lifted, most = "falls", "at least" if made.failure else "at most"
         if made.slip_mm is not None:
             lifted = f"slides by {made.slip_mm:.1f} mm"
         elif made.failure:
-            lifted, most = f"is not lifted: {made.failure.rstrip('.')}", "at least"
+            lifted = f"is not lifted: {made.failure.rstrip('.')}"
         found = f"An object of {1e3 * self.mass_kg:.0f} g {lifted}"
         if made.held_mass_kg is None:
             return found
@@ -186,6 +186,7 @@ class Pull:
         normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / scene.fingers
         area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
         held = grip.parts * largest_force(self.points, scene.object.slip_limit) / GRAVITY
+        early = self.points[-1].depth < scene.object.slip_limit
         distances = [point.result.smallest_distance or 0.0 for point in self.points]
         return LiftFigures(
             held_mass_kg=max(held, 0.0),
@@ -194,7 +195,7 @@ class Pull:
             finger_force_n=force,
             contact_area_mm2=1e6 * area,
             contact_pressure_kpa=1e-3 * force / area if area else None,
-            failure=self.failure or None,
+            failure=(self.failure or None) if early else None,
         )
 
     def row(self, name: str) -> tuple[Floats, list[LiftShape]]:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.errors import CheckpointError, OutputError
-from toros_fem.base.files import UNFINISHED
+from toros_fem.base.files import UNFINISHED, reason
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
@@ -170,7 +170,7 @@ class RunEntry(JournalEntry):
                 write_archive(self._path, whole, compress=False)
             except OSError as caught:
                 raise OutputError(
-                    f"{self._path} could not be written: {caught}. The state of an earlier "
+                    f"{self._path} could not be written: {reason(caught)}. The state of an earlier "
                     "iteration is kept there. Free some space and resume."
                 ) from None
             except (TypeError, ValueError) as caught:  # NaN is no fault; a type that JSON lacks is
