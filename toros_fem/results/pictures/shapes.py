@@ -24,6 +24,7 @@ from toros_fem.results.pictures.style import (
     ACCENT,
     EDGE,
     INK,
+    LETTER,
     SEQUENTIAL,
     SIZE,
     SOFT,
@@ -56,8 +57,6 @@ CAPTION, ROOM = 0.24, (0.06, 0.06, 0.12, 0.03)
 ARROW, RAY = 0.02, 0.13
 # Degrees from which on both directions of a tip are drawn.
 SEEN = 2.0
-# Mean width of a bold letter over the size of the text.
-LETTER = 0.62
 # Vertices that moved less than this over the size of the skin are held, and are flat so far.
 HELD, FLAT = 1e-4, 0.1
 # Left, bottom, width and height of the views of a miss and of its colours, over the page.

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
+from textwrap import wrap
 
 import numpy as np
 from matplotlib import rc_context
@@ -45,6 +46,8 @@ SIGNED = LinearSegmentedColormap.from_list("signed", [SECOND, "white", ACCENT])
 SIZE, TALL, STRIP, DPI = (8.0, 4.5), (8.0, 6.0), (8.0, 3.1), 200
 # Room for a bar of the scale, in points.
 BAR_ROOM = 30.0
+# Mean width of a bold letter over its size.
+LETTER = 0.57
 # Sizes of letters in points.
 TEXT, TITLE, LARGE = 9.0, 11.0, 20.0
 LETTERS = {
@@ -74,9 +77,10 @@ LETTERS = {
 
 
 def write_title(figure: Figure, sentence: str) -> None:
-    """Write a sentence with the result at the top of a page."""
-    top = 1 - 0.12 / figure.get_size_inches()[1]
-    figure.text(0.02, top, sentence, fontsize=TITLE, fontweight="bold", va="top")
+    """Write a sentence with the result at the top of a page, on several lines if it is long."""
+    width, height = figure.get_size_inches()
+    lines = "\n".join(wrap(sentence, int(0.98 * 72 * width / (LETTER * TITLE))))
+    figure.text(0.02, 1 - 0.12 / height, lines, fontsize=TITLE, fontweight="bold", va="top")
 
 
 @contextmanager
