@@ -58,5 +58,6 @@ def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_any_coarser_mesh_the_reason_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     none = found(monkeypatch, without=(1, 2))
     assert none.failure == "none on mesh 1."
-    assert none.intervals == none.coarser == {}
+    assert not none.intervals
+    assert not none.coarser
     assert found(monkeypatch, meshes=0).failure == "there is no coarser mesh."
