@@ -141,8 +141,7 @@ class LengthScaleConstraints:
         p, name, radius = parameters, filter.name, filter.radius
         self._comm, self._filter = skin.comm, filter
         levels = projection.eta, 1 - projection.eta
-        solid, self.void_threshold = p.thresholds(name, radius, projection.eta)
-        self.solid_threshold, empty = solid, 1 - self.void_threshold
+        self.solid_threshold, self.void_threshold = p.thresholds(name, radius, projection.eta)
         steepest = max(LEAST_DECAY, (radius / mean_edge(skin)) ** 2) * radius**2
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed
@@ -154,7 +153,8 @@ class LengthScaleConstraints:
         self._weight = areas / whole
         self.epsilon = np.full(2, p.epsilon or 0.0)
         if p.epsilon is None:
-            for k, (level, threshold) in enumerate(zip(levels, (solid, empty), strict=True)):
+            thresholds = self.solid_threshold, 1 - self.void_threshold
+            for k, (level, threshold) in enumerate(zip(levels, thresholds, strict=True)):
                 width = THIN * width_for_threshold(name, threshold, level)
                 step = Projection(projection.beta, level)
                 violation = bar_violation(name, width, threshold, self.decay / radius**2, step)

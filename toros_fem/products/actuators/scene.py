@@ -481,11 +481,11 @@ class ActuatorScene(MeshedScene):
             ParameterError: A radius, a width or an area does not fit the skin or each other.
         """
         require_island_area(pattern, self.print.island_area)
-        lines = self.design.start == "relaxed"
-        levels = self.levels if not lines else (self.density_level,)
-        if not lines or self.lines.density_iterations:
-            for level in levels:
-                level.regularisation.require_possible(pattern.size)
+        levels = self.levels
+        if self.design.start == "relaxed":
+            levels = (self.density_level,) if self.lines.density_iterations else ()
+        for level in levels:
+            level.regularisation.require_possible(pattern.size)
 
     def problem(
         self, comm: MPI.Comm, case: Case, level: Level, *, verbose: bool = False

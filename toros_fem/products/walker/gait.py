@@ -227,7 +227,7 @@ def write_gait(
     skin = ShownSkin(walk.whole.pattern, regions=regions, grounds=grounds)
 
     def draw() -> None:
-        from toros_fem.results.pictures.curves import draw_tracks
+        from toros_fem.results.pictures.curves import cycle_title, draw_tracks
         from toros_fem.results.pictures.shapes import plot_states
         from toros_fem.results.pictures.shown import DrawnSkin
         from toros_fem.results.pictures.style import page
@@ -240,9 +240,7 @@ def write_gait(
             filled = f"{full} inflated" if full else "nothing inflated"
             shown.append((f"phase {number}: {filled}", robot.surfaces(shapes[k])))
         stride = walk.stride if walk.complete else None
-        title = (
-            "A cycle of the gait" if stride is None else f"One cycle walks {1e3 * stride:.3g} mm"
-        )
+        title = cycle_title(stride, "A cycle of the gait")
         rows = [shown[k : k + IN_A_ROW] for k in range(0, len(shown), IN_A_ROW)]
         plot_states(folder / "gait.png", rows, View(15.0, 15.0), title, ground)
         with page(folder / "tracks.png") as figure:

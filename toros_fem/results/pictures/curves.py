@@ -169,6 +169,11 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
         right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
 
 
+def cycle_title(stride: float | None, otherwise: str) -> str:
+    """Return how far a cycle of a gait goes, by its stride in m, or another title without one."""
+    return otherwise if stride is None else f"One cycle walks {1e3 * stride:.3g} mm"
+
+
 def draw_tracks(
     figure: Figure,
     feet: Floats,
@@ -181,10 +186,7 @@ def draw_tracks(
     Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
     in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
     """
-    write_title(
-        figure,
-        "Paths of the feet" if stride is None else f"One cycle walks {1e3 * stride:.3g} mm",
-    )
+    write_title(figure, cycle_title(stride, "Paths of the feet"))
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
     for k in range(feet.shape[1]):
