@@ -36,7 +36,7 @@ COUNTED = {
 STEPS = ("steps: median", "95 %", "most")
 # Cells and seeds that the page names, besides those that did not end in an equilibrium.
 MOST = 10
-RANDOM, CONTACTS = range(1000), range(200)
+RANDOM, CONTACTS = range(5000), range(200)
 
 
 def cases(quick: bool) -> list[Case]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
-from toros_fem.design.density.neighbours import RESOLVED
 from toros_fem.materials.sheet import Composite
 
 INFINITE = math.inf
@@ -76,7 +75,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "filter": Range(
         "radius of the filter over the edge length of the mesh",
-        (RESOLVED, INFINITE), (0.0, INFINITE), "a filter reaches the neighbours of a triangle",
+        (1.5, INFINITE), (0.0, INFINITE), "a filter reaches the neighbours of a triangle",
         "With less it hardly filters, and guarantees no width of a line.",
     ),
     "neutral": Range(
