@@ -35,3 +35,10 @@ def test_a_free_membrane_is_no_equilibrium() -> None:
     assert row.outcome == "no equilibrium"
     assert "a mechanism" in row.why
     assert "not stable" in row.reason
+
+
+@pytest.mark.parametrize("seed", [1094, 1184])
+def test_supports_move_on_near_the_stretch_bounds(seed: int) -> None:
+    """Where a motion that is spread over the flat panels would leave them."""
+    row = outcome_of(seed, ask_oracle=False)
+    assert row.outcome == "equilibrium"

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import largest
 from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.triangles import harmonic_extension
 
-# Motion in differences of the residual, over the distance of contact.
+# Motion in differences of the residual, over the distance of contact or the thickness.
 PROBE = 1e-3
 # Fraction of the distance to the stretch bounds that a step may use up.
 USED = 0.9
@@ -71,35 +72,28 @@ class PrescribedDisplacement:
         is gone is returned too. The free components follow as the tangent predicts: what is in
         contact is pushed along (collective).
         """
-        model = self._model
+        model, skin = self._model, self._model.skin
         contact, fixed = model.contact, ~model.free
-        assert contact is not None
-        poses = contact.poses.copy()
-        left = -poses if end.poses is None else end.poses - poses
-        goal = self.goal(end.displacement)
-        jump = np.where(fixed, goal - state, 0.0)
-        reach = max(float(np.abs(jump).max(initial=0.0)), self._reach(left))
-        reach = largest(model.skin.comm, reach)
+        jump = np.where(fixed, self.goal(end.displacement) - state, 0.0)
+        reach = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
+        distance, left = model.composite.fabric.thickness, None
+        if contact is not None:
+            distance, poses = contact.sizes.distance, contact.poses.copy()
+            left = -poses if end.poses is None else end.poses - poses
+            reach = max(reach, _reach(contact.contact.bodies, left))
         if reach == 0:
             return state, 1.0
-        probe = PROBE * contact.sizes.distance / reach
+        probe = PROBE * distance / reach
         residual = model.residual(state)
-        contact.poses[:] = poses + probe * left
+        if contact is not None:
+            contact.poses[:] = poses + probe * left
         push = (model.residual(state + probe * jump) - residual) / probe
-        contact.poses[:] = poses
-        step = np.where(fixed, jump, newton.direction(state, residual + push))
-        step, left = longest * step, longest * left
+        if contact is not None:
+            contact.poses[:] = poses
+            left = longest * left
+        step = longest * np.where(fixed, jump, newton.direction(state, residual + push))
         part = model.largest_step(state, step, USED, left)
         return state + part * step, part * longest
-
-    def _reach(self, change: Floats) -> float:
-        """Return the largest motion in m of a body by a change of the poses."""
-        assert self._model.contact is not None
-        bodies = self._model.contact.contact.bodies
-        turned = [
-            float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)
-        ]
-        return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)
 
     def _extension(self, jump: Floats) -> Floats:
         if not self._solvers:
@@ -107,3 +101,11 @@ class PrescribedDisplacement:
             for fixed in self._model.supports.fixed.T:
                 self._solvers.append(harmonic_extension(laplacian, fixed))
         return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)
+
+
+def _reach(bodies: Sequence[RigidBody], change: Floats) -> float:
+    """Return the largest motion in m of a body by a change of the poses."""
+    turned = [
+        float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)
+    ]
+    return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)

@@ -252,6 +252,18 @@ def by_load(search: Search) -> ContinuationResult | None:
     return whole(found)
 
 
+def by_supports(search: Search) -> ContinuationResult | None:
+    """Move supports on from where raising the load ended, in steps that the tangent predicts.
+
+    Near the stretch bounds a motion that is spread over the flat panels leaves them at once.
+    """
+    if search.load.displacement is None:
+        return None
+    last = search.failure
+    state = search.model.assembled if last.load_factor is None else last.state
+    return whole(search.carry(state, search.load.scaled(last.load_factor or 0.0)))
+
+
 def by_stiffness(search: Search) -> ContinuationResult | None:
     """Solve for the plain fabric, and stiffen it."""
     plain = np.zeros_like(search.density)
@@ -283,6 +295,7 @@ WAYS: tuple[Way, ...] = (
     as_many_again,
     from_rest,
     by_load,
+    by_supports,
     by_stiffness,
     by_pressure,
     patiently,
