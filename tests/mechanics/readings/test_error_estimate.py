@@ -1,5 +1,7 @@
 """Refinement, and the error that it estimates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.scenes import square
@@ -93,15 +95,21 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
     """The change from a coarser mesh, the correction on this one, and the change from rest."""
     pattern = square(n=3)
     at_rest = float(pattern.points[:, 0].mean())
-    shape = LimitShape(pattern, 1.10 * pattern.points, 1.12 * pattern.points)
+    # The left third is printed: it is as wide as two edges of its size.
+    density = (pattern.centroids[:, 0] < 0.02 / 3).astype(float)
+    shape = LimitShape(pattern, 1.10 * pattern.points, 1.12 * pattern.points, density)
+    edge = np.sqrt(4 / np.sqrt(3) * 0.02**2 / len(density))
+    assert shape.edges_to_width == pytest.approx(edge / (2 * 0.02 / 3))
 
     def middle(_: Pattern, positions: np.ndarray) -> float:
         return float(positions[:, 0].mean())
 
-    own = 0.02 + 0.02 * 0.12
+    own = 0.02 + 0.03 * shape.edges_to_width * 0.12
     told = shape.interval(middle, {1.5: 1.09 * at_rest})
     assert told == pytest.approx(1.25 * (own + 0.03 / (1.5 - 1)) * at_rest, rel=1e-9)
     assert shape.interval(middle, {2.0: 1.09 * at_rest}) < told
+    plain = replace(shape, density=np.zeros_like(density))
+    assert plain.edges_to_width == pytest.approx(edge / pattern.size)
     # Of two coarser meshes the one counts that tells of the larger error, of order 1.5.
     for near, far, error in ((1.09, 1.08, 0.03 / (1.5**1.5 - 1)), (1.11, 1.0, 0.12 / (4**1.5 - 1))):
         told = shape.interval(middle, {1.5: near * at_rest, 4.0: far * at_rest})

@@ -1,4 +1,4 @@
-"""Intervals of a print from coarser meshes, of which some may have no equilibrium."""
+"""Intervals of a print from other meshes, of which some may have no equilibrium."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -9,16 +9,21 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.mechanics.readings.error_estimate import LimitShape
+from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width
 from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 
 
 def found(
-    monkeypatch: pytest.MonkeyPatch, meshes: int = 9, without: tuple[int, ...] = ()
+    monkeypatch: pytest.MonkeyPatch,
+    meshes: int = 9,
+    without: tuple[int, ...] = (),
+    refinement: float | None = None,
 ) -> MetricErrors:
     """The errors of a mean, which each coarser mesh, a number, tells as 10 less than the last."""
+    pattern = square(n=2)
+    printed = np.ones(len(pattern.panel))
 
     def coarser(level: int) -> tuple[float, int]:
         if level == meshes:
@@ -30,25 +35,33 @@ def found(
             raise NoEquilibriumError(f"none on mesh {level}.")
         return level
 
+    def told(level: int) -> tuple[dict[str, float], LimitShape]:
+        value = 100.0 - (10 * level if level > 0 else level)
+        at = np.full_like(pattern.points, 1e-3 * value)
+        return {"x_mm": value}, LimitShape(pattern, at, at, printed)
+
     monkeypatch.setattr(estimates, "simulated_on", simulated)
-    monkeypatch.setattr(estimates, "_told", lambda level: {"x_mm": 100.0 - 10 * level})
-    pattern = square(n=2)
-    at = np.full_like(pattern.points, 0.1)
-    job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser), comm=MPI.COMM_SELF)
+    monkeypatch.setattr(estimates, "_told", told)
+    scene = SimpleNamespace(
+        coarser=coarser,
+        finer=lambda level, ratio: (1 / ratio, level - 1),
+        results=SimpleNamespace(check_refinement=refinement),
+    )
+    job: Any = SimpleNamespace(scene=scene, comm=MPI.COMM_SELF)
 
     def mean(_: Pattern, positions: np.ndarray) -> float:
         return 1e3 * float(positions[:, 0].mean())
 
     level: Any = 0
-    return metric_errors(job, level, LimitShape(pattern, at, at), {"x_mm": mean}, None, None)
+    return metric_errors(job, level, told(0)[1], {"x_mm": mean}, None, None)
 
 
 def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     both = found(monkeypatch)
-    assert both.coarser == {2.0: {"x_mm": 90.0}, 4.0: {"x_mm": 80.0}}
+    assert both.other_meshes == {2.0: {"x_mm": 90.0}, 4.0: {"x_mm": 80.0}}
     assert both.failure is None
     near, far = found(monkeypatch, without=(2,)), found(monkeypatch, without=(1,))
-    assert (list(near.coarser), list(far.coarser)) == ([2.0], [4.0])
+    assert (list(near.other_meshes), list(far.other_meshes)) == ([2.0], [4.0])
     assert near.intervals["x_mm"] > both.intervals["x_mm"], "a single mesh counts as of order 1"
     rest = near.intervals["x_mm"] - 1.25 * 10 / (2 - 1)
     assert far.intervals["x_mm"] == pytest.approx(rest + 1.25 * 20 / (4 - 1))
@@ -59,5 +72,23 @@ def test_without_any_coarser_mesh_the_reason_is_told(monkeypatch: pytest.MonkeyP
     none = found(monkeypatch, without=(1, 2))
     assert none.failure == "none on mesh 1."
     assert not none.intervals
-    assert not none.coarser
+    assert not none.other_meshes
     assert found(monkeypatch, meshes=0).failure == "there is no coarser mesh."
+
+
+def test_a_finer_mesh_narrows_the_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is that of the finer mesh around its value, seen from what is told."""
+    alone, checked = found(monkeypatch), found(monkeypatch, refinement=2.0)
+    assert checked.other_meshes == {0.5: {"x_mm": 101.0}, 2.0: {"x_mm": 90.0}, 4.0: {"x_mm": 80.0}}
+    pattern = square(n=2)
+    fine = LimitShape(pattern, pattern.points, pattern.points + 0.101, np.ones(8))
+    at_rest = 1e3 * float(pattern.points[:, 0].mean())
+    own = 0.03 * fine.edges_to_width * (101 - at_rest)
+    width = 1.0 + half_width(own, {2.0: 1.0, 4.0: 11.0, 8.0: 21.0})
+    assert checked.intervals["x_mm"] == pytest.approx(width)
+    assert width < alone.intervals["x_mm"]
+    # Where it has no equilibrium the coarser meshes tell the interval.
+    assert found(monkeypatch, refinement=2.0, without=(-1,)).intervals == alone.intervals
+    # Alone it counts as of order 1.
+    single = found(monkeypatch, refinement=2.0, meshes=0)
+    assert single.intervals["x_mm"] == pytest.approx(1.0 + half_width(own, {2.0: 1.0}))

@@ -105,7 +105,5 @@ class PrescribedDisplacement:
 
 def _reach(bodies: Sequence[RigidBody], change: Floats) -> float:
     """Return the largest motion in m of a body by a change of the poses."""
-    turned = [
-        float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)
-    ]
+    turned = [float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)]
     return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)

@@ -156,12 +156,15 @@ def actuator_cost(
         for k in range(1, COARSER_MESHES + 1):
             name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
+    checked = round(finest * (results.check_refinement or 1.0) ** 2)
+    if results.estimate_error and checked > finest:
+        parts.append(Part("estimate of the error, finer mesh", checked, CURVE_POINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)
         parts.append(Part("curve over the pressure", finest, likely))
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, finest, unknowns, comm.size, parts, tried)
+    return Cost(finest, checked, unknowns, comm.size, parts, tried)
 
 
 def probe_level(scene: ActuatorScene) -> Level:

@@ -189,6 +189,10 @@ class MeshedScene(Scene):
         """
         return COARSER, level.scaled(COARSER)
 
+    def finer(self, level: Level, refinement: float) -> tuple[float, Level]:
+        """Return a mesh with edges so many times shorter, and their length over those of this."""
+        return 1 / refinement, level.scaled(1 / refinement)
+
     def from_print(self) -> Self:
         """Return the scene whose densities start from a given print, with steps for them."""
         if self.design.start == "relaxed" and not self.lines.density_iterations:

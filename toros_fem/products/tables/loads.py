@@ -150,6 +150,12 @@ class Results(Table):
         "estimate the discretisation error of the metrics, from coarser meshes",
         free=True,
     )
+    check_refinement: Annotated[float, In(above=1, at_most=8)] | None = key(
+        None,
+        "how many times shorter the edges of a finer mesh are, on which the print is simulated "
+        "once more for narrower intervals; none leaves it out",
+        free=True,
+    )
     curve_pressure: Modulus | None = key(
         20e3,
         "largest pressure up to which the metrics of the print are followed; none leaves this "
