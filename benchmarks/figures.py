@@ -5,7 +5,8 @@
 
 Every figure of README, demos/README.md and the gallery comes from these rows: value and interval of
 each figure that the summary of a run tells, its target, and whether the target is reached. A run
-takes up to ten minutes on one core; `--only coarse` takes the coarse scenes alone.
+takes up to ten minutes on one core; `--only coarse` takes the coarse scenes alone. Prints of some
+coarse runs are simulated on finer meshes too.
 """
 
 from __future__ import annotations
@@ -91,6 +92,16 @@ DEMOS = (
 )  # fmt: skip
 
 
+# Prints of coarse runs that are simulated on finer meshes: the key of their edges, and these in m.
+CHECKED = {
+    "bend": ("edge_length", (1.2e-3, 0.6e-3)),
+    "contract": ("print_edge_length", (0.6e-3, 0.45e-3)),
+    "twist": ("print_edge_length", (0.6e-3,)),
+    "bend_twist": ("print_edge_length", (0.6e-3,)),
+}
+FINER = "edges of {:.3g} mm"
+
+
 def folder_of(demo: Demo, size: str) -> Path:
     """Return the folder of a run, which is kept: its pictures are those of the docs."""
     return RUNS / size / demo.name.replace(" ", "_").replace("=", "_")
@@ -122,6 +133,23 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
             yield Row(*place, key, float(value), unit, None, seconds)
 
 
+def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
+    """Simulate the print of a coarse run, which must be there, on a finer mesh."""
+    coarse, name = folder_of(demo, "coarse"), FINER.format(1e3 * edge)
+    folder = RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}"
+    shutil.rmtree(folder, ignore_errors=True)
+    changes = {CHECKED[demo.name][0]: edge, "levels": 1, "curve_steps": 1}
+    words = ["simulate", str(coarse / "scene.toml"), "--pattern", str(coarse)]
+    words += [w for one in changes.items() for w in ("--set", "{}={}".format(*one))]
+    if code := run(MPI.COMM_SELF, [*words, "--output", str(folder)]):
+        raise RuntimeError(f"toros simulate of {coarse} ended with {code}")
+    found = summary_of(folder)
+    entries: Any = found.entries
+    yield from figure_rows(
+        (demo.name, name, ""), found.figures.values(), entries["seconds"]["total"]
+    )
+
+
 def figure_rows(
     place: tuple[str, str, str], figures: Iterable[Figure], seconds: float
 ) -> Iterator[Row]:
@@ -133,11 +161,17 @@ def figure_rows(
 
 
 def cases(quick: bool) -> list[Case]:
-    """Return all scenes, coarse and full; a quick selection is one that is coarse."""
-    return [
+    """Return all scenes, coarse, full and checked; a quick selection is one that is coarse."""
+    found = [
         Case(demo.name, partial(rows_of, demo, size), size, alone=True)
         for size in (SIZES[:1] if quick else SIZES)
         for demo in (DEMOS[:1] if quick else DEMOS)
+    ]
+    checked = [] if quick else [demo for demo in DEMOS if demo.name in CHECKED]
+    return found + [
+        Case(demo.name, partial(checked_rows, demo, edge), FINER.format(1e3 * edge), alone=True)
+        for demo in checked
+        for edge in CHECKED[demo.name][1]
     ]
 
 
@@ -174,6 +208,24 @@ def table(rows: Rows, size: str) -> str:
             f"{islands.value:.0f}" if islands else NONE,
         ))  # fmt: skip
     return markdown(head, lines)
+
+
+def checks(rows: Rows) -> str:
+    """Return what coarse runs tell of their prints, beside what finer meshes tell of the same."""
+    lines = []
+    for demo in DEMOS:
+        _, edges = CHECKED.get(demo.name, ("", ()))
+        own = {(row.variant, row.figure): row for row in rows if row.case == demo.name}
+        for key in demo.keys:
+            told = own.get(("coarse", key))
+            finer = [own.get((FINER.format(1e3 * edge), key)) for edge in edges]
+            if told and finer and all(finer):
+                words = (figure_of(row).words for row in finer if row)
+                there = "; ".join(
+                    f"{w} ({1e3 * e:g} mm)" for w, e in zip(words, edges, strict=True)
+                )
+                lines.append((f"`{demo.name}`", figure_of(told).words, there))
+    return markdown(("scene", "the coarse run", "its print on finer meshes (edges)"), lines)
 
 
 def headline(rows: Rows) -> str:
@@ -214,5 +266,6 @@ COMMAND = Command(
         Table("../README.md", "figures", headline),
         Table("../demos/README.md", "figures of the demos", lambda rows: table(rows, "full")),
         Table("../demos/README.md", "figures of coarse demos", lambda rows: table(rows, "coarse")),
+        Table("accuracy.md", "prints on finer meshes", checks),
     ),
 )
