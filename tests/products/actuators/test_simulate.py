@@ -47,6 +47,20 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     assert found.sentence().endswith("at 5.00 kPa, plain skin")
 
 
+def test_a_finer_mesh_is_told(alone: MPI.Comm, tmp_path: Path) -> None:
+    checked = SMALL.updated(estimate_error=True, check_refinement=2.0, curve_steps=1)
+    found = checked.run_simulation(alone, tmp_path)
+    errors_of = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["errors"]
+    assert [*errors_of["other_meshes"]] == ["1.5", "2.25", "0.5"]
+    (length,) = (figure for figure in found.figures if figure.key == "length_ratio")
+    finer = errors_of["other_meshes"]["0.5"]["length_ratio"]
+    again = SMALL.updated(edge_length=2.25e-3, curve_steps=1)
+    near = again.run_simulation(alone, tmp_path / "again").value("length_ratio")
+    assert finer == pytest.approx(near, rel=1e-6)
+    assert length.interval is not None
+    assert abs(length.value - finer) < length.interval < 0.1 * abs(length.value - 1)
+
+
 def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(errors.ParameterError, match="pressure = 0.0 Pa must be above 0"):
         SMALL.updated(pressure=0.0).run_simulation(alone, tmp_path)

@@ -103,6 +103,9 @@ def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
     assert radii == pytest.approx([2 * edge, 2 * edge / 4, 1.5 * edge / 4])
     ratio, coarser = lines.coarser(lines.print_level)
     assert (ratio, coarser.refinements) == (2.0, 1)
+    for refinement, more in ((1.5, 1), (2.0, 1), (4.0, 2)):
+        ratio, finer = lines.finer(lines.print_level, refinement)
+        assert (ratio, finer.refinements) == (0.5**more, 2 + more)
     with pytest.raises(errors.ParameterError, match="Set refinements = 2, or lay wider lines"):
         lines.updated(refinements=1)
     with pytest.raises(errors.ParameterError, match="there is no coarser one to compare with"):
