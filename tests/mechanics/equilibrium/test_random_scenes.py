@@ -35,6 +35,7 @@ def test_a_free_membrane_is_no_equilibrium() -> None:
     assert row.outcome == "no equilibrium"
     assert "a mechanism" in row.why
     assert "not stable" in row.reason
+    assert "Give it bending" in row.reason
 
 
 @pytest.mark.parametrize("seed", [1094, 1184])

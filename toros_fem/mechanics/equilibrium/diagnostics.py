@@ -178,6 +178,11 @@ def failure(
             f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there. Give the "
             "solver a Contact. A skin sewn from flat layers needs hinged seams."
         )
+    if model.composite.bending is None and not load.pressures.any():
+        begin += (
+            " A sheet without bending gives way to any compression. Give it bending, or a pressure "
+            "that tightens it."
+        )
     if once:
         return f"{begin} Solve without trial = True, which also tries continuation."
     if end.load_factor is None:
