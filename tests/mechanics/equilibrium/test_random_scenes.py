@@ -43,3 +43,10 @@ def test_supports_move_on_near_the_stretch_bounds(seed: int) -> None:
     """Where a motion that is spread over the flat panels would leave them."""
     row = outcome_of(seed, ask_oracle=False)
     assert row.outcome == "equilibrium"
+
+
+@pytest.mark.parametrize("seed", [2453, 4832])
+def test_the_residual_falls_to_its_rounding(seed: int) -> None:
+    """Stretching is 1e7 times as stiff as the load, and one more step halves the residual."""
+    row = outcome_of(seed, ask_oracle=False)
+    assert row.outcome == "equilibrium", row.why

@@ -26,6 +26,8 @@ RELAXED = 0.1
 CORRECTIONS = 2
 # With friction, a step that leaves more of the residual than the fraction OVERSHOT may be halved.
 OVERSHOT = 0.7
+# Rounding changes residuals by more than this factor: what is below it is Newton's gain.
+FALLS = 0.7
 # Number of saddles that a solve leaves before it gives up, and the least part of a mode.
 ESCAPES, SMALLEST_ESCAPE = 10, 1e-10
 
@@ -165,11 +167,13 @@ class Landing:
         """Return whether Newton's last step is worth a factorisation, though rounding is near.
 
         Where a mode is soft, a state whose residual is hardly above its rounding may be far from
-        the equilibrium. With friction the residual after the step is not known yet.
+        the equilibrium; and a residual that still falls is above it. With friction the residual
+        after the step is not known yet.
         """
         at = self.at
         far = at.longest > at.tolerance * at.model.skin.pattern.size
-        return far and found.size < at.base.size and not at.model.slides
+        falls = found.size < (1.0 if far else FALLS) * at.base.size
+        return falls and not at.model.slides
 
     def _taken(self, found: Point) -> int | None:
         """Return why the solve ends after Newton's last step; None if it leads to a saddle."""
