@@ -76,7 +76,9 @@ class PrescribedDisplacement:
         contact, fixed = model.contact, ~model.free
         jump = np.where(fixed, self.goal(end.displacement) - state, 0.0)
         reach = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
-        distance, left = model.composite.fabric.thickness, None
+        distance = model.composite.fabric.thickness
+        poses: Floats = np.zeros((0, 6))
+        left = poses
         if contact is not None:
             distance, poses = contact.sizes.distance, contact.poses.copy()
             left = -poses if end.poses is None else end.poses - poses
@@ -90,9 +92,8 @@ class PrescribedDisplacement:
         push = (model.residual(state + probe * jump) - residual) / probe
         if contact is not None:
             contact.poses[:] = poses
-            left = longest * left
         step = longest * np.where(fixed, jump, newton.direction(state, residual + push))
-        part = model.largest_step(state, step, USED, left)
+        part = model.largest_step(state, step, USED, longest * left)
         return state + part * step, part * longest
 
     def _extension(self, jump: Floats) -> Floats:
