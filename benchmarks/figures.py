@@ -138,7 +138,9 @@ def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
     coarse, name = folder_of(demo, "coarse"), FINER.format(1e3 * edge)
     folder = RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}"
     shutil.rmtree(folder, ignore_errors=True)
-    changes = {CHECKED[demo.name][0]: edge, "levels": 1, "curve_steps": 1}
+    key = CHECKED[demo.name][0]
+    changes = {key: edge, "levels": 1, "curve_steps": 1, "check_refinement": "none"}
+    changes |= {"filter_radius": 1.6 * edge} if key == "edge_length" else {}
     words = ["simulate", str(coarse / "scene.toml"), "--pattern", str(coarse)]
     words += [w for one in changes.items() for w in ("--set", "{}={}".format(*one))]
     if code := run(MPI.COMM_SELF, [*words, "--output", str(folder)]):

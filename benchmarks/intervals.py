@@ -43,12 +43,12 @@ AROUND = np.pi * DIAMETER
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
 SEEDS = range(7)
-# The first seed has finer meshes too.
+# The first seed has one mesh more, and its limits come from finer ones.
 FINER, FINEST, SEEDS_OF_FINER = (*EDGES, 0.5e-3), (0.36e-3, 0.27e-3), range(1)
 # Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
 OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
-# Those that tell what another rule would say.
-COARSENESS = "edges over width", "change from rest"
+# What is needed to try another rule.
+ACROSS, FROM_REST = "edges over width", "change from rest"
 
 
 def helices(rng: np.random.Generator) -> Lines:
@@ -195,8 +195,8 @@ def rows_of(
                 "error as computed": told(shape, shape.computed) - limit,
                 "limit": limit - rest,
                 OWN: factor * shape.half_width(measure),
-                COARSENESS[0]: shape.edges_to_width,
-                COARSENESS[1]: value - rest,
+                ACROSS: shape.edges_to_width,
+                FROM_REST: value - rest,
             }
             for k in range(1, COARSER_MESHES + 1):
                 if other := found.get(edge * COARSER**k):
@@ -204,7 +204,8 @@ def rows_of(
             for what, at in values.items():
                 seconds = {"error": solving, OWN: estimating}.get(what)
                 place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm", f"{name}, {what}")
-                yield Row(*place, float(np.linalg.norm(at)), unit, seconds=seconds)
+                own = "" if what == ACROSS else unit
+                yield Row(*place, float(np.linalg.norm(at)), own, seconds=seconds)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -213,8 +214,9 @@ def cases(quick: bool) -> list[Case]:
     for seed in SEEDS[:1] if quick else SEEDS:
         edges, fine = (FINER, FINEST) if seed in SEEDS_OF_FINER else (EDGES, FINE)
         edges, fine = QUICK if quick else (edges, fine)
-        run = {kind: partial(rows_of, kind, seed, edges, fine) for kind in KINDS}
-        found += [Case(kind, run[kind], f"seed {seed}") for kind in KINDS]
+        found += [
+            Case(kind, partial(rows_of, kind, seed, edges, fine), f"seed {seed}") for kind in KINDS
+        ]
     return found
 
 

@@ -117,7 +117,7 @@ class PrintedResult(RunResult):
             found.append(f"iterations: {self.design.reason[0].lower()}{self.design.reason[1:-1]}")
         if state is State.NOT_CERTAIN:
             known = all(figure.interval is not None for figure in self.figures if figure.state)
-            wide = "its interval reaches over the tolerance; check_refinement narrows it"
+            wide = "its interval reaches over the tolerance; a finer mesh narrows it"
             found.append(f"error by the mesh: {wide if known else 'it is not estimated'}")
         return tuple(found)
 

@@ -12,7 +12,6 @@ from toros_fem.design.density.linear import product
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
     Pairs,
-    mean_edge,
     neighbour_matrices,
 )
 from toros_fem.meshes import Skin, mirrored, sew
@@ -108,4 +107,4 @@ def test_products_make_no_vectors() -> None:
 def test_mean_edge(alone: MPI.Comm) -> None:
     """A right triangle of legs a has the area of an equilateral one of edge 1.075 a."""
     skin = sew(alone, square(n=10, size=0.02))
-    assert mean_edge(skin) == pytest.approx(2e-3 * np.sqrt(2 / np.sqrt(3)))
+    assert skin.pattern.mean_edge == pytest.approx(2e-3 * np.sqrt(2 / np.sqrt(3)))

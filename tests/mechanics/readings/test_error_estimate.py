@@ -108,8 +108,11 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
     told = shape.interval(middle, {1.5: 1.09 * at_rest})
     assert told == pytest.approx(1.25 * (own + 0.03 / (1.5 - 1)) * at_rest, rel=1e-9)
     assert shape.interval(middle, {2.0: 1.09 * at_rest}) < told
-    plain = replace(shape, density=np.zeros_like(density))
-    assert plain.edges_to_width == pytest.approx(edge / pattern.size)
+    gaps = replace(shape, density=1 - density)
+    assert gaps.edges_to_width == pytest.approx(shape.edges_to_width)
+    for plain in (np.zeros_like(density), None):
+        found = replace(shape, density=plain).edges_to_width
+        assert found == pytest.approx(edge / pattern.size)
     # Of two coarser meshes the one counts that tells of the larger error, of order 1.5.
     for near, far, error in ((1.09, 1.08, 0.03 / (1.5**1.5 - 1)), (1.11, 1.0, 0.12 / (4**1.5 - 1))):
         told = shape.interval(middle, {1.5: near * at_rest, 4.0: far * at_rest})

@@ -35,13 +35,19 @@ def found(
             raise NoEquilibriumError(f"none on mesh {level}.")
         return level
 
-    def told(level: int) -> tuple[dict[str, float], LimitShape]:
-        value = 100.0 - (10 * level if level > 0 else level)
-        at = np.full_like(pattern.points, 1e-3 * value)
-        return {"x_mm": value}, LimitShape(pattern, at, at, printed)
+    def told(level: int) -> dict[str, float]:
+        return {"x_mm": 100.0 - (10 * level if level > 0 else level)}
+
+    def shape(level: int) -> LimitShape:
+        at = np.full_like(pattern.points, 1e-3 * told(level)["x_mm"])
+        return LimitShape(pattern, at, at, printed)
+
+    def own(level: int, keys: list[str]) -> dict[str, float]:
+        return {key: shape(level).half_width(mean) for key in keys}
 
     monkeypatch.setattr(estimates, "simulated_on", simulated)
     monkeypatch.setattr(estimates, "_told", told)
+    monkeypatch.setattr(estimates, "_half_widths", own)
     scene = SimpleNamespace(
         coarser=coarser,
         finer=lambda level, ratio: (1 / ratio, level - 1),
@@ -53,7 +59,7 @@ def found(
         return 1e3 * float(positions[:, 0].mean())
 
     level: Any = 0
-    return metric_errors(job, level, told(0)[1], {"x_mm": mean}, None, None)
+    return metric_errors(job, level, shape(0), {"x_mm": mean}, None, None)
 
 
 def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:

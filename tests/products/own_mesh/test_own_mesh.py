@@ -106,6 +106,8 @@ def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
     for refinement, more in ((1.5, 1), (2.0, 1), (4.0, 2)):
         ratio, finer = lines.finer(lines.print_level, refinement)
         assert (ratio, finer.refinements) == (0.5**more, 2 + more)
+        radius = lines.print_level.regularisation.filter_radius
+        assert finer.regularisation.filter_radius == pytest.approx(ratio * radius)
     with pytest.raises(errors.ParameterError, match="Set refinements = 2, or lay wider lines"):
         lines.updated(refinements=1)
     with pytest.raises(errors.ParameterError, match="there is no coarser one to compare with"):

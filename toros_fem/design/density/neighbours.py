@@ -176,11 +176,6 @@ def neighbour_matrices(
     return [product(matrix) for matrix in matrices]
 
 
-def mean_edge(skin: Skin) -> float:
-    """Return the edge length in m of an equilateral triangle of the pattern's mean area."""
-    return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
-
-
 def require_radius(radius: float, size: float) -> None:
     """Check a filter's radius against the size of the skin, both in m."""
     require_positive(**{"filter radius": radius})
@@ -195,7 +190,7 @@ def require_radius(radius: float, size: float) -> None:
 def check_radius(skin: Skin, radius: float) -> None:
     """Check a filter's radius in m, and warn if it is too small for the mesh."""
     require_radius(radius, skin.pattern.size)
-    edge = mean_edge(skin)
+    edge = skin.pattern.mean_edge
     if radius < RESOLVED * edge:
         warn_together(
             skin.comm,

@@ -129,7 +129,7 @@ def as_printed(
     pattern, whole = problem.skin.pattern, problem.whole
     at_points, at_centroids = contour_values(problem, result.density)
     eta = densities_of(problem.fields).projection.eta
-    smoothing = SMOOTHING * float(np.sqrt(4 / np.sqrt(3) * pattern.areas.mean()))
+    smoothing = SMOOTHING * pattern.mean_edge
 
     def cleaning() -> CleanedRegions:
         values, on = (at_points, at_centroids), pattern

@@ -178,10 +178,11 @@ def failure(
             f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there. Give the "
             "solver a Contact. A skin sewn from flat layers needs hinged seams."
         )
-    if model.composite.bending is None and not load.pressures.any():
+    steps_failed = end.outcome != int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN)
+    if steps_failed and model.composite.bending is None and not load.pressures.any():
         begin += (
-            " A sheet without bending gives way to any compression. Give it bending, or a pressure "
-            "that tightens it."
+            " A sheet without bending gives way to any compression. Give it bending, or, if it is "
+            "closed, a pressure that tightens it."
         )
     if once:
         return f"{begin} Solve without trial = True, which also tries continuation."

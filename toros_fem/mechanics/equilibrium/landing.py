@@ -26,7 +26,7 @@ RELAXED = 0.1
 CORRECTIONS = 2
 # With friction, a step that leaves more of the residual than the fraction OVERSHOT may be halved.
 OVERSHOT = 0.7
-# Rounding changes residuals by more than this factor: what is below it is Newton's gain.
+# Where rounding limits a residual, Newton's step leaves more than this fraction of it.
 FALLS = 0.7
 # Number of saddles that a solve leaves before it gives up, and the least part of a mode.
 ESCAPES, SMALLEST_ESCAPE = 10, 1e-10

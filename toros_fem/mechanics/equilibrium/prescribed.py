@@ -86,6 +86,7 @@ class PrescribedDisplacement:
         if reach == 0:
             return state, 1.0
         probe = PROBE * distance / reach
+        probe *= model.largest_step(state, probe * jump, USED, probe * left)
         residual = model.residual(state)
         if contact is not None:
             contact.poses[:] = poses + probe * left

@@ -139,6 +139,9 @@ class Search:
         for _ in range(CARRIES):
             model.set_load(begin.towards(end, gone))
             moved, part = self.prescribed.follow(self.newton, state, end, longest)
+            # Nothing moves, and the solve has failed; or the stretch bounds end the way.
+            if part > longest or (part < SHORTEST_CARRY and model.contact is None):
+                break
             there = 1.0 if part == 1 else gone + part * (1 - gone)
             model.set_load(begin.towards(end, there) if there < 1 else end)
             found = self.attempts(moved, trial=self.trial or there < 1)
@@ -260,6 +263,7 @@ def by_supports(search: Search) -> ContinuationResult | None:
     if search.load.displacement is None:
         return None
     last = search.failure
+    search.newton.ladder.reset(near=False)  # the last solve has failed, maybe far away
     state = search.model.assembled if last.load_factor is None else last.state
     return whole(search.carry(state, search.load.scaled(last.load_factor or 0.0)))
 

@@ -21,7 +21,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
-from toros_fem.meshes.triangles import Edges, dihedral_angles, edges_of
+from toros_fem.meshes.triangles import dihedral_angles, lengths
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
@@ -31,10 +31,10 @@ TOLERANCE = 1e-6
 
 # Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
-# Parts of the change from rest in the half-width of an interval, beside the whole correction: times
-# the length of edges over the width of printed lines; and times the mean square of angles at edges,
-# by which a skin of triangles is no round one.
-RESOLVED, ROUND = 0.03, 1.0
+# Parts of the change from rest in the half-width of an interval, beside the whole correction. The
+# first is a factor on the length of edges over the width of printed lines. The second is one on the
+# mean square of angles at edges, by which a skin of triangles is no round one.
+ACROSS, ROUND = 0.03, 1.0
 # Safety factor of half-widths, of Roache (1997) for three meshes.
 SAFETY = 1.25
 # Order of errors that three meshes tell: from 1 at corners of stiff lines to 2 elsewhere.
@@ -164,13 +164,13 @@ class LimitShape:
         pattern: The mesh.
         computed: Positions of all vertices in equilibrium, (n, 3), in m.
         limit: Those that are told.
-        density: Of all triangles.
+        density: Of all triangles; None of a relaxed design.
     """
 
     pattern: Pattern
     computed: Floats
     limit: Floats
-    density: Floats
+    density: Floats | None
 
     def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return the part of a half-width that one mesh tells, of several numbers as a distance.
@@ -201,19 +201,14 @@ class LimitShape:
     @cached_property
     def edges_to_width(self) -> float:
         """Length of edges over the mean width of what is printed."""
-        pattern = self.pattern
-        edge = float(np.sqrt(pattern.areas.mean() * 4 / np.sqrt(3)))  # of equilateral triangles
-        return edge / _printed_width(pattern, self._edges, self.density)
-
-    @cached_property
-    def _edges(self) -> Edges:
-        return edges_of(self.pattern.triangles)
+        return self.pattern.mean_edge / _printed_width(self.pattern, self.density)
 
     @cached_property
     def _coarseness(self) -> float:
-        angles = dihedral_angles(self.limit, self.pattern.triangles, self._edges)
+        pattern = self.pattern
+        angles = dihedral_angles(self.limit, pattern.triangles, pattern.edges)
         turned = float(np.mean(angles[np.abs(angles) < CREASE] ** 2))
-        return RESOLVED * self.edges_to_width + ROUND * turned
+        return ACROSS * self.edges_to_width + ROUND * turned
 
 
 def half_width(own: float, changes: Mapping[float, float]) -> float:
@@ -249,19 +244,22 @@ def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
         if model.composite.membrane.smoothed and at.complete:
             step = model.positions(solver.unsmoothed_step(at))
             limit = computed - GAIN * skin.gather_vertices(step)
-        density = skin.gather_cells(at.density)
+        density = skin.gather_cells(at.density) if at.density.ndim == 1 else None
         known = _KNOWN[at] = LimitShape(skin.pattern, computed, np.asarray(limit), density)
     return known
 
 
-def _printed_width(pattern: Pattern, edges: Edges, density: Floats) -> float:
-    """Return twice the area of the print over the length of its border, in m.
+def _printed_width(pattern: Pattern, density: Floats | None) -> float:
+    """Return twice the area of the print, or of the gaps, over the length of its border, in m.
 
-    The border is where densities of neighbours differ. Without one the width is the skin's size.
+    The smaller of the two areas counts. The border is where densities of neighbours differ. Without
+    one the width is the size of the skin.
     """
-    one, two = edges.sides[edges.inner].T
-    lengths = np.linalg.norm(np.diff(pattern.points[edges.ends[edges.inner]], axis=1)[:, 0], axis=1)
-    border = float(lengths @ np.abs(density[one] - density[two])) if density.ndim == 1 else 0.0
-    if border == 0:
+    if density is None:
         return pattern.size
-    return min(2 * float(pattern.areas @ density) / border, pattern.size)
+    inner = pattern.edges.inner
+    one, two = pattern.edges.sides[inner].T
+    along = lengths(pattern.points, pattern.edges.ends[inner])
+    border = float(along @ np.abs(density[one] - density[two]))
+    area = min(float(pattern.areas @ density), float(pattern.areas @ (1 - density)))
+    return min(2 * area / border, pattern.size) if border > 0 and area > 0 else pattern.size

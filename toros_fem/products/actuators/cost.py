@@ -156,8 +156,10 @@ def actuator_cost(
         for k in range(1, COARSER_MESHES + 1):
             name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
-    checked = round(finest * (results.check_refinement or 1.0) ** 2)
-    if results.estimate_error and checked > finest:
+    checked = finest
+    if results.estimate_error and results.check_refinement is not None:
+        ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
+        checked = round(finest / ratio**2)
         parts.append(Part("estimate of the error, finer mesh", checked, CURVE_POINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS

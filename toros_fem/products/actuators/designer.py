@@ -26,14 +26,14 @@ from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
-from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
+from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
-from toros_fem.results.shape_miss import quantities_of, shape_of
+from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
@@ -233,9 +233,7 @@ class Designer(Distributed, DensityDesigner):
             return None
         problem, lines = made.problem, self.scene.design.start == "relaxed"
         assert isinstance(problem, ShapeDesign)
-        keys = list(found.shape)
-        measures = {metric.key: metric.measure for metric in problem.metrics}
-        measures |= dict(zip(keys, quantities_of(problem, keys), strict=True))
+        measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
         level = self.scene.print_level if lines else self.scene.finest_level
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures

@@ -1,7 +1,8 @@
-"""Errors of what a run tells of a print: half-widths of intervals, from coarser meshes."""
+"""Errors of what a run tells of a print: half-widths of intervals, from other meshes."""
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -10,19 +11,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
+from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Printed, coarser_levels, simulated_on
-from toros_fem.results.shape_miss import shape_of
+from toros_fem.results.shape_miss import quantities_of, shape_of
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
+
+log = logging.getLogger(__name__)
 
 # Ratio of edge lengths of two meshes whose difference tells an error.
 COARSER = 1.5
@@ -82,8 +85,9 @@ def metric_errors(
     """
     begin, scene = time.perf_counter(), job.scene
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
-    told: dict[float, dict[str, float]] = {}
-    failure, near, finest = None, (shape.pattern, shape.computed), shape
+    told: dict[float, Mapping[str, float]] = {}
+    of_finer: Mapping[str, float] = {}
+    failure, near = None, (shape.pattern, shape.computed)
     try:
         others = coarser_levels(scene, level)
     except ParameterError as caught:  # raised by all ranks or by none, as below
@@ -94,11 +98,13 @@ def metric_errors(
     for ratio, other in others.items():
         try:
             made = simulated_on(job, other, near, printed, pressures)
-        except (ParameterError, NoEquilibriumError) as caught:
+        except TorosError as caught:
             failure = failure or str(caught)
+            if ratio < 1 and job.comm.rank == 0:
+                log.warning("the check on a finer mesh is left out: %s", caught)
         else:
-            told[ratio], other_shape = _told(made)
-            finest = other_shape if ratio < 1 else finest
+            told[ratio] = _told(made)
+            of_finer = _half_widths(made, [*measures]) if ratio < 1 else of_finer
             del made
         free_dropped(job.comm)
     if not told:
@@ -106,31 +112,43 @@ def metric_errors(
     intervals = {
         key: width
         for key, measure in measures.items()
-        if (width := _half_width(key, measure, shape, finest, told)) is not None
+        if (width := _interval(key, measure, shape, told, of_finer)) is not None
     }
     return MetricErrors(computed, told, intervals, seconds=time.perf_counter() - begin)
 
 
-def _half_width(
+def _interval(
     key: str,
     measure: Callable[[Pattern, Floats], float],
     shape: LimitShape,
-    finest: LimitShape,
     told: Mapping[float, Mapping[str, float]],
+    of_finer: Mapping[str, float],
 ) -> float | None:
     """Return the half-width of a measure of a shape; None where other meshes do not tell it."""
     values = {r: own[key] for r, own in told.items() if np.isfinite(own.get(key, np.nan))}
     coarser = {r: value for r, value in values.items() if r > 1}
-    best = measure(finest.pattern, finest.limit)
-    if finest is shape or not np.isfinite(best):
+    ratio = min(told)
+    if ratio > 1 or ratio not in values or not np.isfinite(of_finer.get(key, np.nan)):
         return shape.interval(measure, coarser) if coarser else None
-    own, ratio = measure(shape.pattern, shape.limit), min(told)
-    others = {r / ratio: value for r, value in ({1.0: own} | coarser).items()}
-    return abs(own - best) + finest.interval(measure, others)
+    own, best = measure(shape.pattern, shape.limit), values[ratio]
+    changes = {r / ratio: abs(value - best) for r, value in ({1.0: own} | coarser).items()}
+    return abs(own - best) + half_width(of_finer[key], changes)
 
 
-def _told(made: Evaluation[Equilibrium]) -> tuple[dict[str, float], LimitShape]:
+def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
+    """Return the metrics of a problem, and the values of its miss with these keys."""
+    metrics = {metric.key: metric.measure for metric in problem.metrics}
+    missed = [key for key in keys if key not in metrics]
+    return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
+
+
+def _told(made: Evaluation[Equilibrium]) -> dict[str, float]:
+    return {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
+
+
+def _half_widths(made: Evaluation[Equilibrium], keys: Sequence[str]) -> dict[str, float]:
+    """Return the part of each half-width that a mesh tells on its own."""
     problem = made.problem
     assert isinstance(problem, ShapeDesign)
-    values = {**problem.metrics_of(made.equilibrium), **shape_of(made)}
-    return values, limit_shape(problem.solver, made.equilibrium)
+    shape = limit_shape(problem.solver, made.equilibrium)
+    return {key: shape.half_width(m) for key, m in measures_of(problem, keys).items()}

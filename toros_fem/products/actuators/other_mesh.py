@@ -1,9 +1,10 @@
-"""A print on another mesh than its own: a coarser one to compare with, or to start from."""
+"""A print on another mesh than its own, to compare with or to start from."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +47,10 @@ def simulated_on(
     Raises:
         NoEquilibriumError: There is none.
     """
+    only = replace(
+        level.regularisation, length_scale=None, perimeter_weight=None, width_tolerance=None
+    )
+    level = replace(level, regularisation=only)
     comm, case = job.comm, job.scene.case(job.comm, level)
     part: Floats = np.zeros(len(case.pattern.panel))
     if printed is not None:

@@ -454,9 +454,9 @@ class OwnMeshScene(ActuatorScene):
         return 2.0, replace(level, refinements=level.refinements - 1)
 
     def finer(self, level: Level, refinement: float) -> tuple[float, Level]:
-        """Return the mesh that is refined more often, by the next power of 2."""
-        more = max(1, round(np.log2(refinement)))
-        return 0.5**more, replace(level, refinements=level.refinements + more)
+        """Return the mesh that is refined more often: by the nearest power of 2, at least 2."""
+        ratio = 0.5 ** max(1, round(np.log2(refinement)))
+        return ratio, level.scaled(ratio)
 
     def require_fine_print(self) -> None:
         """Check that the finest mesh is fine enough for the lines that are laid.

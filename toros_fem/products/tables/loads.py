@@ -147,13 +147,13 @@ class Results(Table):
 
     estimate_error: bool = key(
         True,
-        "estimate the discretisation error of the metrics, from coarser meshes",
+        "estimate the discretisation error of the metrics, from other meshes",
         free=True,
     )
-    check_refinement: Annotated[float, In(above=1, at_most=8)] | None = key(
+    check_refinement: Annotated[float, In(at_least=1.2, at_most=8)] | None = key(
         None,
-        "how many times shorter the edges of a finer mesh are, on which the print is simulated "
-        "once more for narrower intervals; none leaves it out",
+        "edge length over that of a finer mesh, on which the print is simulated once more for "
+        "narrower intervals (of an own mesh the nearest power of 2); none leaves it out",
         free=True,
     )
     curve_pressure: Modulus | None = key(
