@@ -11,6 +11,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.design.density.neighbours import RESOLVED
 from toros_fem.meshes import cylinder
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import OwnMeshScene, OwnSkin
@@ -21,6 +22,10 @@ SCENES = sorted((ROOT / "demos" / "scenes").glob("*.toml"))
 
 def scene(kind: str, key: str, value: float) -> Scene:
     return KINDS[kind].of(**{key: value})
+
+
+def test_a_filter_is_doubted_where_the_design_warns() -> None:
+    assert RANGES["filter"].usual[0] == RESOLVED
 
 
 @pytest.mark.parametrize("kind", KINDS)

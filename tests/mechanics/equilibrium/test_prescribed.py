@@ -7,7 +7,10 @@ from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import sew
 
@@ -42,3 +45,20 @@ def test_free_components_keep_their_place_where_nothing_jumps(strip: SkinModel) 
     state[strip.free] += 1e-3 * SIZE
     placed = PrescribedDisplacement(strip)(state, None)
     assert np.array_equal(placed, state)
+
+
+def test_supports_that_stay_cost_no_solves(alone: MPI.Comm) -> None:
+    """A load without an equilibrium fails as soon with displacements of zero as without any."""
+    pattern = square(size=SIZE, n=4)
+    fixed = np.repeat(pattern.points[:, :1] < 0.3 * SIZE, 3, axis=1)
+    options = NewtonOptions(max_steps=2, min_increment=1.0)
+    solver = EquilibriumSolver(sew(alone, pattern), Composite(), Supports(fixed), options)
+    density = np.zeros(len(solver.skin.owned_cells))
+    force = np.zeros_like(pattern.points)
+    force[pattern.points[:, 0] > SIZE * (1 - 1e-9), 0] = 0.05
+    still = np.zeros_like(force)
+    steps = [
+        solver.solve(density, Load(0.0, force, displacement=of), raise_on_failure=False).steps
+        for of in (None, still)
+    ]
+    assert 0 < steps[1] <= steps[0] + 2 * 2

@@ -48,6 +48,16 @@ def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
     assert found.memory < replace(found, ranks=2).memory
 
 
+def test_a_finer_mesh_costs(alone: MPI.Comm) -> None:
+    plain = actuator_cost(alone, SMALL, probing=False)
+    checked = SMALL.updated(check_refinement=2.0)
+    found = actuator_cost(alone, checked, probing=False)
+    assert found.largest == found.parts[-2].triangles == 4 * found.triangles
+    assert len(found.parts) == len(plain.parts) + 1
+    without = actuator_cost(alone, checked.updated(estimate_error=False), probing=False)
+    assert without.largest == without.triangles
+
+
 def test_parts_of_a_design(alone: MPI.Comm) -> None:
     parts = {part.name: part for part in actuator_cost(alone, SMALL, probing=False).parts}
     first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
