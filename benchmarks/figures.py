@@ -22,7 +22,7 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
-from toros_fem.measures.figures import NONE, Figure, formatted, split_key
+from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key
 from toros_fem.results.runs.summary_file import summary_of
 
 SIZES = ("coarse", "full")
@@ -100,6 +100,8 @@ CHECKED = {
     "bend_twist": ("print_edge_length", (0.6e-3,)),
 }
 FINER = "edges of {:.3g} mm"
+# States of figures, the one first that decides.
+STATES = [state.value for state in (State.MISSED, State.NOT_CERTAIN, State.REACHED)]
 
 
 def folder_of(demo: Demo, size: str) -> Path:
@@ -240,11 +242,12 @@ def headline(rows: Rows) -> str:
         }
         finest = own["full"] or own["coarse"]
         known = [finest[key] for key in demo.keys if key in finest]
-        # What has no target is told beside what it is compared with.
-        told = [
-            ": ".join(filter(None, (state_in(row), figure_of(row).words)))
-            for row in known[: 1 if known and known[0].reference is not None else 2]
-        ]
+        # What has no target is told beside what it is compared with, and one whose state decides.
+        first = known[: 1 if known and known[0].reference is not None else 2]
+        worst = next((state for state in STATES if state in map(state_in, known)), "")
+        if worst and state_in(first[0]) != worst:
+            first.append(next(row for row in known if state_in(row) == worst))
+        told = ": ".join(filter(None, (worst, "; ".join(figure_of(row).words for row in first))))
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"
@@ -252,7 +255,7 @@ def headline(rows: Rows) -> str:
                 if (ROOT / PICTURES / name).exists()
             )
             link = f"[![{demo.scene}]({picture})]({GALLERY}#{demo.scene})"
-            cells.append((link, f"`{demo.scene}`: {'; '.join(told)}"))
+            cells.append((link, f"`{demo.scene}`: {told}"))
     lines = []
     for k in range(0, len(cells), ACROSS):
         part = cells[k : k + ACROSS]
