@@ -22,8 +22,8 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
-from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key
-from toros_fem.results.runs.summary_file import summary_of
+from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key, worst
+from toros_fem.results.runs.summary_file import Summary, summary_of
 
 SIZES = ("coarse", "full")
 # Folder of all runs.
@@ -100,8 +100,6 @@ CHECKED = {
     "bend_twist": ("print_edge_length", (0.6e-3,)),
 }
 FINER = "edges of {:.3g} mm"
-# States of figures, the one first that decides.
-STATES = [state.value for state in (State.MISSED, State.NOT_CERTAIN, State.REACHED)]
 
 
 def folder_of(demo: Demo, size: str) -> Path:
@@ -109,17 +107,21 @@ def folder_of(demo: Demo, size: str) -> Path:
     return RUNS / size / demo.name.replace(" ", "_").replace("=", "_")
 
 
+def summary_after(words: Sequence[str], changes: Sequence[str], folder: Path) -> Summary:
+    """Run a command of `toros` with changed keys into a new folder, and return its summary."""
+    shutil.rmtree(folder, ignore_errors=True)
+    changed = [word for one in changes for word in ("--set", one)]
+    if code := run(MPI.COMM_SELF, [*words, *changed, "--output", str(folder)]):
+        raise RuntimeError(f"toros {words[0]} {Path(words[1]).name} ended with {code}")
+    return summary_of(folder)
+
+
 def rows_of(demo: Demo, size: str) -> Iterator[Row]:
     """Run a scene by its command, and read the figures of its summary."""
     file = ROOT / "demos" / "scenes" / f"{demo.scene}.toml"
     folder = folder_of(demo, size)
-    shutil.rmtree(folder, ignore_errors=True)
-    words = [demo.command, str(file), "--output", str(folder)]
-    words += ["--coarse"] if size == "coarse" else []
-    code = run(MPI.COMM_SELF, [*words, *(w for one in demo.changes for w in ("--set", one))])
-    if code:
-        raise RuntimeError(f"toros {demo.command} {file.name} ended with {code}")
-    found = summary_of(folder)
+    words = [demo.command, str(file), *(["--coarse"] if size == "coarse" else [])]
+    found = summary_after(words, demo.changes, folder)
     entries: Any = found.entries
     place, seconds = (demo.name, size, ""), entries["seconds"]["total"]
     yield from figure_rows(place, found.figures.values(), seconds)
@@ -137,21 +139,14 @@ def rows_of(demo: Demo, size: str) -> Iterator[Row]:
 
 def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
     """Simulate the print of a coarse run, which must be there, on a finer mesh."""
-    coarse, name = folder_of(demo, "coarse"), FINER.format(1e3 * edge)
-    folder = RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}"
-    shutil.rmtree(folder, ignore_errors=True)
+    coarse, place = folder_of(demo, "coarse"), (demo.name, FINER.format(1e3 * edge), "")
     key = CHECKED[demo.name][0]
-    changes = {key: edge, "levels": 1, "curve_steps": 1, "check_refinement": "none"}
-    changes |= {"filter_radius": 1.6 * edge} if key == "edge_length" else {}
+    changes = [f"{key}={edge}", "levels=1", "curve_steps=1", "check_refinement=none"]
+    changes += [f"filter_radius={1.6 * edge}"] if key == "edge_length" else []
     words = ["simulate", str(coarse / "scene.toml"), "--pattern", str(coarse)]
-    words += [w for one in changes.items() for w in ("--set", "{}={}".format(*one))]
-    if code := run(MPI.COMM_SELF, [*words, "--output", str(folder)]):
-        raise RuntimeError(f"toros simulate of {coarse} ended with {code}")
-    found = summary_of(folder)
+    found = summary_after(words, changes, RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}")
     entries: Any = found.entries
-    yield from figure_rows(
-        (demo.name, name, ""), found.figures.values(), entries["seconds"]["total"]
-    )
+    yield from figure_rows(place, found.figures.values(), entries["seconds"]["total"])
 
 
 def figure_rows(
@@ -186,10 +181,10 @@ def figure_of(row: Row) -> Figure:
     return Figure(name, unit, row.value, float(width) if width else None, row.reference)
 
 
-def state_in(row: Row) -> str:
-    """Return the state of a figure from its row; empty without one."""
+def state_in(row: Row) -> State | None:
+    """Return the state of a figure from its row; None without one."""
     last = row.note.rpartition(", ")[2]
-    return "" if last.startswith("±") else last
+    return None if not last or last.startswith("±") else State(last)
 
 
 def table(rows: Rows, size: str) -> str:
@@ -244,10 +239,10 @@ def headline(rows: Rows) -> str:
         known = [finest[key] for key in demo.keys if key in finest]
         # What has no target is told beside what it is compared with, and one whose state decides.
         first = known[: 1 if known and known[0].reference is not None else 2]
-        worst = next((state for state in STATES if state in map(state_in, known)), "")
-        if worst and state_in(first[0]) != worst:
-            first.append(next(row for row in known if state_in(row) == worst))
-        told = ": ".join(filter(None, (worst, "; ".join(figure_of(row).words for row in first))))
+        state = worst(map(state_in, known))
+        if state and state_in(first[0]) is not state:
+            first.append(next(row for row in known if state_in(row) is state))
+        told = ": ".join(filter(None, (state, "; ".join(figure_of(row).words for row in first))))
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"

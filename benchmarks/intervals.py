@@ -212,8 +212,8 @@ def cases(quick: bool) -> list[Case]:
     """Return a case for each print."""
     found = []
     for seed in SEEDS[:1] if quick else SEEDS:
-        edges, fine = (FINER, FINEST) if seed in SEEDS_OF_FINER else (EDGES, FINE)
-        edges, fine = QUICK if quick else (edges, fine)
+        full = (FINER, FINEST) if seed in SEEDS_OF_FINER else (EDGES, FINE)
+        edges, fine = QUICK if quick else full
         found += [
             Case(kind, partial(rows_of, kind, seed, edges, fine), f"seed {seed}") for kind in KINDS
         ]

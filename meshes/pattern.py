@@ -32,7 +32,6 @@ from toros_fem.base.validation import (
     whole_numbers,
 )
 from toros_fem.meshes.triangles import (
-    EQUILATERAL,
     Edges,
     chart_turns,
     edges_of,
@@ -201,11 +200,6 @@ class Pattern:
     def areas(self) -> Floats:
         """Flat area of each triangle, shape (t,), in m²."""
         return flat_areas(self.corners)
-
-    @cached_property
-    def mean_edge(self) -> float:
-        """Edge length in m of an equilateral triangle of the mean area."""
-        return float(np.sqrt(self.areas.mean() / EQUILATERAL))
 
     @cached_property
     def centroids(self) -> Floats:

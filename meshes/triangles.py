@@ -338,6 +338,11 @@ def harmonic_extension(matrix: csr_array, fixed: Bools) -> Callable[[Floats], Fl
 # -------------------------------------------------------------------------- number of triangles
 
 
+def equilateral_edge(area: float) -> float:
+    """Return the edge length in m of an equilateral triangle, for its area in m²."""
+    return float(np.sqrt(area / EQUILATERAL))
+
+
 def expected_triangles(area: float, edge_length: float) -> float:
     """Return the number of equilateral triangles on an area in m², for an edge length in m."""
     return float(area / (EQUILATERAL * edge_length**2))
@@ -347,7 +352,7 @@ def require_affordable(area: float, edge_length: float) -> None:
     """Raise a MeshSizeError if a mesh of an area in m² will have more triangles than the limit."""
     most, count = _most.get(), expected_triangles(area, edge_length)
     if most is not None and count > most:
-        longest = np.sqrt(area / (EQUILATERAL * most))
+        longest = equilateral_edge(area / most)
         raise MeshSizeError(
             f"edge_length = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} "
             f"m², more than {most}. Give at least {longest:.2g} m, or, where the memory is there, "

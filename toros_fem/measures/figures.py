@@ -233,11 +233,13 @@ def _digits(width: float) -> int:
 
 def overall(figures: Iterable[Figure]) -> State | None:
     """Return the state of all figures together: the worst; None if none has one."""
-    states = {figure.state for figure in figures}
-    for state in (State.MISSED, State.NOT_CERTAIN, State.REACHED):
-        if state in states:
-            return state
-    return None
+    return worst(figure.state for figure in figures)
+
+
+def worst(states: Iterable[State | None]) -> State | None:
+    """Return the state that decides; None if there is none."""
+    order = (State.MISSED, State.NOT_CERTAIN, State.REACHED)
+    return min(filter(None, states), key=order.index, default=None)
 
 
 def verdict_of(figures: Sequence[Figure]) -> str:

@@ -13,6 +13,7 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import Filter, Linear
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.meshes.triangles import equilateral_edge
 
 
 def hat_bar(x: Floats, width: float) -> Filter:
@@ -114,7 +115,9 @@ def test_length_scale_parameters(short_tube: Skin) -> None:
     low = LengthScaleConstraints(short_tube, flat, LengthScale(), designed, Projection(20.0, 0.3))
     assert width_for_threshold("cone", low.solid_threshold, 0.3) == pytest.approx(1)
     assert width_for_threshold("cone", 1 - low.void_threshold, 0.7) == pytest.approx(1)
-    assert paper.decay == pytest.approx(100 * short_tube.pattern.mean_edge**2)
+    assert paper.decay == pytest.approx(
+        100 * equilateral_edge(short_tube.pattern.areas.mean()) ** 2
+    )
 
 
 def test_summary_says_whether_both_hold(short_tube: Skin) -> None:

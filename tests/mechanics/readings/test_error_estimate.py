@@ -12,7 +12,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import LimitShape, estimate_error
+from toros_fem.mechanics.readings.error_estimate import LimitShape, estimate_error, half_width
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -105,9 +105,14 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
         return float(positions[:, 0].mean())
 
     own = 0.02 + 0.03 * shape.edges_to_width * 0.12
-    told = shape.interval(middle, {1.5: 1.09 * at_rest})
+    rest = shape.half_width(middle)
+
+    def interval(others: dict[float, float]) -> float:
+        return half_width(rest, {r: abs(1.12 - other) * at_rest for r, other in others.items()})
+
+    told = interval({1.5: 1.09})
     assert told == pytest.approx(1.25 * (own + 0.03 / (1.5 - 1)) * at_rest, rel=1e-9)
-    assert shape.interval(middle, {2.0: 1.09 * at_rest}) < told
+    assert interval({2.0: 1.09}) < told
     gaps = replace(shape, density=1 - density)
     assert gaps.edges_to_width == pytest.approx(shape.edges_to_width)
     for plain in (np.zeros_like(density), None):
@@ -115,5 +120,5 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
         assert found == pytest.approx(edge / pattern.size)
     # Of two coarser meshes the one counts that tells of the larger error, of order 1.5.
     for near, far, error in ((1.09, 1.08, 0.03 / (1.5**1.5 - 1)), (1.11, 1.0, 0.12 / (4**1.5 - 1))):
-        told = shape.interval(middle, {1.5: near * at_rest, 4.0: far * at_rest})
+        told = interval({1.5: near, 4.0: far})
         assert told == pytest.approx(1.25 * (own + error) * at_rest, rel=1e-9)

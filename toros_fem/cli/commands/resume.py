@@ -19,8 +19,8 @@ class Resume(Changes, Progress):
 
     The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
     any number of ranks. On the same number its result is the same to the last digit. By --set it
-    takes other numbers of steps and corrections, another curve or other tolerances; a finished run
-    then goes on too. For other changes start a new run.
+    takes other numbers of steps and corrections, another curve, other tolerances or a check on a
+    finer mesh; a finished run then goes on too. For other changes start a new run.
     """
 
     run: Path = key(MISSING, "folder of the run")

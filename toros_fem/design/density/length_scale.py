@@ -25,6 +25,7 @@ from toros_fem.design.density.bar_width import (
 from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import equilateral_edge
 
 # Smallest c over R²: the borders of wide lines then add nothing to g_r beside a thin line.
 LEAST_DECAY = 25.0
@@ -92,7 +93,7 @@ class LengthScale:
     @classmethod
     def paper(cls, skin: Skin) -> LengthScale:
         """Return the paper's constants: η_r = 0.7, η_t = 0.3, ε = 10⁻³, c = 100 edge lengths²."""
-        decay = 100 * skin.pattern.mean_edge**2
+        decay = 100 * equilateral_edge(skin.pattern.areas.mean()) ** 2
         return cls(solid_threshold=0.7, void_threshold=0.3, decay=decay, epsilon=1e-3)
 
 
@@ -141,7 +142,8 @@ class LengthScaleConstraints:
         self._comm, self._filter = skin.comm, filter
         levels = projection.eta, 1 - projection.eta
         self.solid_threshold, self.void_threshold = p.thresholds(name, radius, projection.eta)
-        steepest = max(LEAST_DECAY, (radius / skin.pattern.mean_edge) ** 2) * radius**2
+        edge = equilateral_edge(skin.pattern.areas.mean())
+        steepest = max(LEAST_DECAY, (radius / edge) ** 2) * radius**2
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed
         whole = total(skin.comm, areas.sum())

@@ -17,6 +17,7 @@ from toros_fem.design.density.linear import Linear, product
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import equilateral_edge
 
 # Pairs searched for at once: the work arrays stay small beside the matrix.
 PAIRS = 2_000_000
@@ -190,7 +191,7 @@ def require_radius(radius: float, size: float) -> None:
 def check_radius(skin: Skin, radius: float) -> None:
     """Check a filter's radius in m, and warn if it is too small for the mesh."""
     require_radius(radius, skin.pattern.size)
-    edge = skin.pattern.mean_edge
+    edge = equilateral_edge(skin.pattern.areas.mean())
     if radius < RESOLVED * edge:
         warn_together(
             skin.comm,

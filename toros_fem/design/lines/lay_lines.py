@@ -21,6 +21,7 @@ from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting
 from toros_fem.design.lines.symmetry import Symmetry, make_symmetry
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
+from toros_fem.meshes.triangles import equilateral_edge
 
 # Edges of the mesh that lines are laid on are at most this fraction of the least spacing, but it
 # has at most so many triangles.
@@ -126,7 +127,7 @@ def _fine(
     means = np.average(field.shares, axis=0, weights=pattern.areas)
     least = min(_spacing(share, width, options) for share, width in zip(means, widths, strict=True))
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
-        edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
+        edge = equilateral_edge(float(np.median(pattern.areas)))
         if edge <= FINE * least if like is None else len(pattern.panel) >= len(like.pattern.panel):
             break
         refined = refine(pattern)

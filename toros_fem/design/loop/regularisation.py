@@ -54,6 +54,11 @@ class Regularisation:
         if self.width_tolerance is not None:
             offset_thresholds(self.filter, self.width_tolerance.offset / radius, eta)
 
+    @property
+    def plain(self) -> Regularisation:
+        """Filter and projection alone, for a mesh on which nothing is designed."""
+        return replace(self, length_scale=None, perimeter_weight=None, width_tolerance=None)
+
     def scaled(self, factor: float) -> Regularisation:
         """Return the same on a mesh whose edges are longer by a factor: all lengths follow it."""
         widths, window = self.length_scale, self.perimeter_window

@@ -177,10 +177,8 @@ class ShapeDesign(ShapeProblem):
         Args:
             regions: Print on each panel of the pattern, polygons in m.
         """
-        plain = replace(
-            self.regularisation, width_tolerance=None, length_scale=None, perimeter_weight=None
-        )
-        return self._with(self.case.following(self.comm, regions).smoothed(), plain)
+        case = self.case.following(self.comm, regions).smoothed()
+        return self._with(case, self.regularisation.plain)
 
     def refined(self) -> ShapeDesign:
         """Return the same design on the refined pattern, with half of all lengths (collective).

@@ -38,6 +38,7 @@ from toros_fem.making.print.printability import (
 from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
+from toros_fem.meshes.triangles import equilateral_edge
 
 # Smoothing length of contours, over the edge length of the mesh.
 SMOOTHING = 0.5
@@ -129,7 +130,7 @@ def as_printed(
     pattern, whole = problem.skin.pattern, problem.whole
     at_points, at_centroids = contour_values(problem, result.density)
     eta = densities_of(problem.fields).projection.eta
-    smoothing = SMOOTHING * pattern.mean_edge
+    smoothing = SMOOTHING * equilateral_edge(pattern.areas.mean())
 
     def cleaning() -> CleanedRegions:
         values, on = (at_points, at_centroids), pattern

@@ -15,8 +15,8 @@ from toros_fem.base.validation import checked_floats, require_positive
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.meshes.surfaces.files import read_surface
 from toros_fem.meshes.triangles import (
-    EQUILATERAL,
     coincident,
+    equilateral_edge,
     expected_triangles,
     require_affordable,
 )
@@ -206,7 +206,7 @@ def _edge_length(given: float | None, area: float, fine: float) -> float:
     It is the given one, or one that is fine enough and grows where triangles would be too many.
     """
     if given is None:
-        return float(max(fine, np.sqrt(area / (EQUILATERAL * MOST))))
+        return float(max(fine, equilateral_edge(area / MOST)))
     require_positive(edge_length=given)
     require_affordable(area, given)
     return given

@@ -174,6 +174,7 @@ class Newton:
     def direction(self, state: Floats, residual: Floats) -> Floats:
         """Return Newton's direction against a residual in N, with the tangent at a state."""
         self._at.assemble(state)
+        self.ladder.reset(near=False)  # the last solve may have failed far away
         self.ladder.factorise()
         return -self.factor.solve(residual)
 

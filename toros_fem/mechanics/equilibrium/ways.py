@@ -263,7 +263,6 @@ def by_supports(search: Search) -> ContinuationResult | None:
     if search.load.displacement is None:
         return None
     last = search.failure
-    search.newton.ladder.reset(near=False)  # the last solve has failed, maybe far away
     state = search.model.assembled if last.load_factor is None else last.state
     return whole(search.carry(state, search.load.scaled(last.load_factor or 0.0)))
 

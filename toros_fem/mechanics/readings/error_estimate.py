@@ -21,7 +21,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
-from toros_fem.meshes.triangles import dihedral_angles, lengths
+from toros_fem.meshes.triangles import dihedral_angles, equilateral_edge, lengths
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
@@ -185,23 +185,11 @@ class LimitShape:
         corrected = max(away(self.computed), away(2 * self.limit - self.computed))
         return corrected + self._coarseness * away(self.pattern.points)
 
-    def interval(
-        self, measure: Callable[[Pattern, Floats], Any], coarser: Mapping[float, Any]
-    ) -> float:
-        """Return the half-width of the interval of a measure that coarser meshes tell too.
-
-        Args:
-            measure: As for `half_width`.
-            coarser: What it is on each coarser mesh, by its edge length over that of this one.
-        """
-        told = measure(self.pattern, self.limit)
-        away = {r: float(np.linalg.norm(np.subtract(told, at))) for r, at in coarser.items()}
-        return half_width(self.half_width(measure), away)
-
     @cached_property
     def edges_to_width(self) -> float:
         """Length of edges over the mean width of what is printed."""
-        return self.pattern.mean_edge / _printed_width(self.pattern, self.density)
+        edge = equilateral_edge(self.pattern.areas.mean())
+        return edge / _printed_width(self.pattern, self.density)
 
     @cached_property
     def _coarseness(self) -> float:

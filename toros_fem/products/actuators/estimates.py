@@ -86,7 +86,7 @@ def metric_errors(
     begin, scene = time.perf_counter(), job.scene
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
     told: dict[float, Mapping[str, float]] = {}
-    of_finer: Mapping[str, float] = {}
+    own = {1.0: {key: shape.half_width(measure) for key, measure in measures.items()}}
     failure, near = None, (shape.pattern, shape.computed)
     try:
         others = coarser_levels(scene, level)
@@ -104,35 +104,39 @@ def metric_errors(
                 log.warning("the check on a finer mesh is left out: %s", caught)
         else:
             told[ratio] = _told(made)
-            of_finer = _half_widths(made, [*measures]) if ratio < 1 else of_finer
+            if ratio < 1:
+                own[ratio] = _half_widths(made, [*measures])
             del made
         free_dropped(job.comm)
     if not told:
         return MetricErrors(computed, failure=failure)
-    intervals = {
-        key: width
-        for key, measure in measures.items()
-        if (width := _interval(key, measure, shape, told, of_finer)) is not None
-    }
+    here = {1.0: {key: measure(shape.pattern, shape.limit) for key, measure in measures.items()}}
+    widths = {key: _interval(_finite(here | told, key), _finite(own, key)) for key in measures}
+    intervals = {key: width for key, width in widths.items() if width is not None}
     return MetricErrors(computed, told, intervals, seconds=time.perf_counter() - begin)
 
 
-def _interval(
-    key: str,
-    measure: Callable[[Pattern, Floats], float],
-    shape: LimitShape,
-    told: Mapping[float, Mapping[str, float]],
-    of_finer: Mapping[str, float],
-) -> float | None:
-    """Return the half-width of a measure of a shape; None where other meshes do not tell it."""
-    values = {r: own[key] for r, own in told.items() if np.isfinite(own.get(key, np.nan))}
-    coarser = {r: value for r, value in values.items() if r > 1}
-    ratio = min(told)
-    if ratio > 1 or ratio not in values or not np.isfinite(of_finer.get(key, np.nan)):
-        return shape.interval(measure, coarser) if coarser else None
-    own, best = measure(shape.pattern, shape.limit), values[ratio]
-    changes = {r / ratio: abs(value - best) for r, value in ({1.0: own} | coarser).items()}
-    return abs(own - best) + half_width(of_finer[key], changes)
+def _finite(tables: Mapping[float, Mapping[str, float]], key: str) -> dict[float, float]:
+    """Return a value of each mesh; a target may be unknown on some."""
+    values = {ratio: table.get(key, np.nan) for ratio, table in tables.items()}
+    return {ratio: value for ratio, value in values.items() if np.isfinite(value)}
+
+
+def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> float | None:
+    """Return the half-width around the value of the mesh 1; None where no other mesh tells one.
+
+    It is that of the finest mesh, from the coarser ones, and how far the value lies from there.
+
+    Args:
+        values: Of each mesh, by its edge length over that of the print's mesh.
+        own: Parts of half-widths that meshes tell on their own.
+    """
+    if 1.0 not in values.keys() & own.keys():
+        return None
+    finest = min(values.keys() & own.keys())
+    best = values[finest]
+    changes = {r / finest: abs(value - best) for r, value in values.items() if r > finest}
+    return abs(values[1.0] - best) + half_width(own[finest], changes) if changes else None
 
 
 def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:

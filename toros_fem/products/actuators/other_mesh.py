@@ -47,10 +47,7 @@ def simulated_on(
     Raises:
         NoEquilibriumError: There is none.
     """
-    only = replace(
-        level.regularisation, length_scale=None, perimeter_weight=None, width_tolerance=None
-    )
-    level = replace(level, regularisation=only)
+    level = replace(level, regularisation=level.regularisation.plain)
     comm, case = job.comm, job.scene.case(job.comm, level)
     part: Floats = np.zeros(len(case.pattern.panel))
     if printed is not None:

@@ -132,7 +132,9 @@ class MeshFile(Unwrapping):
     """Sizes and mesh."""
 
     refinements: Annotated[int, In(at_least=0, at_most=6)] = key(
-        0, "how often each triangle of the file is divided into four; 0 gives no intervals"
+        0,
+        "how often each triangle of the file is divided into four; with 0 only check_refinement "
+        "gives intervals",
     )
     symmetry: Annotated[str, OneOf(SYMMETRIES)] | None = key(
         None,
@@ -449,7 +451,8 @@ class OwnMeshScene(ActuatorScene):
         if level.refinements == 0:
             raise ParameterError(
                 "the print is simulated on the mesh of the file, and there is no coarser one to "
-                "compare with. Set refinements = 1, or give a coarser file and refine it."
+                "compare with. Set refinements = 1 or check_refinement = 2, or give a coarser file "
+                "and refine it."
             )
         return 2.0, replace(level, refinements=level.refinements - 1)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangles import equilateral_edge
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
 from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
@@ -91,7 +92,7 @@ def material_lines(pattern: Pattern) -> list[MaterialLine]:
     flat = pattern.corners[cells]
     low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
     across = int(np.argmin(high - low))
-    edge = np.sqrt(4 / np.sqrt(3) * pattern.areas[cells].mean())
+    edge = equilateral_edge(pattern.areas[cells].mean())
     lines: list[MaterialLine] = []
     for fraction in LINES:
         # No vertex lies on it.
