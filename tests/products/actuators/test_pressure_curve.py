@@ -88,20 +88,23 @@ def test_points_are_dense_where_the_skin_moves_fast(problem: ShapeProblem, curve
     """A film is smooth then, and a curve is no polygon."""
     shapes = [problem.skin.pattern.points, *(point.positions for point in curve[0])]
     moves = np.array([np.linalg.norm(b - a) for a, b in pairwise(shapes)])
-    assert moves[1:].max() < 2 / PARTS * moves.sum()
-    assert len(curve[0]) < 8 + HALVINGS + PARTS
+    assert moves[1:].max() < 1.05 / PARTS * moves.sum()
+    # Above the print, a part of the way is one of a way that grows.
+    (printed,) = (k for k, point in enumerate(curve[0]) if point.result.pressure == 3e3)
+    growth = np.log(moves.sum() / moves[: printed + 1].sum())
+    assert len(curve[0]) < 8 + HALVINGS + PARTS * (1 + growth)
 
 
 def test_a_curve_begins_where_the_skin_is_filled(
     problem: ShapeProblem, made: Print, curve: Curve
 ) -> None:
-    """Below, the flat print unrolls; halving the pressure finds where this begins."""
+    """Below, the flat print unrolls; the last step down finds where this begins."""
     model = problem.solver.model
     assembled = sum(model.volumes(model.assembled))
     first, unfilled_at = curve[0][0].result, curve[1].unfilled_at_pa
     assert first.volume >= assembled
     assert unfilled_at is not None
-    assert unfilled_at == pytest.approx(first.pressure / 2)
+    assert first.pressure / 2 <= unfilled_at < first.pressure
     empty = problem.solver.solve(made.projected, unfilled_at, start=first.state)
     assert empty.volume < assembled
 
@@ -174,6 +177,8 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     config = CONFIG.updated(curve_pressure=6e3)
     entry = write_curve(problem.comm, tmp_path, printed_as(made), config)
     assert entry is not None
-    assert str(entry.failure_above).startswith("the path ends between 1000 Pa and 3000 Pa, after")
-    assert (entry.failure_below, entry.highest_pa) == (None, 1e3)
+    assert str(entry.failure_above).startswith("the path ends between 2")  # from 1 to 3 kPa
+    assert entry.failure_below is None
+    assert entry.highest_pa is not None
+    assert 2e3 < entry.highest_pa < 3e3
     assert (tmp_path / "curve.csv").exists()

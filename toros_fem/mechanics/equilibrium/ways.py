@@ -335,7 +335,7 @@ def settle(
     # Between two designs there is no path that a skin takes. Where bodies or supports push it
     # along, the path has been taken step by step. A path with friction is made of its steps.
     if origin is not None and (
-        not _same_design(model, origin.density, search.density)
+        not same_design(model, origin.density, search.density)
         or (model.contact is not None and search.load.moves_from(origin.load))
         or model.slides
     ):
@@ -370,7 +370,8 @@ def sliding_at(model: SkinModel, state: Floats) -> Floats | None:
     return None if model.contact is None else model.contact.end_step(state)
 
 
-def _same_design(model: SkinModel, one: Floats, two: Floats) -> bool:
+def same_design(model: SkinModel, one: Floats, two: Floats) -> bool:
+    """Return whether two designs are the same (collective)."""
     return largest(model.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import Any, Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from toros_fem.mechanics.equilibrium.continuation import (
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions, follow_arc
+from toros_fem.mechanics.paths.prediction import Prediction
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 
@@ -30,6 +32,8 @@ Stop = Callable[[TracePoint], bool] | None
 
 # Smallest increment between two loads, as a fraction of their difference.
 LEAST_INCREMENT = 1 / 100
+# Largest number of parts of the way to the next load, however far the skin is predicted to move.
+MOST_PARTS = 10
 
 
 @collective("solver.skin.comm", owned=("density", "start"))
@@ -132,35 +136,60 @@ def follow_pressures(
     loads: Sequence[Load | Pressure],
     metrics: Sequence[Metric],
     start: Floats | Equilibrium | None,
+    largest_motion: Callable[[], float] | None = None,
 ) -> Iterator[TracePoint]:
-    """Yield the equilibria under one load after the other, as of `trace` (collective)."""
-    before: Equilibrium | None = None
+    """Yield the equilibria under one load after the other, as of `trace` (collective).
+
+    Where the skin is predicted to move by more than the largest motion between two of them, in m
+    as of `Prediction.motion`, there are more, at equal parts of the way.
+    """
+    prediction = Prediction(solver)
     if isinstance(start, Equilibrium):
-        before, start = start, None
+        prediction.add(start)
+        start = None
     for load in loads:
+        before = prediction.last
         if before is None:
-            before = solver.solve(density, load, start)
-        else:
-            # Of a pressure alone the rest of the load stays.
-            given = load if isinstance(load, Load) else replace(before.load, pressure=load)
-            before = _continue(solver, density, before, given.on(solver.model))
-        yield measured_point(solver, before, metrics)
+            prediction.add(solver.solve(density, load, start))
+            yield measured_point(solver, prediction.found, metrics)
+            continue
+        # Of a pressure alone the rest of the load stays.
+        given = load if isinstance(load, Load) else replace(before.load, pressure=load)
+        end, towards = given.on(solver.model), None
+        while towards is not end:
+            towards = end
+            if largest_motion is not None:
+                motion = prediction.motion(density, end)
+                towards = _part_of_way(prediction.found.load, end, motion, largest_motion())
+            _continue(solver, density, prediction, towards)
+            yield measured_point(solver, prediction.found, metrics)
+
+
+def _part_of_way(begin: Load, end: Load, motion: float, largest: float) -> Load:
+    """Return the end, or a load on the way to it, where the skin would move too far."""
+    if motion <= largest:
+        return end
+    parts = MOST_PARTS if motion >= MOST_PARTS * largest else ceil(motion / largest)
+    return begin.towards(end, 1 / parts)
 
 
 def _continue(
-    solver: EquilibriumSolver, density: Floats, before: Equilibrium, load: Load
-) -> Equilibrium:
+    solver: EquilibriumSolver, density: Floats, prediction: Prediction, load: Load
+) -> None:
+    """Add the equilibrium under a load, and those that lead to it, to a prediction."""
+    before = last = prediction.found
     begin = before.load
-    last = reached = before
 
     def attempt(_: Floats, fraction: float) -> Attempt:
-        nonlocal last, reached
+        nonlocal last
         level = begin.towards(load, fraction) if fraction < 1 else load
-        last = solver.solve(density, level, after=reached, raise_on_failure=False, trial=True)
+        start, after = prediction.start(density, level), prediction.found
+        last = solver.solve(density, level, start, after=after, raise_on_failure=False, trial=True)
         steps = last.steps
         if last.converged:
             try:
-                last = reached = solver.finish(last)
+                last = solver.finish(last)
+                prediction.add(last)
             except EquilibriumError as error:  # raised by all ranks or by none
                 last = error.result
             steps += last.steps
@@ -175,4 +204,3 @@ def _continue(
             'point a path goes on by="arc-length".',
             last,
         )
-    return last

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,16 +19,16 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.paths.trace import trace
-from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.paths.trace import follow_pressures
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6
-# Between points by which the skin moves by more than its whole way over this number there are more.
-PARTS = 16
+# Between points by which the skin moves by more than its way over this number there are more.
+PARTS = 12
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
 
@@ -71,7 +71,7 @@ def trace_pressure_curve(
     """Follow a print from its pressure down until the skin is not filled, and up (collective).
 
     The pressures are multiples of the step. Below one step they are halved, `HALVINGS` times at
-    most. Where the skin moves fast there are pressures between them. Several chambers keep the
+    most. Where the skin moves far there are pressures between them. Several chambers keep the
     ratios of their pressures. A skin is filled where it encloses at least the volume of its
     assembled shape. While its equilibria are stable, the volume of a chamber rises with its
     pressure, so that this begins at one pressure.
@@ -85,37 +85,51 @@ def trace_pressure_curve(
         further: Further pressures in Pa, > 0; those above the largest are left out.
     """
     solver, begin = problem.solver, made.equilibrium
-    known = np.asarray(begin.pressures)
-    ratios = known / begin.pressure if begin.pressure > 0 else np.ones_like(known)
-    empty = float(sum(solver.model.volumes(solver.model.assembled)))
+    pressures = np.asarray(begin.pressures)
+    ratios = pressures / begin.pressure if begin.pressure > 0 else np.ones_like(pressures)
     lower, higher = _pressures(begin.pressure, largest, steps, further)
 
+    rest, model = problem.skin.pattern.points, solver.model
+    empty = float(sum(model.volumes(model.assembled)))
+    middle = measured_point(solver, begin, problem.metrics)
+    below: list[TracePoint] = []
+    above: list[TracePoint] = []
+
+    def known() -> list[TracePoint]:
+        return [*reversed(below), middle, *above]
+
+    def largest_motion() -> float:
+        """Return the known way over PARTS, from rest straight to the lowest point, in m."""
+        return float(_moves([rest, *(point.positions for point in known())]).sum()) / PARTS
+
     def follow(
-        pressures: Sequence[float], start: Equilibrium = begin
-    ) -> tuple[list[TracePoint], str | None]:
-        """Return the points as long as the skin is filled, and why there are no more."""
-        levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
-
-        def filled() -> Iterator[TracePoint]:
-            for point in trace(solver, made.projected, levels, problem.metrics, start=start):
-                yield point
+        levels: Sequence[float],
+        start: Equilibrium,
+        found: list[TracePoint],
+        largest: Callable[[], float] | None,
+    ) -> str | None:
+        """Add the points as long as the skin is filled; return why there are no more."""
+        loads = [[float(p) for p in level * ratios] for level in levels]
+        path = follow_pressures(solver, made.projected, loads, problem.metrics, start, largest)
+        try:
+            for point in path:
+                found.append(point)
                 if point.result.volume < empty:
-                    return
+                    break
+        except EquilibriumError as caught:  # raised by all ranks or by none
+            return str(caught)
+        return None
 
-        found, failure = until_failure(filled()) if levels else ([], "")
-        return found, failure or None
-
-    below, failure_below = follow(lower)
-    above, failure_above = follow(higher)
+    failure_below = follow(lower, begin, below, largest_motion)
+    failure_above = follow(higher, begin, above, largest_motion)
     unfilled_at = None
     if below and below[-1].result.volume < empty:
         unfilled_at = below.pop().result.pressure
-    middle = measured_point(solver, begin, problem.metrics)
-    points = [*reversed(below), middle, *above]
-    rest = problem.skin.pattern.points
+    points = known()
     for k, between in reversed(list(enumerate(_between(points, rest)))):
         # Downwards, as the curve: a skin that snaps does so at a lower pressure when it empties.
-        more, _ = follow(between[::-1], points[k + 1].result)
+        more: list[TracePoint] = []
+        follow(between[::-1], points[k + 1].result, more, None)
         points[k + 1 : k + 1] = reversed(more)
     found = CurveFigures(
         None,
@@ -129,6 +143,11 @@ def trace_pressure_curve(
     return points, found
 
 
+def _moves(shapes: Sequence[Floats]) -> Floats:
+    """Return how far the skin moves from one shape to the next, in m."""
+    return np.array([np.linalg.norm(b - a) for a, b in pairwise(shapes)])
+
+
 def _between(points: Sequence[TracePoint], rest: Floats) -> list[list[float]]:
     """Return pressures in Pa to add after each point but the last, rising.
 
@@ -136,8 +155,7 @@ def _between(points: Sequence[TracePoint], rest: Floats) -> list[list[float]]:
         points: Equilibria by rising pressure.
         rest: Positions of all vertices at rest, (n, 3), in m.
     """
-    shapes = [rest, *(point.positions for point in points)]
-    moves = np.array([np.linalg.norm(b - a) for a, b in pairwise(shapes)])
+    moves = _moves([rest, *(point.positions for point in points)])
     parts = np.ceil(PARTS * moves[1:] / moves.sum()).astype(int)
     pressures = [point.result.pressure for point in points]
     return [

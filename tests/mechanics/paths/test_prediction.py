@@ -1,0 +1,131 @@
+"""Where the next equilibrium of a path is expected."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import norm
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.prediction import Prediction
+from toros_fem.mechanics.paths.trace import follow_pressures
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.meshes import Skin
+
+PRESSURES = (2e3, 2.4e3, 2.8e3, 3.2e3)
+
+
+@pytest.fixture(scope="module")
+def density(tube: Skin) -> Floats:
+    return np.full(len(tube.owned_cells), 0.3)
+
+
+@pytest.fixture(scope="module")
+def path(tube_solver: EquilibriumSolver, density: Floats) -> Sequence[Equilibrium]:
+    points = follow_pressures(tube_solver, density, [*PRESSURES, 3.6e3], (), None)
+    return [point.result for point in points]
+
+
+def predicted(
+    solver: EquilibriumSolver, points: Sequence[Equilibrium], load: Load
+) -> tuple[Prediction, Equilibrium]:
+    prediction = Prediction(solver)
+    for point in points:
+        prediction.add(point)
+    return prediction, prediction.start(points[-1].density, load)
+
+
+def left(solver: EquilibriumSolver, start: Equilibrium, end: Equilibrium, of: Equilibrium) -> float:
+    """Return the part of the motion from `of` to the end that a start leaves."""
+    comm = solver.skin.comm
+    return norm(comm, start.state - end.state) / norm(comm, of.state - end.state)
+
+
+def test_more_points_predict_better(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    """One point has its tangent, two the secant, and a cubic passes through four."""
+    *before, end = path
+    parts = [
+        left(tube_solver, predicted(tube_solver, before[-k:], end.load)[1], end, before[-1])
+        for k in (1, 3, 4)
+    ]
+    assert parts[0] < 0.15
+    assert parts[1] < parts[0] / 3
+    assert parts[2] < parts[1] / 2
+
+
+def test_the_motion_is_told_before_it_is_made(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    *before, end = path
+    model, comm = tube_solver.model, tube_solver.skin.comm
+    prediction, _ = predicted(tube_solver, before, end.load)
+    moved = norm(comm, model.positions(end.state) - model.positions(before[-1].state))
+    assert prediction.motion(end.density, end.load) == pytest.approx(moved, rel=0.01)
+
+
+def test_a_jump_and_another_design_begin_anew(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    *before, last, end = path
+    whole, _ = predicted(tube_solver, [*before, last], end.load)
+    alone, _ = predicted(tube_solver, [last], end.load)
+    jumped = replace(last, condition=replace(last.condition, snapped=True))
+    other = [replace(point, density=point.density + 0.1) for point in before]
+    found = alone.motion(last.density, end.load)
+    assert found != whole.motion(last.density, end.load)
+    for points in ([*before, jumped], [*other, last]):
+        prediction, _ = predicted(tube_solver, points, end.load)
+        assert prediction.motion(last.density, end.load) == pytest.approx(found, rel=1e-9)
+
+
+def test_loads_off_the_line_do_not_count(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    """A polynomial of the pressure tells nothing of a force."""
+    last = path[-2]
+    force = np.zeros(tube_solver.skin.pattern.points.shape)
+    force[:, 0] = 1e-4
+    load = replace(last.load, force=force)
+    prediction, _ = predicted(tube_solver, path[:-1], load)
+    alone, _ = predicted(tube_solver, [last], load)
+    assert prediction.motion(last.density, load) == alone.motion(last.density, load) > 0
+
+
+def test_what_is_no_start_is_not_taken(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    """Far away a prediction leaves the stretch bounds; where supports move there is none."""
+    points, last = path[:-1], path[-2]
+    far = replace(last.load, pressure=100 * np.asarray(last.load.pressure))
+    assert predicted(tube_solver, points, far)[1] is last
+    moved = np.zeros(tube_solver.skin.pattern.points.shape)
+    moved[tube_solver.model.supports.fixed] = 1e-4
+    carried = replace(last.load, displacement=moved)
+    prediction, start = predicted(tube_solver, points, carried)
+    assert start is last
+    assert prediction.motion(last.density, carried) == 0
+
+
+def test_there_are_points_where_the_skin_moves_far(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    begin, end = path[0], path[-1]
+    model, comm = tube_solver.model, tube_solver.skin.comm
+    moved = norm(comm, model.positions(end.state) - model.positions(begin.state))
+    found = [
+        point.result
+        for point in follow_pressures(
+            tube_solver, begin.density, [end.load], (), begin, lambda: moved / 3.5
+        )
+    ]
+    assert 4 <= len(found) <= 5
+    assert found[-1].volume == pytest.approx(end.volume, rel=1e-8)
+    states = [begin.state, *(one.state for one in found)]
+    steps = [norm(comm, model.positions(b - a)) for a, b in pairwise(states)]
+    assert max(steps) < 1.2 * moved / 3.5
