@@ -49,6 +49,7 @@ def test_first_variant_has_no_filter_and_no_projection(alone: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
 def test_table_and_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The strip's pictures are looked at in tests/results/pictures."""
     folder = tmp_path / "out"

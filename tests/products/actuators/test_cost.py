@@ -10,6 +10,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import MeshSizeError
 from toros_fem.meshes import triangle_limit
 from toros_fem.products.actuators.cost import (
+    OF_RANK,
     Cost,
     Part,
     Probe,
@@ -54,6 +55,8 @@ def test_a_finer_mesh_costs(alone: MPI.Comm) -> None:
     found = actuator_cost(alone, checked, probing=False)
     assert found.largest == found.parts[-2].triangles == 4 * found.triangles
     assert len(found.parts) == len(plain.parts) + 1
+    beside = replace(found, checked=False)  # the larger one alone
+    assert found.memory == pytest.approx(beside.memory + plain.memory - OF_RANK)
     without = actuator_cost(alone, checked.updated(estimate_error=False), probing=False)
     assert without.largest == without.triangles
 

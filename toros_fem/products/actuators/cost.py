@@ -81,6 +81,7 @@ class Cost:
         ranks: Number of ranks.
         parts: Parts of the run that take time.
         probe: What the time is known from; None leaves it unknown.
+        checked: Whether the largest mesh is that of a check, beside which the print is kept.
     """
 
     triangles: int
@@ -89,11 +90,13 @@ class Cost:
     ranks: int
     parts: Sequence[Part]
     probe: Probe | None = None
+    checked: bool = False
 
     @property
     def memory(self) -> float:
         """Bytes of all ranks together, to about a quarter."""
-        work = max(OF_TRIANGLE * self.triangles, OF_REFINED * self.largest)
+        own, largest = OF_TRIANGLE * self.triangles, OF_REFINED * self.largest
+        work = own + largest if self.checked else max(own, largest)
         return self.ranks * OF_RANK + work * (1.2 if self.ranks > 1 else 1.0)
 
     @property
@@ -156,17 +159,17 @@ def actuator_cost(
         for k in range(1, COARSER_MESHES + 1):
             name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
-    checked = finest
+    largest = finest
     if results.estimate_error and results.check_refinement is not None:
         ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
-        checked = round(finest / ratio**2)
-        parts.append(Part("estimate of the error, finer mesh", checked, CURVE_POINT))
+        largest = round(finest / ratio**2)
+        parts.append(Part("estimate of the error, finer mesh", largest, CURVE_POINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)
         parts.append(Part("curve over the pressure", finest, likely))
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, checked, unknowns, comm.size, parts, tried)
+    return Cost(finest, largest, unknowns, comm.size, parts, tried, largest > finest)
 
 
 def probe_level(scene: ActuatorScene) -> Level:
