@@ -33,8 +33,8 @@ def path(tube_solver: EquilibriumSolver, density: Floats) -> Sequence[Equilibriu
 def predicted(
     solver: EquilibriumSolver, points: Sequence[Equilibrium], load: Load
 ) -> tuple[Prediction, Equilibrium]:
-    prediction = Prediction(solver)
-    for point in points:
+    prediction = Prediction(solver, points[0])
+    for point in points[1:]:
         prediction.add(point)
     return prediction, prediction.start(points[-1].density, load)
 
@@ -48,7 +48,7 @@ def left(solver: EquilibriumSolver, start: Equilibrium, end: Equilibrium, of: Eq
 def test_more_points_predict_better(
     tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
 ) -> None:
-    """One point has its tangent, two the secant, and a cubic passes through four."""
+    """One point has its tangent; a parabola passes through three, a cubic through four."""
     *before, end = path
     parts = [
         left(tube_solver, predicted(tube_solver, before[-k:], end.load)[1], end, before[-1])
@@ -110,6 +110,22 @@ def test_what_is_no_start_is_not_taken(
     prediction, start = predicted(tube_solver, points, carried)
     assert start is last
     assert prediction.motion(last.density, carried) == 0
+
+
+def test_a_path_may_begin_where_there_is_no_tangent(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    """A trial, a state that is not stable, and a design of line families are starts as others."""
+    first, second = path[:2]
+    trial = tube_solver.solve(first.density, first.load, trial=True)
+    noise = np.random.default_rng(5).standard_normal(len(first.state))
+    away = replace(first, state=first.state + 1e-3 * noise * tube_solver.model.free)
+    families = replace(first, density=np.stack([first.density, first.density], axis=1))
+    assert predicted(tube_solver, [trial], second.load)[1] is trial
+    assert predicted(tube_solver, [away], second.load)[1] is away
+    for start in (trial, families):
+        (point,) = follow_pressures(tube_solver, first.density, [second.load], (), start)
+        assert point.result.volume == pytest.approx(second.volume, rel=1e-8)
 
 
 def test_there_are_points_where_the_skin_moves_far(

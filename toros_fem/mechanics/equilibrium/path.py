@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -143,16 +143,27 @@ def leads(
     the part `rest` of the motion over. Model and factors are those of `here`, before and after.
     """
     comm = model.skin.comm
-    model.set_density(there.density)
-    model.set_load(there.load)
     chord = (there.state - here.state) * model.free
     # Prescribed positions move the fixed components without any force on the free ones.
     with_supports = np.where(model.free, here.state, there.state)
-    feasible = model.admits(with_supports)
-    predicted = -factor.solve(model.residual(with_supports)) if feasible else 0 * chord
+    predicted = motion_to(model, factor, here, replace(there, state=with_supports))
+    return norm(comm, predicted - chord) <= rest * norm(comm, chord)
+
+
+def motion_to(model: SkinModel, factor: TangentFactor, here: PathPoint, there: PathPoint) -> Floats:
+    """Return the motion to another design and load that the tangent at a point predicts.
+
+    The state of `there` is that of `here` with the supports where they are there; 0 is returned
+    where it is not admissible. Model and factors are those of `here`, before and after
+    (collective).
+    """
+    model.set_density(there.density)
+    model.set_load(there.load)
+    feasible = model.admits(there.state)
+    motion = -factor.solve(model.residual(there.state)) if feasible else np.zeros_like(here.state)
     model.set_density(here.density)
     model.set_load(here.load)
-    return norm(comm, predicted - chord) <= rest * norm(comm, chord)
+    return motion
 
 
 def find_jump(

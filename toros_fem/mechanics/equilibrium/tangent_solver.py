@@ -17,6 +17,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.linear_solver import ShiftedCholesky
 from toros_fem.mechanics.equilibrium.newton import Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.path import PathPoint, motion_to
 from toros_fem.mechanics.skin.load import Load
 
 # Less of the smoothing of strains is not taken away, where more is not possible.
@@ -129,6 +130,15 @@ class TangentSolver:
                 "Shorten the step of the path, or lower the friction."
             )
         return found
+
+    def motion_to(self, density: Floats, load: Load, at: Equilibrium) -> Floats:
+        """Return the motion to another design and load that the tangent predicts (collective).
+
+        Supports and bodies stay, and there is no friction. It is 0 where the equilibrium is outside
+        the stretch bounds of the other design.
+        """
+        self.tangent_at(at)
+        return motion_to(self.model, self._factor, at.point, PathPoint(density, load, at.state))
 
     def unsmoothed_step(self, at: Equilibrium) -> Floats:
         """Return Newton's first step from an equilibrium without its smoothed strains (collective).

@@ -371,7 +371,9 @@ def sliding_at(model: SkinModel, state: Floats) -> Floats | None:
 
 
 def same_design(model: SkinModel, one: Floats, two: Floats) -> bool:
-    """Return whether two designs are the same (collective)."""
+    """Return whether two designs are the same, and of the same kind (collective)."""
+    if one.shape[1:] != two.shape[1:]:
+        return False
     return largest(model.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -23,32 +24,24 @@ class Prediction:
     """Equilibria of a path, and where the next one is expected.
 
     A polynomial of pressures and weights passes through the last equilibria for which these lie on
-    a line with the next ones. One equilibrium alone is continued along its tangent. After a jump
-    the prediction begins anew.
+    a line with the next ones. One equilibrium alone is continued along its tangent, if it is a
+    stable one of this solver. After a jump the prediction begins anew.
     """
 
-    def __init__(self, solver: EquilibriumSolver) -> None:
+    def __init__(self, solver: EquilibriumSolver, first: Equilibrium) -> None:
         self._solver = solver
-        self._points: list[Equilibrium] = []
+        self._points = [first]
 
     @property
-    def last(self) -> Equilibrium | None:
-        """The last equilibrium; None before the first one."""
-        return self._points[-1] if self._points else None
-
-    @property
-    def found(self) -> Equilibrium:
-        """The last equilibrium; there must be one."""
+    def last(self) -> Equilibrium:
+        """The last equilibrium."""
         return self._points[-1]
 
     def add(self, found: Equilibrium) -> None:
         """Add the next equilibrium."""
-        last, model = self.last, self._solver.model
-        if last is not None and same_design(model, last.density, found.density):
-            kept = [] if found.condition.snapped else self._points
-            self._points = [*kept, found][-POINTS:]
-        else:
-            self._points = [found]
+        same = same_design(self._solver.model, self.last.density, found.density)
+        kept = self._points if same and not found.condition.snapped else []
+        self._points = [*kept, found][-POINTS:]
 
     def motion(self, density: Floats, load: Load) -> float:
         """Return how far the skin is expected to move to a load (collective).
@@ -64,9 +57,10 @@ class Prediction:
         It is a trial at the predicted state, or the last equilibrium where the prediction leaves
         the stretch bounds, meets anything, or has more energy.
         """
-        last, step, model = self.found, self._step(density, load), self._solver.model
+        last, step, model = self.last, self._step(density, load), self._solver.model
         if step is None:
             return last
+        self._solver.forget()  # the tangent at the last one: the model has another load now
         model.set_density(density)
         model.set_load(load)
         state = last.state + step
@@ -81,7 +75,7 @@ class Prediction:
 
         Where supports or bodies move they carry the skin along. Friction makes a path of steps.
         """
-        last, model = self.found, self._solver.model
+        last, model = self.last, self._solver.model
         if load.moves_from(last.load) or model.slides:
             return None
         places = self._places(load)
@@ -91,16 +85,16 @@ class Prediction:
             for weight, point in zip(_lagrange(places, 1.0), points, strict=True):
                 step += weight * (point.state - last.state)
             return step
-        self._solver.tangent_at(last)
-        model.set_density(density)
-        model.set_load(load)
-        found = -self._solver.solve_tangent(model.residual(last.state), last)
-        self._solver.forget()
-        return found
+        if last.density.shape[1:] != density.shape[1:]:
+            return None
+        try:
+            return self._solver.motion_to(density, load, last)
+        except ParameterError:  # raised by all ranks or by none: a trial, or of another solver
+            return None
 
     def _places(self, load: Load) -> list[float]:
         """Return where the last loads are on the line from the last one, at 0, to a load, at 1."""
-        last = _amounts(self.found.load)
+        last = _amounts(self.last.load)
         along = _amounts(load) - last
         length = float(np.linalg.norm(along))
         places: list[float] = []

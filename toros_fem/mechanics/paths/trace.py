@@ -143,16 +143,13 @@ def follow_pressures(
     Where the skin is predicted to move by more than the largest motion between two of them, in m
     as of `Prediction.motion`, there are more, at equal parts of the way.
     """
-    prediction = Prediction(solver)
-    if isinstance(start, Equilibrium):
-        prediction.add(start)
-        start = None
+    prediction = Prediction(solver, start) if isinstance(start, Equilibrium) else None
     for load in loads:
-        before = prediction.last
-        if before is None:
-            prediction.add(solver.solve(density, load, start))
-            yield measured_point(solver, prediction.found, metrics)
+        if prediction is None:
+            prediction = Prediction(solver, solver.solve(density, load, start))
+            yield measured_point(solver, prediction.last, metrics)
             continue
+        before = prediction.last
         # Of a pressure alone the rest of the load stays.
         given = load if isinstance(load, Load) else replace(before.load, pressure=load)
         end, towards = given.on(solver.model), None
@@ -160,9 +157,9 @@ def follow_pressures(
             towards = end
             if largest_motion is not None:
                 motion = prediction.motion(density, end)
-                towards = _part_of_way(prediction.found.load, end, motion, largest_motion())
+                towards = _part_of_way(prediction.last.load, end, motion, largest_motion())
             _continue(solver, density, prediction, towards)
-            yield measured_point(solver, prediction.found, metrics)
+            yield measured_point(solver, prediction.last, metrics)
 
 
 def _part_of_way(begin: Load, end: Load, motion: float, largest: float) -> Load:
@@ -177,13 +174,13 @@ def _continue(
     solver: EquilibriumSolver, density: Floats, prediction: Prediction, load: Load
 ) -> None:
     """Add the equilibrium under a load, and those that lead to it, to a prediction."""
-    before = last = prediction.found
+    before = last = prediction.last
     begin = before.load
 
     def attempt(_: Floats, fraction: float) -> Attempt:
         nonlocal last
         level = begin.towards(load, fraction) if fraction < 1 else load
-        start, after = prediction.start(density, level), prediction.found
+        start, after = prediction.start(density, level), prediction.last
         last = solver.solve(density, level, start, after=after, raise_on_failure=False, trial=True)
         steps = last.steps
         if last.converged:

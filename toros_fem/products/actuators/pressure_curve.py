@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -19,9 +19,9 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace import follow_pressures
-from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
 from toros_fem.results.frames.record import shown_skin, write_path
 
@@ -111,14 +111,15 @@ def trace_pressure_curve(
         """Add the points as long as the skin is filled; return why there are no more."""
         loads = [[float(p) for p in level * ratios] for level in levels]
         path = follow_pressures(solver, made.projected, loads, problem.metrics, start, largest)
-        try:
+
+        def filled() -> Iterator[TracePoint]:
             for point in path:
-                found.append(point)
+                found.append(point)  # at once: the largest motion grows with the way
+                yield point
                 if point.result.volume < empty:
-                    break
-        except EquilibriumError as caught:  # raised by all ranks or by none
-            return str(caught)
-        return None
+                    return
+
+        return until_failure(filled())[1] or None
 
     failure_below = follow(lower, begin, below, largest_motion)
     failure_above = follow(higher, begin, above, largest_motion)
