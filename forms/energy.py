@@ -109,7 +109,8 @@ def skin_forms(
             patch of n components.
         design: Projected density ρ̄, and the line families of a relaxed design.
         terms: The skin's energy terms.
-        geometric: 1 for the tangent, 0 for its material part.
+        geometric: Two numbers, of strains and loads, and of angles and couplings: 1 for the
+            tangent, 0 for its material part.
     """
     space = q.ufl_function_space()
     domain = space.ufl_domain()
@@ -129,7 +130,7 @@ def skin_forms(
     whole, loads = _stored(t, metrics, terms, geometric), [term.of_place(t) for term in terms]
     for load in loads:
         if load is not None:
-            whole = whole + load.scaled_hessian(geometric)
+            whole = whole + load.scaled_hessian(geometric[0])
 
     size = 3 * len(t.nodes)
     numbers = enumerate(combinations_with_replacement(range(size), 2))
@@ -174,7 +175,7 @@ def _stored(
             return compose(
                 lambda *of: of_strain(plain_log, *of),
                 metric(*given),
-                lambda first: _positive(first, geometric),
+                lambda first: _positive(first, geometric[0]),
             )
 
         jet = jet + by_vectors(strained, *vectors) * part
@@ -192,14 +193,14 @@ def _stored(
         return total(term.of_both(t, e, Lambda) for term in terms)
 
     angles = edge_angles(t, edges)
-    bent = compose(of_curvature, angles, lambda first: [geometric * d for d in first])
+    bent = compose(of_curvature, angles, lambda first: [geometric[1] * d for d in first])
     jet, value = jet + bent, value + bent.value
     for metric, vectors in metrics:
         given = [*metric(*vectors), *angles]
         coupled = of_both(*(one.value for one in given))
         if not isinstance(coupled, int):  # some term has such a law
             both = compose(of_both, given) * part
-            jet, value = jet + both.scaled_hessian(geometric), value + both.value
+            jet, value = jet + both.scaled_hessian(geometric[1]), value + both.value
     return Jet(value, jet.gradient, jet.hessian)
 
 

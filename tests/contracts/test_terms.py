@@ -17,6 +17,7 @@ from kit.terms import TERMS, Term, design_of, model_of, periodic
 from scipy.spatial.transform import Rotation
 
 from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.tangent import MATERIAL
 from toros_fem.mechanics.skin.load import Load
 
 STEP = 2e-8  # m: the fourth order's error is at rounding
@@ -147,7 +148,7 @@ def test_material_part(term: Term) -> None:
     state, model = model_of(term)
     noise = np.random.default_rng(3).standard_normal(model.size_local)
     state += 2e-4 * noise * model.free * kinds(model)[0] * (term.width == 1)
-    material = dense_tangent(model, state, 0.0)
+    material = dense_tangent(model, state, MATERIAL)
     scale = 1 / np.sqrt(np.abs(np.diag(material)))
     lowest = np.linalg.eigvalsh(scale[:, None] * material * scale)
     assert lowest[0] > -1e-11 * lowest[-1]
@@ -158,6 +159,6 @@ def test_material_part(term: Term) -> None:
         _, bare = model_of(Term(width=term.width))
         inner = np.all(rows < bare.size_local, axis=0)
         small = state[: bare.size_local]
-        of_sheet = dense_tangent(bare, small, 0.0) - dense_tangent(bare, small)
+        of_sheet = dense_tangent(bare, small, MATERIAL) - dense_tangent(bare, small)
         added[inner] -= of_sheet[tuple(rows[:, inner])]
         assert more - less == pytest.approx(added, abs=1e-10 * np.abs(material).max())

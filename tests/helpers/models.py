@@ -13,7 +13,7 @@ from scipy.sparse import csr_matrix
 from helpers.scenes import square
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import SkinModel, make_model
-from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.assembly.tangent import EXACT, Part, UpperTangent
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import CROSSING, LineDesign
 from toros_fem.mechanics.skin.load import Load
@@ -75,11 +75,11 @@ def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
     return matrix
 
 
-def dense_tangent(model: SkinModel, state: np.ndarray, geometric: float = 1.0) -> np.ndarray:
-    """The whole tangent, or with 0 its material part, on every rank."""
+def dense_tangent(model: SkinModel, state: np.ndarray, part: Part = EXACT) -> np.ndarray:
+    """The whole tangent, or a part of it, on every rank."""
     tangent = UpperTangent(model)
     values = np.zeros(len(tangent.columns))
-    tangent.assemble(state, values, geometric=geometric)
+    tangent.assemble(state, values, part)
     shape = (model.size_local, model.space.dofmap.index_map.size_global)
     rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
     upper = np.concatenate(model.skin.comm.allgather(rows))

@@ -1,10 +1,11 @@
 """Order of the tangent's rows; its entries are checked in test_terms."""
 
 import numpy as np
+from helpers.models import dense_tangent
 
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.assembly.model import make_model
-from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.assembly.tangent import EXACT, STRAINS, UpperTangent
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
@@ -24,3 +25,24 @@ def test_rows_are_sorted_and_start_with_the_diagonal(short_tube: Skin) -> None:
     fixed = ~model.free
     assert np.all(values[tangent.diagonal][fixed] == 1)
     assert np.all(np.diff(tangent.indptr)[fixed] == 1), "nothing else in a fixed row"
+
+
+def test_with_a_large_shift_only_stretching_softens(short_tube: Skin) -> None:
+    """What bending adds is positive semidefinite then; the exact tangent of kinks is not."""
+    supports = clamp(short_tube.pattern, ["base"])
+    whole, bare = (
+        make_model(short_tube, composite, supports)
+        for composite in (Composite(), Composite(bending=None))
+    )
+    kinks = 2e-4 * np.random.default_rng(4).standard_normal(whole.size_local) * whole.free
+    for model in (whole, bare):
+        model.set_density(np.full(len(short_tube.owned_cells), 0.3))
+    state = whole.assembled + kinks
+    size, lowest = bare.size_local, {}
+    for part in (EXACT, STRAINS):
+        added = dense_tangent(whole, state, part)
+        added[:size, :size] -= dense_tangent(bare, state[:size], part)
+        eigenvalues = np.linalg.eigvalsh(added[np.ix_(whole.free, whole.free)])
+        lowest[part] = eigenvalues[0] / eigenvalues[-1]
+    assert lowest[EXACT] < -1e-3
+    assert lowest[STRAINS] > -1e-11

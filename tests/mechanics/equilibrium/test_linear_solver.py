@@ -13,10 +13,10 @@ from petsc4py import PETSc
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.assembly.model import make_model
-from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.assembly.tangent import EXACT, MATERIAL, STRAINS, UpperTangent
 from toros_fem.mechanics.equilibrium.cholmod import library
 from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
-from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.equilibrium.linear_solver import LEAST, MILD, TangentFactor
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, sew
 
@@ -77,19 +77,39 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
 
 
 def test_with_a_shift_contact_is_semidefinite() -> None:
-    """What K + τ M gains beyond τ M is what the contact's part gains."""
+    """What K + τ M gains beyond τ M, for a mild τ, is what the contact's part gains."""
     pytest.importorskip("ipctk")
     state, model = model_of(TERMS["the skin itself"])
     factor = TangentFactor(model)
     factor.assemble(state)
     filled = []
-    for shift in (0.0, 1.0, 2.0):
+    for shift in (0.0, MILD / 2, MILD):
         factor.fill(shift)
         filled.append(factor.values.copy())
     gained = 2 * filled[1] - filled[2] - filled[0]
     more, less = (model.contact.entries(state, definite=part) for part in (True, False))
     assert np.abs(more - less).max() > 1e-3 * np.abs(less).max()
     assert gained.sum() == pytest.approx((more - less).sum(), rel=1e-6)
+
+
+def test_above_a_mild_shift_kinks_do_not_soften(tube: Skin) -> None:
+    """K lacks the geometric stiffness of bending there, and has all of it up to there."""
+    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    kinks = 2e-4 * np.random.default_rng(4).standard_normal(model.size_local) * model.free
+    factor, tangent = TangentFactor(model), UpperTangent(model)
+    state = model.assembled + kinks
+    factor.assemble(state)
+    parts = {part: np.zeros(len(tangent.columns)) for part in (EXACT, STRAINS, MATERIAL)}
+    for part, entries in parts.items():
+        tangent.assemble(state, entries, part)
+    parts[MATERIAL][tangent.diagonal] += LEAST * factor.scale
+    scale = np.abs(parts[EXACT]).max()
+    assert np.abs(parts[EXACT] - parts[STRAINS]).max() > 1e-3 * scale
+    for shift, part in ((MILD, EXACT), (1.01 * MILD, STRAINS), (MILD, EXACT)):
+        factor.fill(shift)
+        expected = parts[part] + shift * parts[MATERIAL]
+        assert factor.values == pytest.approx(expected, abs=1e-12 * scale)
 
 
 def test_the_scale_is_one_of_free_components(alone: MPI.Comm) -> None:

@@ -71,8 +71,8 @@ class SkinModel:
         design: What is designed.
         sheet, bend, contact, pressure, weight, images: The terms of these kinds; None without.
         patch: The unknowns, and how triangles see them.
-        entry_space: Space of the entries of the triangles' matrices; `geometric` is 1 in these for
-            the tangent, 0 for its material part, positive semidefinite.
+        entry_space: Space of the entries of the triangles' matrices; `geometric` has the factors
+            of a part of it, as of `skin_forms`.
         bounds: Test of the stretch bounds.
         fixed: Fixed unknowns among the local ones, ghosts included.
         free: Owned unknowns that are not fixed.
@@ -128,7 +128,7 @@ class SkinModel:
         self.q = fem.Function(self.space, name="state")
         self._adjoint = fem.Function(self.space, name="adjoint")
         self.entry_space = cell_space(skin, size * (size + 1) // 2)
-        self.geometric = fem.Constant(skin.mesh, 1.0)
+        self.geometric = fem.Constant(skin.mesh, (1.0, 1.0))
         self.forms: SkinForms = skin_forms(
             self.q,
             self._adjoint,

@@ -16,6 +16,11 @@ from toros_fem.mechanics.terms.images import Images
 
 # Triangles treated at once: the work arrays stay in the processor's cache.
 CHUNK = 2000
+# Parts of the second variation, by factors on the geometric stiffness of strains and loads, of
+# angles, and of contact: all of it, with positive semidefinite contact, also without the stiffness
+# of angles, and the material part, positive semidefinite.
+EXACT, CONVEX, STRAINS, MATERIAL = (1.0, 1.0, 1.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3
+Part = tuple[float, float, float]
 
 
 class TriangleMatrices:
@@ -39,18 +44,16 @@ class TriangleMatrices:
         self.count = owned * model.entry_space.dofmap.bs
         self._form = compiled(model.forms.tangent)
 
-    def compute(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
-        """Write the entries of the triangles at a state, and those of the terms behind them.
-
-        With `geometric` = 0 they are those of the material part, positive semidefinite.
-        """
+    def compute(self, state: Floats, out: Floats, part: Part = EXACT) -> None:
+        """Write the entries of the triangles at a state, and those of the terms behind them."""
         model, begin = self._model, self.count
         model.set_state(state)
-        model.geometric.value = geometric
+        model.geometric.value[:] = part[:2]
         out[:begin] = 0
         fem.assemble_vector(out, self._form)
         for term in model.terms:
-            more = term.entries(state, definite=geometric == 0)
+            kept = part[2] if term is model.contact else part[0]
+            more = term.entries(state, definite=kept == 0)
             out[begin : begin + len(more)] = more
             begin += len(more)
 
@@ -156,26 +159,13 @@ class UpperTangent:
         """Positions of the diagonal among the entries."""
         return self.indptr[:-1]
 
-    def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
-        """Write the entries at a state, in the order of `columns`; those of M by 0 (collective)."""
-        self.triangles.compute(state, self._entries, geometric)
+    def assemble(self, state: Floats, out: Floats, part: Part = EXACT) -> None:
+        """Write the entries of a part at a state, in the order of `columns` (collective)."""
+        self.triangles.compute(state, self._entries, part)
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
         # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
         self._entries[self._blocks.twice] *= 2
-        self._add_up(out)
-
-    def assemble_convex(self, state: Floats, out: Floats) -> None:
-        """Write K as last assembled, at this state, with the contact's positive semidefinite part.
-
-        That is as near to K as a part of it can be (collective).
-        """
-        contact, terms = self._model.contact, self._model.terms
-        if contact is not None:
-            before = terms[: terms.index(contact)]
-            begin = self.triangles.count + sum(term.pairs.shape[1] for term in before)
-            convex = contact.entries(state, definite=True)
-            self._entries[begin : begin + len(convex)] = convex
         self._add_up(out)
 
     def _add_up(self, out: Floats) -> None:

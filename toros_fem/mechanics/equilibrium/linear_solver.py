@@ -13,13 +13,22 @@ from scipy.sparse import csr_matrix
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import UpperTangent
+from toros_fem.mechanics.assembly.tangent import (
+    CONVEX,
+    MATERIAL,
+    STRAINS,
+    Part,
+    UpperTangent,
+)
 from toros_fem.mechanics.equilibrium import cholmod
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
 from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
 
 # Fraction of the diagonal that is added to M.
 LEAST = 1e-6
+# Above this shift K lacks the geometric stiffness of bending. Kinks of a shape from a coarser mesh
+# would ask for 30, with which strains relax slowly; below it Newton's steps need that stiffness.
+MILD = 1.0
 PACKAGES = ("cholmod", "mumps")
 # Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
 LARGEST_INTERFACE = 4000
@@ -45,8 +54,8 @@ class TangentFactor:
     stress bends or turns a triangle, without the pressure, and the fraction LEAST of the mean
     diagonal of each vertex, for modes that no strain resists. τ is a pure number: about 1 is enough
     in most states, whatever the contrast, but there is no bound; assembled tubes of 146 to 250
-    thousand unknowns need 10. Where contact is indefinite, τ also takes a positive semidefinite
-    part of it in its place.
+    thousand unknowns need 10. With τ > 0, K has a positive semidefinite part of contact, and above
+    MILD no geometric stiffness of bending.
 
     CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
     (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many
@@ -73,7 +82,7 @@ class TangentFactor:
         self._full: FullTangent | None = None
         self.scale: Floats = np.zeros(model.size_local)
         self._make_entries()
-        self._state, self._has_material = model.assembled, False
+        self._state = model.assembled
         self._factors: CondensedFactor | MumpsFactor = self._choose()
         self._outgrown = False
         self.ordering = getattr(self._factors, "ordering", None)
@@ -83,9 +92,8 @@ class TangentFactor:
         self.matrix.setUp()
 
     def _make_entries(self) -> None:
-        self._exact, self._material, self._data, self._convex = (
-            np.zeros(len(self._tangent.columns)) for _ in range(4)
-        )
+        self._exact, self._data = (np.zeros(len(self._tangent.columns)) for _ in range(2))
+        self._parts: dict[Part, Floats] = {}
         self.values: Floats = self._exact
 
     def _choose(self) -> CondensedFactor | MumpsFactor:
@@ -126,7 +134,8 @@ class TangentFactor:
             self._make_entries()
             self._outgrown = True
         self._tangent.assemble(state, self._exact)
-        self._state, self._has_material = state, False
+        self._state = state
+        self._parts.clear()
         # One value per vertex: a flat membrane has no stiffness across its plane. A fixed component
         # has 1 in K, which is no stiffness.
         free, fixed = self._model.free, ~self._model.free
@@ -139,19 +148,13 @@ class TangentFactor:
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
         """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex.
 
-        With a shift, the contact's part of K is a positive semidefinite one: less is left for M.
+        With a shift, K is a part of it, as told above.
         """
-        self.values, contact = self._exact, self._model.contact
+        self.values = self._exact
         if shift:
-            if not self._has_material:
-                if contact is not None:
-                    self._tangent.assemble_convex(self._state, self._convex)
-                self._tangent.assemble(self._state, self._material, geometric=0.0)
-                self._material[self._tangent.diagonal] += LEAST * self.scale
-                self._has_material = True
             self.values = self._data
-            np.multiply(self._material, shift, out=self.values)
-            self.values += self._exact if contact is None else self._convex
+            np.multiply(self._part(MATERIAL), shift, out=self.values)
+            self.values += self._part(CONVEX if shift <= MILD else STRAINS)
         if diagonal:
             if not shift:
                 self._data[:] = self._exact
@@ -160,6 +163,17 @@ class TangentFactor:
         self.matrix.stateIncrease()
         if self._full is not None:
             self._full.fill(self._tangent.indptr, self._tangent.columns, self.values)
+
+    def _part(self, part: Part) -> Floats:
+        """Return the entries of a part of K at its state, which are assembled once."""
+        if part == CONVEX and self._model.contact is None:
+            return self._exact
+        if part not in self._parts:
+            self._parts[part] = found = np.zeros_like(self._exact)
+            self._tangent.assemble(self._state, found, part)
+            if part == MATERIAL:
+                found[self._tangent.diagonal] += LEAST * self.scale
+        return self._parts[part]
 
     def assembled_matrix(self) -> PETSc.Mat:
         """Return the matrix of `fill` with all its entries, which it keeps from now on."""
