@@ -53,7 +53,7 @@ from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_sheets
 from toros_fem.making.panels.panel_drawing import panel_drawings
 from toros_fem.making.panels.seam_lines import sewn_seams
-from toros_fem.making.print.contours import printed_region
+from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.print.regions import regions_on
 from toros_fem.making.sheets.placement import nest
@@ -629,8 +629,8 @@ MAKING: Table = {
         f"a pattern into {name}": lambda s, name=name: m.write_pattern(s.folder / name, SHEET)
         for name in ("abc", "pattern.json")
     },
-    "32 values at points": lambda s: printed_region(SHEET, np.zeros(32), np.zeros(25), 0, 0.5),
-    "centroids are NaN": lambda s: printed_region(SHEET, np.zeros(25), np.full(32, NAN), 0, 0.5),
+    "32 values at points": lambda s: printed_regions(SHEET, np.zeros(32), np.zeros(25), 0.5),
+    "centroids are NaN": lambda s: printed_regions(SHEET, np.zeros(25), np.full(32, NAN), 0.5),
     **each(PrintLimits, {"gap": 0}),
     "1 region for 2 panels": lambda s: panel_drawings(pattern_of("finger"), [shapely.Polygon()]),
     "2 regions for 3 panels": lambda s: regions_on(s.pattern, [CAP] * 2, s.pattern),

@@ -302,8 +302,8 @@ def test_cleaned_prints(seed: int) -> None:
     region = shapely.union_all([*spots, *strips]).intersection(outline)
     cleaned = clean(Panels(pattern), [region], island_area=5e-6).regions
     found = printability(pattern, cleaned)
-    assert not found.narrow_lines
-    assert not found.narrow_gaps
+    assert not found.lines.narrow
+    assert not found.gaps.narrow
     assert not found.free_islands
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
     assert cleaned[0].difference(outline.buffer(1e-8)).area < 1e-12

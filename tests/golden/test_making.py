@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -138,12 +139,12 @@ def test_flawed_print(pinned: Callable[..., None]) -> None:
         "wider": thickened(flawed[0], shapely.box(0, 0, 0.063, 0.06), 8e-4, 6e-4, 5e-7),
     }
     judged = printability(tube, flawed)
-    for name, place in (("line", judged.smallest_width), ("gap", judged.smallest_gap)):
+    for name, place in (("line", judged.lines.smallest), ("gap", judged.gaps.smallest)):
         found[f"smallest {name} in m"] = place.width
         found[f"place of the smallest {name} in m"] = np.array(place.centre)
     found |= {
-        "narrow lines in m": sorted(place.width for place in judged.narrow_lines),
-        "narrow gaps in m": sorted(place.width for place in judged.narrow_gaps),
+        "narrow lines in m": sorted(place.width for place in judged.lines.narrow),
+        "narrow gaps in m": sorted(place.width for place in judged.gaps.narrow),
         "islands in m2": sorted(piece.area for piece in judged.islands),
         "holes in m2": sorted(hole.area for hole in judged.holes),
         "border in m": judged.border_length,
@@ -152,12 +153,21 @@ def test_flawed_print(pinned: Callable[..., None]) -> None:
     pinned("print/flawed", found, rel=2e-5, small=1e-10)
 
 
-def drawing_of(drawing: PanelDrawing) -> dict[str, Any]:
+def drawing_of(drawing: PanelDrawing, drawings: Sequence[PanelDrawing]) -> dict[str, Any]:
+    sewn = defaultdict[int, list[str]](list)
+    for one in drawings:
+        for seam in one.seams:
+            sewn[seam.number].append(one.name)
+
+    def partner(number: int) -> str:
+        one, other = sewn[number]
+        return one if other == drawing.name else other
+
     return {
         "outline": drawing.outline,
         "cut": drawing.cut,
         "printed": drawing.printed,
-        "seams": ", ".join(f"{seam.number} to {seam.partner}" for seam in drawing.seams),
+        "seams": ", ".join(f"{seam.number} to {partner(seam.number)}" for seam in drawing.seams),
         "seam lines in m": np.concatenate([np.asarray(seam.line) for seam in drawing.seams]),
         "notches in m": np.asarray(drawing.notches),
         "grain in m": [np.asarray(line) for line in drawing.grain],
@@ -167,7 +177,7 @@ def drawing_of(drawing: PanelDrawing) -> dict[str, Any]:
 
 
 def named(drawings: Sequence[PanelDrawing]) -> dict[str, Any]:
-    return {drawing.name: drawing_of(drawing) for drawing in drawings}
+    return {drawing.name: drawing_of(drawing, drawings) for drawing in drawings}
 
 
 @pytest.mark.parametrize("kind", ["tube", "walker"])

@@ -21,14 +21,13 @@ from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.summary import (
     PrintedResult,
     level_figures,
-    printed_metrics,
     shape_problem,
 )
 
 
 def of(result: DesignResult, printed: PrintedDesign, **more: Any) -> PrintedResult:
     """The result of a design and its print (collective)."""
-    return PrintedResult(result, printed, printed_metrics(result, printed), **more)
+    return PrintedResult(result, printed, printed.metrics, **more)
 
 
 def test_levels_have_figures_of_their_own(result: DesignResult) -> None:

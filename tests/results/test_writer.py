@@ -115,7 +115,7 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     folder = tmp_path
     found = PathResult(half, points, density, [wide], images, composite)
     write_pressure_path(alone, folder, found)
-    assert found.parts == 2
+    assert found.whole.parts == 2
     mesh = meshio.read(folder / "skin.vtu")
     assert mesh.points == pytest.approx(images.at_vertices(points[1].positions))
     assert mesh.cell_data["density"][0] == pytest.approx(images.at_cells(density))
@@ -134,9 +134,9 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     assert volumes == pytest.approx([2 * p.result.volume for p in points])
     with pytest.MonkeyPatch.context() as patch:  # of a skin that is no part, without pictures
         patch.setattr("toros_fem.results.writer.if_plotting", lambda draw: None)
-        plain = PathResult(half, points, density, [wide])
+        plain = PathResult(half, points, density, [wide], mirrored(half, ()))
         write_pressure_path(alone, folder / "new", plain)
-    assert (plain.entries()["triangles"], plain.parts) == (len(half.panel), 1)
+    assert (plain.entries()["triangles"], plain.whole.parts) == (len(half.panel), 1)
     assert plain.entries()["newton_steps"] == sum(point.result.steps for point in points)
     assert meshio.read(folder / "new" / "skin.vtu").points == pytest.approx(points[1].positions)
 

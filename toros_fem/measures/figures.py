@@ -225,6 +225,14 @@ class Figure:
         return f"{self.label} {self.shown}{of}"
 
 
+def axis_label(figures: Sequence[Figure]) -> str:
+    """Return the names of figures of one unit, two at most, and the unit, for an axis."""
+    names = " and ".join(figure.label for figure in figures) if len(figures) < 3 else ""
+    sign = unit_of(figures[0].unit).sign.strip()
+    sign = "relative to rest" if sign == "×" else sign
+    return f"{names} ({sign})" if sign else names
+
+
 def _digits(width: float) -> int:
     """Return the decimals that two digits of an error need, 4 at most."""
     digits = max(0, 1 - int(np.floor(np.log10(width)))) if width > 0 else 3

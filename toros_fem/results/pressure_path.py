@@ -19,11 +19,10 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.results.files import write_fields
 from toros_fem.results.frames.record import write_path
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.result import RunResult, state_figures
-from toros_fem.results.writer import draw_wrinkles, wrinkle_fields, wrinkles_of
+from toros_fem.results.writer import wrinkles_of, write_skin_fields
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,44 +31,35 @@ class PathResult(RunResult):
 
     Attributes:
         density: Density of all triangles, (t,), to colour by.
-        metrics: Numbers that were measured.
-        whole: The whole skin that the pattern is a part of: volumes, fields and pictures are its
-            own. None: the pattern is whole.
+        whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
+            and pictures are its own.
         composite: Materials; those of a tension field add the wrinkles of the last state to the
             fields and pictures.
-        seconds: Wall times in s.
         tolerance: Part of its target that a metric may be off by and count as reached.
+        intervals: Half-width of the interval of each metric at the last point, by key, if known.
     """
 
     pattern: Pattern
     points: Sequence[TracePoint]
     density: Floats
     metrics: Sequence[Metric]
-    whole: Mirrored | None = None
+    whole: Mirrored
     composite: Composite | None = None
     config: Scene | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     tolerance: float = TOLERANCE
-
-    @property
-    def parts(self) -> int:
-        """Number of equal parts of the skin, of which one is simulated."""
-        return 1 if self.whole is None else self.whole.parts
+    intervals: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume at the last point."""
-        return self.figures_within({})
-
-    def figures_within(self, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
-        """Return the figures at the last point, with the known intervals of metrics, by key."""
         last = self.points[-1]
         return (
             *(
-                m.figure(last.metrics[m.key], intervals.get(m.key), self.tolerance)
+                m.figure(last.metrics[m.key], self.intervals.get(m.key), self.tolerance)
                 for m in self.metrics
             ),
-            *state_figures(last.result.pressure, last.result, self.parts),
+            *state_figures(last.result.pressure, last.result, self.whole.parts),
         )
 
     def entries(self) -> dict[str, Any]:
@@ -77,19 +67,15 @@ class PathResult(RunResult):
         return {
             "newton_steps": sum(point.result.steps for point in self.points),
             "triangles": len(self.pattern.panel),
-            "parts_by_symmetry": self.parts,
+            "parts_by_symmetry": self.whole.parts,
             "inputs": None if self.config is None else self.config.as_dict(),
             "seconds": dict(self.seconds),
         }
 
     def description(self) -> str:
         """Return the metrics and the pressure in a sentence."""
-        return self.told(self.figures)
-
-    def told(self, figures: Sequence[Figure]) -> str:
-        """Return a sentence of figures at the last pressure."""
         pressure = self.points[-1].result.pressure
-        values = [f"{f.name} {f.shown}" for f in figures[: len(self.metrics)]]
+        values = [f"{f.name} {f.shown}" for f in self.figures[: len(self.metrics)]]
         return f"{', '.join(values)} at {pressure / 1e3:.2f} kPa"
 
 
@@ -101,13 +87,11 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
         OutputError: A file cannot be written; on all ranks.
     """
     folder, points, whole = Path(folder), found.points, found.whole
-    skin, density, last = found.pattern, found.density, points[-1]
+    skin, density, last = whole.pattern, whole.at_cells(found.density), points[-1]
     # Fields are those of the equilibrium on its mesh; figures and frames show its limit.
-    shape = last.positions if last.computed is None else last.computed
-    if whole is not None:
-        skin, density, shape = whole.pattern, whole.at_cells(density), whole.at_vertices(shape)
+    shape = whole.at_vertices(last.positions if last.computed is None else last.computed)
     rows = [
-        {"pressure_pa": p.result.pressure, "volume_m3": found.parts * p.result.volume, **p.metrics}
+        {"pressure_pa": p.result.pressure, "volume_m3": whole.parts * p.result.volume, **p.metrics}
         for p in points
     ]
     folds = wrinkles_of(skin, found.composite, density, shape)
@@ -115,8 +99,6 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
-        fields = {"density": density} | wrinkle_fields(folds)
-        write_fields(folder / "skin.vtu", skin, shape, fields)
-        draw_wrinkles(folder, skin, folds)
+        write_skin_fields(folder, skin, shape, {"density": density}, folds)
 
     guarded(comm, folder, write)

@@ -47,8 +47,8 @@ def shape_measure(problem: ShapeProblem) -> Callable[[Pattern, Floats], Values] 
         wanted = goal(pattern)
         if wanted is None:
             return {}
-        whole = problem.whole if pattern is own else None
-        whole = whole or mirrored(pattern, () if case is None else case.symmetry)
+        planes = () if case is None else case.symmetry
+        whole = problem.whole if pattern is own else mirrored(pattern, planes)
         target, shape = whole.at_vertices(wanted), whole.at_vertices(positions)
         placed = ShownSkin(whole.pattern, target, aligned).placed(shape)
         return miss_of(whole.pattern, placed, target, compared).values()

@@ -65,7 +65,6 @@ class PrintedResult(RunResult):
     Attributes:
         metrics: Metrics of the print, by key; empty without an equilibrium.
         intervals: Half-width of the interval of each metric, by key, as far as they are known.
-        seconds: Wall times in s.
         shape: How far its shape is from the target, as of `Miss.values`; empty if the design
             compares no positions, and without an equilibrium.
         tolerances: What counts as reached.
@@ -187,8 +186,8 @@ class PrintedResult(RunResult):
             "islands removed": len(cleaned.dropped),
             "islands joined": len(cleaned.bridged),
             "holes filled": len(cleaned.filled),
-            "narrow lines widened": len(before.narrow_lines) - len(after.narrow_lines),
-            "narrow gaps changed": len(before.narrow_gaps) - len(after.narrow_gaps),
+            "narrow lines widened": len(before.lines.narrow) - len(after.lines.narrow),
+            "narrow gaps changed": len(before.gaps.narrow) - len(after.gaps.narrow),
         }
         told = [f"{count} {what}" for what, count in counts.items() if count > 0]
         return [f"print limits: {', '.join(told)}"] if told else []
@@ -242,9 +241,3 @@ class PrintedResult(RunResult):
             "linear_solver": self.problem.solver.linear_solver,
             "reason": self.design.reason,
         }
-
-
-def printed_metrics(result: DesignResult, printed: PrintedDesign) -> dict[str, float]:
-    """Return the metrics of the print of a shape, by key, as of `PrintedDesign` (collective)."""
-    shape_problem(result)
-    return printed.metrics

@@ -26,11 +26,11 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.files import Frame
-from toros_fem.results.frames.record import OnWhole, shown_skin, write_series
+from toros_fem.results.frames.record import shown_skin, whole_cells, write_series
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import require_open
 from toros_fem.results.shape_miss import shape_of
-from toros_fem.results.summary import PrintedResult, printed_metrics, shape_problem
+from toros_fem.results.summary import PrintedResult, shape_problem
 
 
 @collective("result.problem.comm", owned=("seconds",))
@@ -65,7 +65,7 @@ def write_results(
     made = PrintedResult(
         result,
         printed,
-        printed_metrics(result, printed),
+        printed.metrics,
         config=config,
         seconds=seconds or {},
         shape=shape_of(printed.evaluation),
@@ -84,22 +84,21 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         OutputError: A file cannot be written; on all ranks.
     """
     folder, printed, final = Path(folder), found.printed, found.design.final
-    shown, on = printed.evaluation or final, OnWhole(found.problem)
+    shown, designed = printed.evaluation or final, found.problem
     problem = shown.problem
     assert isinstance(problem, ShapeProblem)
-    there, part = OnWhole(problem), problem.skin.pattern
+    whole, part = problem.whole, problem.skin.pattern
     # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
-    positions = there.vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
-    composite, stiffened = problem.solver.model.composite, there.cells(shown.projected)
+    positions = whole.at_vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
+    composite, stiffened = problem.solver.model.composite, whole_cells(problem, shown.projected)
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
     fields = {
-        "rho": on.cells(found.design.density),
-        "rho_filtered": on.cells(final.filtered),
-        "rho_projected": on.cells(final.projected),
-        **wrinkle_fields(folds),
+        "rho": whole_cells(designed, found.design.density),
+        "rho_filtered": whole_cells(designed, final.filtered),
+        "rho_projected": whole_cells(designed, final.projected),
         "printed": printed.cells.astype(np.float64),
     }
-    told = there.vertices(problem.physics.shape_of(shown.equilibrium))
+    told = whole.at_vertices(problem.physics.shape_of(shown.equilibrium))
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
@@ -117,8 +116,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, part, printed.cells[: len(part.panel)])
         write_series(folder, seen, [frame])
-        write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
-        draw_wrinkles(folder, printed.pattern, folds)
+        write_skin_fields(folder, printed.pattern, positions, fields, folds)
 
     guarded(found.problem.comm, folder, write)
 
@@ -151,22 +149,26 @@ def wrinkles_of(
     return wrinkles(pattern, composite, density, positions)
 
 
-def draw_wrinkles(folder: Path, pattern: Pattern, folds: WrinkleField | None) -> None:
-    """Draw wrinkles.png of a tension field (one rank)."""
+def write_skin_fields(
+    folder: Path,
+    pattern: Pattern,
+    positions: Floats,
+    fields: Mapping[str, Floats],
+    folds: WrinkleField | None,
+) -> None:
+    """Write skin.vtu as `write_fields` does, and wrinkles.png of a tension field (one rank)."""
+    path = folder / "skin.vtu"
+    if folds is None:
+        write_fields(path, pattern, positions, fields)
+        return
+    of_folds = {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
+    write_fields(path, pattern, positions, {**fields, **of_folds})
 
-    def draw(found: WrinkleField) -> None:
-        from toros_fem.results.pictures.flat import draw_wrinkles as on_panels
+    def draw() -> None:
+        from toros_fem.results.pictures.flat import draw_wrinkles
         from toros_fem.results.pictures.style import page
 
         with page(folder / "wrinkles.png") as figure:
-            on_panels(figure, pattern, found)
+            draw_wrinkles(figure, pattern, folds)
 
-    if folds is not None:
-        if_plotting(lambda: draw(folds))
-
-
-def wrinkle_fields(folds: WrinkleField | None) -> dict[str, Floats]:
-    """Return the fields of skin.vtu that show wrinkles."""
-    if folds is None:
-        return {}
-    return {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
+    if_plotting(draw)

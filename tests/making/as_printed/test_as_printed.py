@@ -14,7 +14,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, followed
-from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
+from toros_fem.making.as_printed.free_islands import without_free_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -67,8 +67,8 @@ def test_printed_design(
     problem = full(short_tube, short_solver, beta=20.0)
     printed = as_printed(problem, result, PrintLimits(), island_area=math.inf)
     assert not printed.after.free_islands
-    assert not printed.after.narrow_lines
-    assert not printed.after.narrow_gaps
+    assert not printed.after.lines.narrow
+    assert not printed.after.gaps.narrow
     part, cells = printed.evaluation.projected, printed.cells[short_tube.owned_cells]
     uncut = np.isin(part, (0.0, 1.0))
     assert np.array_equal(part[uncut] > 0.5, cells[uncut])
@@ -112,7 +112,7 @@ def test_islands_are_taken_out_of_the_density(
     chosen = DesignResult(problem, density, problem.simulate(density), (), "", {})
     printed = as_printed(problem, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
-    start = remove_islands(problem, chosen, printed)
+    start, _ = without_free_islands(problem, chosen, printed)
     again = DesignResult(problem, start, problem.simulate(start), (), "", {})
     bare = as_printed(problem, again, PrintLimits())
     assert not bare.before.free_islands
@@ -138,7 +138,7 @@ def test_islands_near_each_other_are_joined_to_the_body(
     one, two = (island.polygon for island in printed.before.free_islands)
     body = max(printed.contours[pattern.panel_index("wall")].geoms, key=lambda part: part.area)
     assert one.distance(two) < one.distance(body)
-    start = connect_islands(problem, chosen, printed)
+    _, start = without_free_islands(problem, chosen, printed)
     joined = DesignResult(problem, start, problem.simulate(start), (), "", {})
     assert not as_printed(problem, joined, PrintLimits()).before.free_islands
 

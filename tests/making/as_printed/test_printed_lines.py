@@ -13,8 +13,9 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import as_printed, printed
 from toros_fem.making.as_printed.printed_lines import printed_lines, state_near
+from toros_fem.making.print.cleaning import MirroredPanels
 from toros_fem.making.print.printability import PrintLimits, printed_cells
-from toros_fem.making.print.regions import mirrored_regions, regions_on
+from toros_fem.making.print.regions import regions_on
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, two_panels
 
@@ -40,7 +41,7 @@ def slanted_lines(pattern: Pattern, name: str = "wall") -> list[BaseGeometry]:
 def test_lines_on_the_whole_of_a_tube(alone: MPI.Comm, planes: tuple[int, ...]) -> None:
     part = cylinder(alone, 0.06, 0.02, 2e-3, planes=planes)
     regions, whole = slanted_lines(part), mirrored(part, planes)
-    found = mirrored_regions(part, whole, regions)
+    found = MirroredPanels(part, whole).whole(regions)
     wall = part.panel_index("wall")
     images = 2 ** len(planes)
     assert found[wall].area == pytest.approx(images * regions[wall].area, rel=1e-5)
@@ -56,7 +57,7 @@ def test_a_panel_that_is_not_cut_gets_an_image_of_its_own(alone: MPI.Comm) -> No
     part = two_panels(alone, outline, 3e-3, planes=(0,))
     whole = mirrored(part, (0,))
     regions = [shapely.box(0.0, 0.0, 0.01, 0.005), shapely.box(0.005, -0.005, 0.01, 0.005)]
-    found = mirrored_regions(part, whole, regions)
+    found = MirroredPanels(part, whole).whole(regions)
     assert [region.area for region in found] == pytest.approx([1e-4, 1e-4], rel=1e-6)
     assert found[0].geom_type == "Polygon", "one piece across the cut"
     assert found[1].geom_type == "MultiPolygon"

@@ -44,7 +44,6 @@ def test_both_sheets_have_the_tab_at_the_same_place(kind: str) -> None:
     # The weld with the tab comes last. It is longer by both sides of the tab, less its width.
     numbers = {sheet.seams[-1].number for sheet in tabs}
     assert len(numbers) == 1
-    assert [sheet.seams[-1].partner for sheet in tabs] == [sheet.name for sheet in reversed(tabs)]
     for k, sheet in zip(grown, tabs, strict=True):
         lengths = [
             sum(LineString(seam.line).length for seam in one.seams if seam.number in numbers)

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
 from toros_fem.making.print.islands import find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits, printability
-from toros_fem.making.print.regions import mirrored_regions, part_regions
+from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.mirror import mirrored
 
@@ -22,8 +22,8 @@ from toros_fem.meshes.mirror import mirrored
 def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
     """The print, which keeps all limits, has no islands and survives wear."""
     found = printability(pattern, cleaned.regions)
-    assert not found.narrow_lines
-    assert not found.narrow_gaps
+    assert not found.lines.narrow
+    assert not found.gaps.narrow
     assert not found.free_islands
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
     for panel, region in enumerate(cleaned.regions):
@@ -79,8 +79,8 @@ def test_no_corner_is_left_that_moves_a_border_by_less_than_2_micrometres(
     )
     assert kept == on_cut
     found = printability(pattern, [region], limits)
-    assert not found.narrow_lines
-    assert not found.narrow_gaps
+    assert not found.lines.narrow
+    assert not found.gaps.narrow
 
 
 def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
@@ -129,9 +129,9 @@ def test_symmetric_prints_stay_symmetric(alone: MPI.Comm) -> None:
     ]
     regions = [part.outline(k) for k in range(len(part.panel_names))]
     regions[wall] = shapely.union_all(lines) & part.outline(wall)
-    onto = mirrored_regions(part, whole, regions)
+    onto = MirroredPanels(part, whole).whole(regions)
     after = checked(whole.pattern, clean(MirroredPanels(part, whole), onto))
-    again = mirrored_regions(part, whole, part_regions(part, after))
+    again = MirroredPanels(part, whole).whole(part_regions(part, after))
     for one, two in zip(after, again, strict=True):
         assert one.symmetric_difference(two).area < 1e-6 * one.area
 

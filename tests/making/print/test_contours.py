@@ -9,7 +9,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
-from toros_fem.making.print.contours import printed_region, printed_regions
+from toros_fem.making.print.contours import printed_regions
 from toros_fem.meshes import cylinder
 
 
@@ -33,11 +33,11 @@ def test_both_given_values_are_met() -> None:
     pattern = square(n=4)
     points, centroids = np.zeros(25), np.zeros(32)
     centroids[9] = 1.0
-    region = printed_region(pattern, points, centroids, 0, 0.5)
+    (region,) = printed_regions(pattern, points, centroids, 0.5)
     assert region.area == pytest.approx(pattern.areas[9] / 4)
     points, centroids = np.zeros(25), np.zeros(32)
     points[12] = 1.0
-    region = printed_region(pattern, points, centroids, 0, 0.5)
+    (region,) = printed_regions(pattern, points, centroids, 0.5)
     # Half as far along all edges of the six triangles' thirds around it.
     assert region.area == pytest.approx(6 * pattern.areas[0] * 2 / 3 / 4)
     assert region.contains(Point(pattern.flat_points[12]))
@@ -61,9 +61,9 @@ def test_noise_and_values_at_the_threshold(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values = [0.0, 0.5, 0.5 + 1e-16, 0.5 - 1e-12, 0.5 + 1e-8, 1.0]
     points, centroids = rng.choice(values, 441), rng.choice(values, 800)
-    region = printed_region(pattern, points, centroids, 0, 0.5)
+    (region,) = printed_regions(pattern, points, centroids, 0.5)
     assert region.is_valid
-    below = printed_region(pattern, 1 - points, 1 - centroids, 0, 0.5)
+    (below,) = printed_regions(pattern, 1 - points, 1 - centroids, 0.5)
     assert below.is_valid
     assert region.intersection(below).area < 1e-9 * region.area
     # A triangle is three around its centroid, each with a linear field.

@@ -69,8 +69,8 @@ def test_lines_of_a_field(alone: MPI.Comm) -> None:
 
     found = printability(pattern, regions_of(pattern, density))
     # At the ridges of the field the mesh rounds; the contours lie in its linear parts.
-    assert found.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
-    assert found.smallest_gap.width == pytest.approx(6e-3, rel=1e-3)
+    assert found.lines.smallest.width == pytest.approx(4e-3, rel=1e-3)
+    assert found.gaps.smallest.width == pytest.approx(6e-3, rel=1e-3)
 
 
 def test_tube_with_flaws(comm: MPI.Comm) -> None:

@@ -131,6 +131,6 @@ def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     wall = printed.pattern.cells_of("wall")
     areas = printed.pattern.areas[wall]
     assert areas @ printed.cells[wall] / areas.sum() == pytest.approx(exact, rel=0.01)
-    assert printed.after.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
+    assert printed.after.lines.smallest.width == pytest.approx(4e-3, rel=1e-3)
     with pytest.raises(PanelError, match="1 regions for 3 panels"):
         case.following(alone, regions[:1])

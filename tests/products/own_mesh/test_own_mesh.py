@@ -200,7 +200,6 @@ def test_symmetry_by_hand(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> N
     """A part has supports and target of the whole, and what does not fit is named."""
     write_pattern(tmp_path / NAME, read_skin(alone, SYMMETRIC, FINGER).pattern)
     case = case_on(alone, SYMMETRIC, read_skin(alone, SYMMETRIC, tmp_path))
-    assert case.whole is not None
     x = case.whole.at_vertices(case.goal)
     values = [m.measure(case.pattern, case.goal) for m in case.metrics or ()]
     assert values == pytest.approx([60, 0], abs=1e-6)

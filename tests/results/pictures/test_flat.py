@@ -48,7 +48,7 @@ def test_faults_have_numbers_and_words(flawed: tuple[Pattern, list], tmp_path: P
     pattern, regions = flawed
     found = printability(pattern, regions, LIMITS)
     count = (
-        len(found.free_islands) + len(found.narrow_lines) + len(found.narrow_gaps)
+        len(found.free_islands) + len(found.lines.narrow) + len(found.gaps.narrow)
         + sum(hole.area < LIMITS.hole_area for hole in found.holes)
     )  # fmt: skip
     assert count >= 3
@@ -59,10 +59,10 @@ def test_faults_have_numbers_and_words(flawed: tuple[Pattern, list], tmp_path: P
     kinds = [word for word in words if word.startswith(("line ", "gap ", "hole ", "free island "))]
     assert len({word.split()[0] for word in kinds}) >= 3
     assert {"1", "2", "3"} <= set(words)
-    width = 1e3 * min(place.width for place in found.narrow_lines)
+    width = 1e3 * min(place.width for place in found.lines.narrow)
     assert f"line {width:.2f} of 0.6 mm" in kinds
-    assert found.smallest_gap is not None
-    assert f"thinnest gap {1e3 * found.smallest_gap.width:.2g} mm" in words
+    assert found.gaps.smallest is not None
+    assert f"thinnest gap {1e3 * found.gaps.smallest.width:.2g} mm" in words
 
 
 def test_a_sound_print_is_told_as_printable(

@@ -72,6 +72,4 @@ def initial_density(problem: DesignProblem, density: Floats) -> InitialDensity |
     if not isinstance(problem.fields, DensityFields):
         return None
     cells = problem.skin.gather_cells(problem.fields.with_passive(density))
-    if problem.whole is None:
-        return problem.skin.pattern, cells
     return problem.whole.pattern, problem.whole.at_cells(cells)

@@ -89,14 +89,9 @@ class Case:
     force: Floats | None = None
 
     @cached_property
-    def whole(self) -> Mirrored | None:
-        """The skin with its mirror images; None if it is whole."""
-        return mirrored(self.pattern, self.symmetry) if len(self.symmetry) else None
-
-    @property
-    def whole_pattern(self) -> Pattern:
-        """The pattern of the whole skin."""
-        return self.pattern if self.whole is None else self.whole.pattern
+    def whole(self) -> Mirrored:
+        """The skin with its mirror images; itself where it is not cut."""
+        return mirrored(self.pattern, self.symmetry)
 
     @property
     def goal(self) -> Floats:
@@ -116,7 +111,7 @@ class Case:
             goal = target(pattern.points) if callable(target) else np.asarray(target)
             return 1e3 * distance(pattern, positions, goal)
 
-        length = 1e3 * float(np.ptp(self.whole_pattern.points, axis=0).max())
+        length = 1e3 * float(np.ptp(self.whole.pattern.points, axis=0).max())
         return (Metric("distance", "mm", 0.0, measure, length),)
 
     @collective("skin.comm")
@@ -129,7 +124,7 @@ class Case:
         """
         goal = checked_target(skin, self.goal)
         whole = self.whole
-        if whole is None or not self.parts_of_whole:
+        if whole.parts == 1 or not self.parts_of_whole:
             return self._sum(skin, goal)
         goal_of_whole = whole.at_vertices(goal)
         return MirroredObjective(skin, whole, lambda nodes: self._sum(nodes, goal_of_whole))
@@ -181,10 +176,9 @@ class Case:
         if self.composite is not None:
             self.composite.require_refinable()
         finer, target = refine(self.pattern), self.target
-        passive, start, force, whole = self.passive, self.start, self.force, self.whole
-        of_parts = finer
-        if whole is not None and self.parts_of_whole:
-            of_parts = whole.refined(finer, self.symmetry)
+        passive, start, force, of_parts = self.passive, self.start, self.force, finer
+        if len(self.symmetry) and self.parts_of_whole:
+            of_parts = self.whole.refined(finer, self.symmetry)
         return replace(
             self,
             pattern=finer.pattern,

@@ -20,7 +20,7 @@ from toros_fem.design.loop.fields import Fields
 from toros_fem.design.loop.physics import Physics, Pressure, R, Residuals
 from toros_fem.design.loop.robust import Variants
 from toros_fem.measures.metrics import Metric, check_metrics
-from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.skin import Skin
 
 
@@ -144,8 +144,8 @@ class DesignProblem(Distributed, Generic[R]):
         length_scale: Constraints on the widths of lines and gaps; None leaves them out.
         robust: Eroded and dilated patterns, whose spread T counts too; None leaves them out.
         metrics: Numbers that the design is judged by, the most important first.
-        whole: The whole skin that the skin is a part of, by `meshes.mirrored`; None if the skin is
-            whole. Prints are drawn and measured on the whole.
+        whole: The whole skin that the skin is a part of, by `meshes.mirrored`, or the skin itself.
+            Prints are drawn and measured on the whole.
         target: Target positions of all assembled vertices, (n, 3), in m, for pictures; None if the
             objective has none.
     """
@@ -157,10 +157,11 @@ class DesignProblem(Distributed, Generic[R]):
     length_scale: LengthScaleConstraints | None = None
     robust: Variants | None = None
     metrics: Sequence[Metric] = ()
-    whole: Mirrored | None = None
+    whole: Mirrored = None  # type: ignore[assignment]  # by default the skin itself
     target: Floats | None = None
 
     def __post_init__(self) -> None:
+        self.whole = self.whole or mirrored(self.skin.pattern, ())
         check_metrics(self.metrics)
         self._check_terms()
 
@@ -207,7 +208,7 @@ class DesignProblem(Distributed, Generic[R]):
     @property
     def parts(self) -> int:
         """Number of equal parts of the skin, of which one is designed."""
-        return 1 if self.whole is None else self.whole.parts
+        return self.whole.parts
 
     def metrics_of(self, response: R) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""

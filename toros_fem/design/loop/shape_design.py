@@ -100,7 +100,8 @@ class ShapeDesign(ShapeProblem):
             contact=case.contact,
         )
         physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
-        density_filter = make_filter(r.filter, skin, r.filter_radius, whole)
+        beyond = whole if whole.parts > 1 else None
+        density_filter = make_filter(r.filter, skin, r.filter_radius, beyond)
         passive = _given_density(case)
         passive = None if passive is None else passive[skin.owned_cells]
         super().__init__(
@@ -115,11 +116,9 @@ class ShapeDesign(ShapeProblem):
         if r.perimeter_weight is not None:
             require_positive(perimeter_weight=r.perimeter_weight)
             window = r.filter_radius if r.perimeter_window is None else r.perimeter_window
-            perimeter = Perimeter(skin, window, r.perimeter_sharpness, beyond=whole)
-            size = (case.pattern if whole is None else whole.pattern).size
-            self.terms = [
-                ObjectiveTerm("perimeter", perimeter, r.perimeter_weight * self.parts / size)
-            ]
+            perimeter = Perimeter(skin, window, r.perimeter_sharpness, beyond=beyond)
+            weight = r.perimeter_weight * self.parts / whole.pattern.size
+            self.terms = [ObjectiveTerm("perimeter", perimeter, weight)]
         if r.width_tolerance is not None:
 
             def variant() -> InflatedSkin:

@@ -122,8 +122,7 @@ def as_printed(
     islands smaller than the area, in m², are removed; larger ones are bridged.
 
     Raises:
-        ParameterError: The area is negative, or not below the pattern's; or an argument has
-            another type.
+        ParameterError: The area is negative, or not below the pattern's.
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_printable(problem, limits, island_area)
@@ -133,10 +132,8 @@ def as_printed(
     smoothing = SMOOTHING * equilateral_edge(pattern.areas.mean())
 
     def cleaning() -> CleanedRegions:
-        values, on = (at_points, at_centroids), pattern
-        if whole is not None:
-            values, on = (at_points[whole.flat], whole.at_cells(at_centroids)), whole.pattern
-        contours = printed_regions(on, *values, eta)
+        values = at_points[whole.flat], whole.at_cells(at_centroids)
+        contours = printed_regions(whole.pattern, *values, eta)
         return clean(domain or panels_of(pattern, whole), contours, limits, island_area, smoothing)
 
     return printed(problem, cleaning, limits, like=result.final, journal=journal)
@@ -191,8 +188,7 @@ def printed(
     Raises:
         PatternError: The skin is moulded.
     """
-    skin = problem.skin
-    pattern = skin.pattern if problem.whole is None else problem.whole.pattern
+    skin, pattern = problem.skin, problem.whole.pattern
     pattern.require_flat_panels("a print")
 
     def inspect() -> tuple[CleanedRegions, Printability, Printability, list[BaseGeometry]]:
@@ -204,8 +200,7 @@ def printed(
     cleaned, before, after, regions = on_first_rank(skin.comm, inspect)
     if like is not None and isinstance(problem, ShapeDesign):
         problem, like, start = followed(problem, like, regions)
-        skin = problem.skin
-        pattern = skin.pattern if problem.whole is None else problem.whole.pattern
+        skin, pattern = problem.skin, problem.whole.pattern
 
     def of_triangles() -> tuple[Bools, Floats]:
         cells = printed_cells(pattern, cleaned.regions)

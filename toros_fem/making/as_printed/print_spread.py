@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import part_regions
 from toros_fem.meshes.following import border_motion, snapped, with_flat_points
-from toros_fem.meshes.pattern import Pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,33 +53,19 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     pattern = snapped(comm, part, regions)
     part_of = on_first_rank(comm, lambda: printed_fractions(pattern, regions))
     motion = on_first_rank(comm, lambda: border_motion(pattern, regions, part_of > 0.5, offset))
-
-    def moved(way: float) -> Pattern:
-        flat = pattern.flat_points + way * motion
-        return on_first_rank(comm, lambda: with_flat_points(pattern, flat))
-
-    def solved(
-        on: Pattern, near: Floats, pressures: Sequence[float]
-    ) -> tuple[Floats, dict[str, float]]:
-        skin = problem.on(on)
-        found = skin.simulate_binary(
-            part_of[skin.skin.owned_cells],
-            start=skin.physics.state_at(near),
-            pressure=pressures,
-        )
-        there = found.equilibrium.positions
-        return skin.skin.gather_vertices(there), skin.metrics_at(there)
-
-    pressures = made.equilibrium.pressures
-    shapes, metrics = [], []
-    near = problem.skin.gather_vertices(made.equilibrium.positions)
+    shapes, metrics = [problem.skin.gather_vertices(made.equilibrium.positions)], []
     try:
         for way in (-offset, offset):
-            shape, values = solved(moved(way), near, pressures)
-            near = shape
-            shapes.append(shape)
-            metrics.append(values)
+            flat = pattern.flat_points + way * motion
+            there = problem.on(on_first_rank(comm, partial(with_flat_points, pattern, flat)))
+            found = there.simulate_binary(
+                part_of[there.skin.owned_cells],
+                start=there.physics.state_at(shapes[-1]),
+                pressure=made.equilibrium.pressures,
+            )
+            shapes.append(there.skin.gather_vertices(found.equilibrium.positions))
+            metrics.append(there.metrics_at(found.equilibrium.positions))
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
-    half = np.asarray((shapes[0] - shapes[1]) / 2)
+    half = np.asarray((shapes[1] - shapes[2]) / 2)
     return PrintSpread(half, (metrics[0], metrics[1]))

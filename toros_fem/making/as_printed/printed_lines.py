@@ -17,8 +17,7 @@ from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, require_printable
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import mirrored_regions, part_regions, regions_on
-from toros_fem.meshes.mirror import Mirrored
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 
@@ -41,13 +40,12 @@ def printed_lines(
     come out too stiff or with steps in their borders (docs/manufacture.md).
 
     Args:
-        problem: The design problem, on the mesh that the print is simulated on.
+        problem: It is on the mesh that the print is simulated on.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
-        island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
+        island_area: As of `as_printed`.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
-        pressure: In Pa, of all chambers or of each; None takes the problem's own.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -59,8 +57,9 @@ def printed_lines(
     start = None if near is None else state_near(problem, *near)
 
     def cleaning() -> CleanedRegions:
-        found = regions_on(pattern, regions, part)
-        return clean_print(part, whole, found, limits, island_area)
+        panels = panels_of(part, whole)
+        found = panels.whole(regions_on(pattern, regions, part))
+        return clean(panels, found, limits, island_area)
 
     return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
 
@@ -69,11 +68,7 @@ def printed_lines(
 def case_of_print(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
 ) -> tuple[Case, list[BaseGeometry]]:
-    """Return a case that follows a print, with smoothed strains, and the print there (collective).
-
-    Raises:
-        PanelError: As of `print_on`.
-    """
+    """Return a case that follows a print, with smoothed strains, and `print_on` it (collective)."""
     own = print_on(comm, case, pattern, regions)
     return case.following(comm, own).smoothed(), own
 
@@ -92,7 +87,7 @@ def print_on(
     """
 
     def laid() -> list[BaseGeometry]:
-        there = regions_on(pattern, regions, case.whole_pattern, any_size=any_size)
+        there = regions_on(pattern, regions, case.whole.pattern, any_size=any_size)
         return part_regions(case.pattern, there)
 
     return on_first_rank(comm, laid)
@@ -106,18 +101,3 @@ def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> A
     """
     there = make_transfer(pattern, problem.skin.pattern).positions(positions)
     return problem.physics.state_at(there)
-
-
-def clean_print(
-    part: Pattern,
-    whole: Mirrored | None,
-    regions: Regions,
-    limits: PrintLimits = DEFAULT_LIMITS,
-    island_area: float = 0.0,
-) -> CleanedRegions:
-    """Clean lines on a part of a skin, and return those on the whole, which stay symmetric.
-
-    Without a whole, by `meshes.mirrored`, the part is whole itself. Errors are those of `clean`.
-    """
-    onto = regions if whole is None else mirrored_regions(part, whole, regions)
-    return clean(panels_of(part, whole), onto, limits, island_area)

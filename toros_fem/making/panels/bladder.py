@@ -14,7 +14,7 @@ from toros_fem.base.errors import PanelError
 from toros_fem.base.validation import checked_floats
 from toros_fem.making.options import ALL, DEFAULT, ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing, Seam, drawing_of
-from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.making.panels.seam_lines import SewnSeam, edges_of, sewn_seams
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 
@@ -87,8 +87,8 @@ def bladder_sheets(
     plain = options.updated(seam_allowance=allowance, allowance_at=ALL, grain=None)
     drawings = []
     for k, name in enumerate(sheets.names):
-        edges = [(w, side) for w in sheets.welds for side in (0, 1) if w.panels[side] == k]
-        drawing = drawing_of([(name,)], sheets.outlines[k], EMPTY, edges, sheets.names, plain)
+        edges = edges_of(sheets.welds, k)
+        drawing = drawing_of([(name,)], sheets.outlines[k], EMPTY, edges, plain)
         drawings.append(replace(drawing, crosses=np.empty((0, 2))))
     if options.connector_width is None:
         return BladderSheets(drawings, None)
@@ -135,7 +135,7 @@ def _panels(
     else:
         panel = pattern.panel_index(connector[0])
         point = checked_floats("connector", connector[1], "a point (2,), in m", (2,))
-    edges = [(s, side) for s in seams for side in (0, 1) if s.panels[side] == panel]
+    edges = edges_of(seams, panel)
     if not edges:
         raise PanelError(
             f"nothing is sewn to panel {pattern.panel_names[panel]!r}, so its bladder has no weld "
@@ -195,7 +195,6 @@ def _with_tab(
     others = [seam for seam in drawing.seams if seam.number != weld.number]
     rest = [shapely.LineString(seam.line) for seam in others]
     left = outline.boundary.difference(shapely.union_all([end, *rest]).buffer(tiny))
-    names = {seam.number: seam.partner for seam in drawing.seams}
     parts = shapely.get_parts(shapely.line_merge(left))
     lines = [shapely.get_coordinates(part) for part in parts if part.length > 2 * tiny]
     near = tab.buffer(allowance)
@@ -204,7 +203,7 @@ def _with_tab(
         drawing,
         outline=outline,
         cut=cut,
-        seams=(*others, *(Seam(weld.number, line, names[weld.number]) for line in lines)),
+        seams=(*others, *(Seam(weld.number, line) for line in lines)),
         notches=drawing.notches[~notched],
         labels=tuple(label for label in drawing.labels if not label.frame.intersects(near)),
     )

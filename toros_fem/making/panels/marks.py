@@ -55,15 +55,14 @@ def notches(
     normal = seam.outward(side, arc, min(allowance, 0.2 * seam.length))
     foot = seam.at(side, arc)
     rays = shapely.linestrings(np.stack([foot, foot + 2 * allowance * normal], axis=1))
-    found = []
-    for point, ray in zip(foot, rays, strict=True):
-        hit = shapely.shortest_line(shapely.Point(point), ray.intersection(cut.boundary))
-        if hit is None or hit.length < DEPTH * allowance / 2:
-            hit = shapely.shortest_line(shapely.Point(point), cut.boundary)
-        inner, outer = shapely.get_coordinates(hit)
-        depth = min(1.0, DEPTH * allowance / max(hit.length, 1e-12))
-        found.append([outer, outer + depth * (inner - outer)])
-    return np.array(found).reshape(-1, 2, 2)
+    points, border = shapely.points(foot), cut.boundary
+    hit = shapely.shortest_line(points, shapely.intersection(rays, border))
+    # A ray that misses the border, which has no length, or meets it at once is not followed.
+    far = shapely.length(hit) >= DEPTH * allowance / 2
+    hit = np.where(far, hit, shapely.shortest_line(points, border))
+    inner, outer = np.moveaxis(shapely.get_coordinates(hit).reshape(-1, 2, 2), 1, 0)
+    depth = np.minimum(1.0, DEPTH * allowance / np.maximum(shapely.length(hit), 1e-12))
+    return np.stack([outer, outer + depth[:, None] * (inner - outer)], axis=1)
 
 
 def crosses(outline: BaseGeometry, cut: BaseGeometry, size: float) -> Floats:

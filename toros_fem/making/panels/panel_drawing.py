@@ -14,7 +14,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.making.options import ALL, DEFAULT, INSIDE, ManufactureOptions
 from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
 from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label
-from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.making.panels.seam_lines import SewnSeam, edges_of, sewn_seams
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
@@ -26,7 +26,7 @@ TINY = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """One edge of a panel that is sewn to an edge of the same or of another panel, the partner.
+    """One edge of a panel that is sewn to an edge of the same or of another panel.
 
     Its number, from 1, is the same on both edges. Its line, (n, 2), in m, begins on both at the
     same end of the seam.
@@ -34,7 +34,6 @@ class Seam:
 
     number: int
     line: Floats
-    partner: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +41,12 @@ class PanelDrawing:
     """Everything that is printed, cut, sewn and marked on one panel, in m.
 
     Attributes:
-        name: Name of the panel.
         outline: The seam line: border of the panel in the assembled skin.
         cut: The outline to cut, with the allowance.
-        printed: The print, polygons.
-        seams: Its edges that are sewn.
         notches: Segments (k, 2, 2) from the cut into the allowance.
         grain: Lines of the arrow along the grain, (n, 2) each; none where the grain is free.
         crosses: Centres of the registration crosses, (k, 2), which print and cut share.
         cross_size: Their size in m.
-        labels: Texts.
     """
 
     name: str
@@ -97,12 +92,8 @@ def panel_drawings(
 ) -> list[PanelDrawing]:
     """Return the drawing of each panel of a whole pattern in its own flat coordinates.
 
-    For a print on the inside the pattern is that of `printed_face`.
-
-    Raises:
-        ParameterError: The pattern is something else.
-        PanelError: The number of regions is not that of the panels.
-        PatternError: The skin is moulded.
+    For a print on the inside the pattern is that of `printed_face`. Errors are those of
+    `sewn_seams`, and of `Pattern.require_regions`.
     """
     seams = sewn_seams(pattern)
     pattern.require_regions(regions)
@@ -111,8 +102,7 @@ def panel_drawings(
             [(name,), (f"{options.print_side} up", "up")],
             pattern.outline(panel),
             regions[panel],
-            [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
-            pattern.panel_names,
+            edges_of(seams, panel),
             options,
         )
         for panel, name in enumerate(pattern.panel_names)
@@ -144,13 +134,11 @@ def drawing_of(
     outline: BaseGeometry,
     printed: BaseGeometry,
     edges: Sequence[tuple[SewnSeam, int]],
-    names: Sequence[str],
     options: ManufactureOptions,
 ) -> PanelDrawing:
     """Return the drawing of one panel, by its seam line and its print.
 
-    `texts` are written on it, its name first: of each the best wording, then shorter ones. `edges`
-    are its seams, with the side of each that it is; `names` are those of all panels.
+    `texts` are written on it, its name first: of each the best wording, then shorter ones.
     """
     allowance = options.seam_allowance
     cut, cuts = outline, list[Floats]([np.empty((0, 2, 2))])
@@ -187,10 +175,7 @@ def drawing_of(
         outline=outline,
         cut=cut,
         printed=printed,
-        seams=tuple(
-            Seam(seam.number, seam.lines[side], names[seam.panels[1 - side]])
-            for seam, side in edges
-        ),
+        seams=tuple(Seam(seam.number, seam.lines[side]) for seam, side in edges),
         notches=np.concatenate(cuts),
         grain=() if grain is None else tuple(grain_arrow(room, grain)),
         crosses=centres,

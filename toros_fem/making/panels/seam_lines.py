@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,11 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
         SewnSeam(number, panels, lines, ends)
         for number, (panels, _, lines, ends) in enumerate(found, 1)
     ]
+
+
+def edges_of(seams: Sequence[SewnSeam], panel: int) -> list[tuple[SewnSeam, int]]:
+    """Return the seams of a panel, with the side of each that it is."""
+    return [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel]
 
 
 def _chains(pattern: Pattern) -> list[Ints]:

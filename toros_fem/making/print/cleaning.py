@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import override
 
@@ -16,8 +17,9 @@ from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import mirrored_regions, symmetric_part
+from toros_fem.making.print.regions import part_regions, with_more
 from toros_fem.making.print.thickness import thickened
+from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern, Regions
 
@@ -25,6 +27,8 @@ from toros_fem.meshes.pattern import Pattern, Regions
 # the mesh of the density sees it too.
 BRIDGE = 2.0
 SEEN = 3.0
+# Corners of regions that are joined across a cut lie on a grid of this fraction of the skin's size.
+GRID = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +74,7 @@ class Panels:
 
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
-        self.outlines = [pattern.outline(k) for k in range(len(pattern.panel_names))]
-        self.parts = self.outlines
+        self.outlines = self.parts = pattern.outlines
 
     def laid(self, regions: Regions) -> list[BaseGeometry]:
         """Return the print inside each outline, of the print on each panel."""
@@ -102,20 +105,43 @@ class MirroredPanels(Panels):
     def __init__(self, part: Pattern, whole: Mirrored) -> None:
         super().__init__(whole.pattern)
         self._part, self._whole = part, whole
-        self.parts = Panels(part).outlines
+        self.parts = part.outlines
 
     @override
     def part(self, laid: Regions, detail: float) -> list[BaseGeometry]:
-        return symmetric_part(self._part, self._whole, laid, detail)
+        own = part_regions(self._part, laid)
+        for panel, image, place in self._images():
+            there = place.inverse.region(laid[image])
+            own[panel] = with_more(own[panel], there, self.parts[panel], detail)
+        return own
 
     @override
     def whole(self, own: Regions) -> list[BaseGeometry]:
-        return mirrored_regions(self._part, self._whole, own)
+        pieces: list[list[BaseGeometry]] = [[] for _ in self.outlines]
+        for panel, image, place in self._images():
+            pieces[image].append(place.region(own[panel]))
+        grid = GRID * self.pattern.size
+        return [p[0] if len(p) == 1 else shapely.union_all(p, grid_size=grid) for p in pieces]
+
+    def _images(self) -> Iterator[tuple[int, int, Affine]]:
+        """Yield each panel of the part, its panel in each image, and the map to it."""
+        part, whole, count = self._part, self._whole, len(self._part.panel)
+        for image in range(whole.parts):
+            cells = slice(image * count, (image + 1) * count)
+            corners, panels = self.pattern.flat_triangles[cells], self.pattern.panel[cells]
+            for own in range(len(part.panel_names)):
+                here = np.flatnonzero(part.panel[whole.cell[cells]] == own)
+                points = np.unique(corners[here])
+                source, target = (
+                    part.flat_points[whole.flat[points]],
+                    self.pattern.flat_points[points],
+                )
+                yield own, int(panels[here[0]]), Affine.fit(source, target)
 
 
-def panels_of(part: Pattern, whole: Mirrored | None) -> Panels:
-    """Return the panels that are cleaned: of a skin, or of the whole that it is a part of."""
-    return Panels(part) if whole is None else MirroredPanels(part, whole)
+def panels_of(part: Pattern, whole: Mirrored) -> Panels:
+    """Return the panels that are cleaned: those of the whole skin, of which a part is designed."""
+    return Panels(part) if whole.parts == 1 else MirroredPanels(part, whole)
 
 
 def clean(
@@ -132,14 +158,7 @@ def clean(
             the rest of their panel by a line, where one fits.
         smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are
             smooth.
-
-    Raises:
-        ParameterError: The area is negative.
     """
-    if not (is_number(island_area) and island_area >= 0):
-        raise ParameterError(
-            f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
-        )
     found, own = _clean(domain, regions, limits, island_area, smoothing)
     if found.bridged and domain.repeats:  # bridges get images, which may lie close to others
         _, own = _clean(domain, found.regions, limits, island_area, None)

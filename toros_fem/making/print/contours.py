@@ -26,17 +26,7 @@ TOUCHING = 1e-6
 def printed_regions(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
 ) -> list[BaseGeometry]:
-    """Return the printed region of each panel, as of `printed_region`."""
-    return [
-        printed_region(pattern, at_points, at_centroids, panel, threshold)
-        for panel in range(len(pattern.panel_names))
-    ]
-
-
-def printed_region(
-    pattern: Pattern, at_points: Floats, at_centroids: Floats, panel: int, threshold: float
-) -> BaseGeometry:
-    """Return the printed region of one panel, where the density exceeds the threshold η.
+    """Return the printed region of each panel, where the density exceeds the threshold η.
 
     Each triangle is split into three at its centroid. The density is linear on each third, so that
     the values ρ̃ at flat points, (m,), and at centroids, (t,), are met exactly.
@@ -54,11 +44,16 @@ def printed_region(
                 f"{name} has shape {np.shape(array)}; it must hold {size} finite values, one for "
                 "each."
             )
-    cells = np.flatnonzero(pattern.panel == panel)
     points = np.concatenate([pattern.flat_points, pattern.centroids])
     value = np.concatenate([at_points, at_centroids]) - threshold
     value[np.abs(value) < SNAP] = 0
-    corner, centre = pattern.flat_triangles[cells], (count + cells)[:, None]
+    panels = [np.flatnonzero(pattern.panel == k) for k in range(len(pattern.panel_names))]
+    return [_positive(points, value, pattern.flat_triangles[k], count + k) for k in panels]
+
+
+def _positive(points: Floats, value: Floats, corner: Ints, centre: Ints) -> BaseGeometry:
+    """Return where values are positive, of triangles by their corners (t, 3) and centroids (t,)."""
+    centre = centre[:, None]
     whole = np.all(value[corner] > 0, axis=1) & (value[centre[:, 0]] > 0)
     thirds = np.stack([corner, np.roll(corner, -1, axis=1), np.repeat(centre, 3, axis=1)], axis=2)
     third = thirds[~whole].reshape(-1, 3)

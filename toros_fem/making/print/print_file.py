@@ -72,9 +72,8 @@ def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:
 def regions_of(archive: Archive) -> list[BaseGeometry]:
     """Return the regions in a pattern's archive."""
     data, sizes = (archive.arrays[name] for name in REGIONS)
-    if len(sizes) != len(archive.numbers["panel_names"]) or sizes.min() < 0:
-        raise PatternFileError("the polygons do not fit the panels")
-    if sizes.sum() != data.nbytes:
+    fits = len(sizes) == len(archive.numbers["panel_names"]) and sizes.min() >= 0
+    if not fits or sizes.sum() != data.nbytes:
         raise PatternFileError("the polygons do not fit the panels")
     text, stops = data.tobytes(), np.cumsum(sizes)
     try:

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_positive
 from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
-from toros_fem.making.print.widths import LocalWidth, measure_widths
+from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern, Regions
 
@@ -67,19 +67,16 @@ class Printability:
         main_bodies: The largest piece of each panel that has any print.
         islands: All other pieces, the largest first.
         holes: Holes, the smallest first.
-        smallest_width, smallest_gap: The thinnest line and gap; None without facing sides.
+        lines, gaps: Widths of lines, and of the gaps between them.
         border_length: Length of the border of the print in m, without the cut edge of the panel.
-        narrow_lines, narrow_gaps: Places where lines, or gaps, are thinner than the limit.
     """
 
     main_bodies: tuple[PrintedPiece, ...]
     islands: tuple[PrintedPiece, ...]
     holes: tuple[Hole, ...]
-    smallest_width: LocalWidth | None
-    smallest_gap: LocalWidth | None
+    lines: Widths
+    gaps: Widths
     border_length: float
-    narrow_lines: tuple[LocalWidth, ...]
-    narrow_gaps: tuple[LocalWidth, ...]
 
     @property
     def free_islands(self) -> tuple[PrintedPiece, ...]:
@@ -95,7 +92,7 @@ class Printability:
         """Return all results as plain numbers; each key ends in its unit."""
         thinnest = {
             f"smallest_{name}_{what}": found
-            for name, place in (("width", self.smallest_width), ("gap", self.smallest_gap))
+            for name, place in (("width", self.lines.smallest), ("gap", self.gaps.smallest))
             for what, found in (
                 ("mm", place and 1e3 * place.width),
                 ("panel", place and place.panel),
@@ -111,8 +108,8 @@ class Printability:
             "smallest_hole_mm2": 1e6 * self.holes[0].area if self.holes else None,
             "border_mm": 1e3 * self.border_length,
             **thinnest,
-            "narrow_places": len(self.narrow_lines),
-            "tight_places": len(self.narrow_gaps),
+            "narrow_places": len(self.lines.narrow),
+            "tight_places": len(self.gaps.narrow),
         }
 
 
@@ -120,30 +117,20 @@ def printability(
     pattern: Pattern, regions: Regions, limits: PrintLimits = DEFAULT_LIMITS
 ) -> Printability:
     """Measure the printability of a pattern; lines and gaps narrower than the limits are listed."""
-    outlines = [pattern.outline(panel) for panel in range(len(pattern.panel_names))]
+    outlines = pattern.outlines
     pieces = find_pieces(pattern, regions, limits.contact)
     widths = [
         measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
         for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))
     ]
-
-    def smallest(kind: int) -> LocalWidth | None:
-        found = [panel[kind].smallest for panel in widths]
-        return min((p for p in found if p), key=lambda place: place.width, default=None)
-
-    def narrow(kind: int) -> tuple[LocalWidth, ...]:
-        found = [place for panel in widths for place in panel[kind].narrow]
-        return tuple(sorted(found, key=lambda place: place.width))
-
+    lines, gaps = map(Widths.joined, zip(*widths, strict=True))
     return Printability(
         main_bodies=tuple(piece for piece in pieces if piece.main),
         islands=tuple(piece for piece in pieces if not piece.main),
         holes=find_holes(pattern, regions),
-        smallest_width=smallest(0),
-        smallest_gap=smallest(1),
+        lines=lines,
+        gaps=gaps,
         border_length=sum(map(_inner_border, regions, outlines)),
-        narrow_lines=narrow(0),
-        narrow_gaps=narrow(1),
     )
 
 

@@ -67,7 +67,9 @@ def thickened(
     region = within(region.difference(_flimsy(region, width).buffer(lines.rounding)))
     rounded = False
     for number in range(ROUNDS):
-        region = filled(region, _small(fabric(region), area))
+        bare = shapely.get_parts(fabric(region))
+        small = shapely.MultiPolygon(list(bare[shapely.area(bare) < area]))
+        region = filled(region, small)
         thin, tight = lines.narrow(region), gaps.narrow(fabric(region))
         if not len(thin[0]) and not len(tight[0]):
             if rounded:
@@ -188,9 +190,3 @@ def _beyond(
     longer = ends.buffer(2 * limit, cap_style="flat").difference(outline)
     # A little larger, or borders that differ by rounding would leave a slit.
     return region.union(longer.buffer(1e-6 * limit, join_style="mitre"))
-
-
-def _small(region: BaseGeometry, area: float) -> BaseGeometry:
-    """Return the pieces of a region that are smaller than an area in m²."""
-    parts = shapely.get_parts(region)
-    return shapely.MultiPolygon(list(parts[shapely.area(parts) < area]))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -49,11 +51,21 @@ class LocalWidth:
         return (ax + bx) / 2, (ay + by) / 2
 
 
+_width = attrgetter("width")
+
+
 class Widths(NamedTuple):
     """Smallest width, None without facing sides, and all places narrower than a limit."""
 
     smallest: LocalWidth | None
     narrow: tuple[LocalWidth, ...]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Widths]) -> Widths:
+        """Return those of several regions together."""
+        smallest = [part.smallest for part in parts if part.smallest]
+        narrow = [place for part in parts for place in part.narrow]
+        return cls(min(smallest, key=_width, default=None), tuple(sorted(narrow, key=_width)))
 
 
 class _Pairs(NamedTuple):
@@ -115,7 +127,7 @@ def measure_widths(
             here = within is None or shapely.contains_xy(within, *place.centre)
             if here and (not cut or place.width < least):
                 places.append(place)
-        places.sort(key=lambda place: place.width)
+        places.sort(key=_width)
         narrow = tuple(place for place in places if place.width < least)
         found.append(Widths(places[0] if places else None, narrow))
     return found[0], found[1]

@@ -53,9 +53,6 @@ def cut_dxf(sheet: Sheet) -> bytes:
     """Return a sheet as a DXF drawing in mm.
 
     Borders of cut and print are closed polylines, counter-clockwise, and clockwise around holes.
-
-    Raises:
-        MissingPackageError: ezdxf is not installed.
     """
     ezdxf = required("ezdxf")
     document = ezdxf.new("R2010", setup=True)

@@ -154,7 +154,6 @@ class Manufacture:
     Attributes:
         layout: Panels on beds and sheets.
         film: The film with the sheets of the bladder; None without one.
-        seams: All seams.
         order: The order in which they are sewn.
     """
 
@@ -166,13 +165,7 @@ class Manufacture:
 
 
 def manufacture(pattern: Pattern, regions: Regions, options: ManufactureOptions) -> Manufacture:
-    """Return what is made of a design on a whole pattern.
-
-    Raises:
-        SheetError: A panel fits on no sheet.
-        PatternError: The skin is moulded, so that it has no flat panels.
-        MissingPackageError: Panels must be nested, and u-nesting is not installed.
-    """
+    """Return what is made of a design on a whole pattern; errors as of `sewn_seams` and `nest`."""
     pattern, regions = printed_face(pattern, regions, options)
     seams, film = sewn_seams(pattern), bladder_sheets(pattern, options)
     closing = [] if film.tab_seam is None else [film.tab_seam]

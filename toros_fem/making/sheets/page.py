@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from importlib import resources
 from typing import Any
@@ -43,30 +43,26 @@ def page(
     title: str,
     summary: Mapping[str, Any] | None = None,
 ) -> str:
-    """Return the page, with a title, as HTML that needs no other file.
-
-    Raises:
-        MissingPackageError: jinja2 is not installed.
-    """
+    """Return the page, with a title, as HTML that needs no other file."""
     jinja2, safe = required("jinja2"), required("markupsafe").Markup
     text = resources.files("toros_fem.making.sheets").joinpath(NAME).read_text("utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     places, film = made.layout, made.film
+
+    def drawn(draw: Callable[[Sheet, str], str], sheets: Sequence[Sheet], what: str) -> list[str]:
+        return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
+
     shown: str = environment.from_string(text).render(
         title=title,
         made=manifest,
         corners=[places.bed_on_sheet(k)[1] for k in range(len(places.beds))],
         beds_on_sheet=places.grid[0] * places.grid[1],
         pictures={
-            "beds": [safe(sheet_picture(b, f"bed {k}")) for k, b in enumerate(places.beds, 1)],
-            "sheets": [
-                safe(sheet_picture(s, f"sheet {k}")) for k, s in enumerate(places.sheets, 1)
-            ],
-            "seams": [
-                safe(seam_picture(s, f"seams on sheet {k}")) for k, s in enumerate(places.sheets, 1)
-            ],
+            "beds": drawn(sheet_picture, places.beds, "bed"),
+            "sheets": drawn(sheet_picture, places.sheets, "sheet"),
+            "seams": drawn(seam_picture, places.sheets, "seams on sheet"),
             "film": None if film is None else safe(sheet_picture(film, "bladder")),
         },
         closing=[step for step in manifest["sewing"] if step["kind"] == CLOSING],

@@ -32,7 +32,6 @@ class Placement:
     """The place of a panel on a sheet: turned about the chart's origin, then moved.
 
     Attributes:
-        panel: Name of the panel.
         sheet: Number of the sheet, from 0.
         angle: Counter-clockwise turn in rad.
         offset: Translation after the turn, in m.

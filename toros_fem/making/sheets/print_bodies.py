@@ -127,11 +127,7 @@ def stl_of(bodies: Sequence[PrintBody]) -> bytes:
 
 
 def threemf_of(bodies: Sequence[PrintBody]) -> bytes:
-    """Return bodies as the objects of a 3MF file in mm, at their places on the bed.
-
-    Raises:
-        MissingPackageError: lib3mf is not installed.
-    """
+    """Return bodies as the objects of a 3MF file in mm, at their places on the bed."""
     lib3mf = required("lib3mf")
     wrapper = lib3mf.get_wrapper()
     model = wrapper.CreateModel()

@@ -18,7 +18,7 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
-from toros_fem.making.as_printed.free_islands import connect_islands, remove_islands
+from toros_fem.making.as_printed.free_islands import without_free_islands
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.job import Job
@@ -78,7 +78,7 @@ class Attempt:
     def clean(self) -> bool:
         """Whether the contours can be printed before they are cleaned."""
         before = self.printed.before
-        return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
+        return not (before.lines.narrow or before.gaps.narrow or before.free_islands)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -118,7 +118,7 @@ class DensityDesigner(Job):
             result = optimize(
                 result.problem,
                 replace(rules, stages=(last,)),
-                start=_without_free_islands(result, printed),
+                start=_best_without_islands(result, printed),
                 callback=self.reporter,
                 after=result,
                 journal=self.branch("polish"),
@@ -259,11 +259,10 @@ def _error(attempt: Attempt) -> float:
     return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN
 
 
-def _without_free_islands(result: DesignResult, printed: PrintedDesign) -> Floats:
+def _best_without_islands(result: DesignResult, printed: PrintedDesign) -> Floats:
     """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
     problem, near = problem_of(result), result.final.equilibrium
-    starts = [change(problem, result, printed) for change in (remove_islands, connect_islands)]
-    objectives = []
+    starts, objectives = without_free_islands(problem, result, printed), []
     for density in starts:
         try:
             found = problem.simulate(density, near.state, near.pressures, trial=True)

@@ -34,7 +34,6 @@ from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
 from toros_fem.results.shape_miss import shape_of
-from toros_fem.results.summary import printed_metrics
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
@@ -182,7 +181,7 @@ class Designer(Distributed, DensityDesigner):
         found = ActuatorResult(
             result,
             printed,
-            printed_metrics(result, printed),
+            printed.metrics,
             config=scene,
             shape=shape_of(printed.evaluation),
             tolerances=scene.results.tolerances,

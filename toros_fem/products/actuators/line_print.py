@@ -11,8 +11,8 @@ from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, printed
-from toros_fem.making.as_printed.printed_lines import clean_print, state_near
-from toros_fem.making.print.cleaning import CleanedRegions
+from toros_fem.making.as_printed.printed_lines import state_near
+from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
 from toros_fem.meshes.pattern import Regions
@@ -72,15 +72,16 @@ def print_of_lines(
     part, printer = case.pattern, job.scene.print
 
     def cleaning() -> tuple[CleanedRegions, Regions]:
-        found = regions_on(laid.pattern, laid.regions, part)
-        cleaned = clean_print(part, case.whole, found, printer.limits, printer.island_area)
+        panels = panels_of(part, case.whole)
+        found = panels.whole(regions_on(laid.pattern, laid.regions, part))
+        cleaned = clean(panels, found, printer.limits, printer.island_area)
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(job.comm, cleaning)
     fine = case.following(job.comm, regions).smoothed()
     problem = job.problem(fine, level)
 
-    whole = case.whole_pattern, cleaned.regions
+    whole = case.whole.pattern, cleaned.regions
 
     def start() -> Any:
         found = state_near(problem, *near_on_coarser(job, level, near, whole, pressures))

@@ -60,8 +60,6 @@ class Misses:
         """Return the cross-sections of a shape, from positions of all vertices, (n, 3), in m."""
         assert self.labels is not None
         whole = self.case.whole
-        if whole is None:
-            return rod_of(self.case.pattern, self.labels, positions)
         return rod_of(whole.pattern, self.labels, whole.at_vertices(positions))
 
     def __call__(self, positions: Floats) -> Floats:
@@ -117,8 +115,7 @@ class Misses:
         goal, whole = self.case.goal, self.case.whole
         rod = self.rod(goal)
         other = rod.strained(rod.strains + strains)
-        places = goal if whole is None else whole.at_vertices(goal)
-        moved = rod.carried(self.labels, places, other)
+        moved = rod.carried(self.labels, whole.at_vertices(goal), other)
         return replace(self.case, target=moved[: len(goal)])  # those of the part come first
 
     def _of_metrics(self, positions: Floats) -> Floats:

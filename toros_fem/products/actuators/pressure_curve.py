@@ -204,7 +204,6 @@ def write_curve(
     made = printed.evaluation
     problem = made.problem
     assert isinstance(problem, ShapeProblem)
-    whole = problem.whole
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
     points, found = trace_pressure_curve(
@@ -223,7 +222,7 @@ def write_curve(
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
-        write_path(folder, "pressure", skin, points, whole)
+        write_path(folder, "pressure", skin, points, problem.whole)
 
     guarded(comm, folder, write)
     beside = [_beside(m, rows) for m in compared]

@@ -18,7 +18,6 @@ from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
-from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -55,11 +54,6 @@ class SimulationResult(PathResult):
     source: str | None = None
     failure: str | None = None
     errors: MetricErrors | None = None
-
-    @property
-    def figures(self) -> tuple[Figure, ...]:
-        """Metrics, pressure and volume at the last pressure."""
-        return self.figures_within({} if self.errors is None else self.errors.intervals)
 
     def entries(self) -> dict[str, Any]:
         """Return errors, inputs and cost."""
@@ -130,7 +124,7 @@ def simulate_actuator(
         if pattern is None or regions is not None:
             shape = limit_shape(solver, last)
             errors = metric_errors(job, level, shape, measures, regions, last.pressures)
-        found = replace(found, errors=errors)
+        found = replace(found, errors=errors, intervals=errors.intervals)
     write_summary(comm, output, found)
     draw_pictures(comm, output)
     return found

@@ -212,11 +212,11 @@ class Pull:
 
 def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
     """Return half a finger and the designed object, or all fingers and the object's mesh."""
-    model, skin, whole = problem.solver.model, problem.skin, problem.whole
+    model, skin = problem.solver.model, problem.skin
+    whole: Mirrored | None = problem.whole
     contact, supports, path = scene.held_contact, model.supports, scene.object.object_mesh
     if path is not None:
-        assert whole is not None
-        pattern, axis, count = whole.pattern, scene.body.centre[2], scene.fingers
+        pattern, axis, count = problem.whole.pattern, scene.body.centre[2], scene.fingers
         read = rigid_mesh(comm, "object", path, scale=scene.object.object_scale)
         # Upright, in the frame of the first finger.
         points = from_room(read.points - read.centre, 0.0) + [scene.body.centre[0], 0.0, axis]
@@ -251,7 +251,6 @@ def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResu
     shown = printed.evaluation or design.design.final
     problem = shown.problem
     assert isinstance(problem, ShapeDesign)
-    assert problem.whole is not None
     drawn = designed.fields.start(design.search.seed)
     _, initial = designed.fields.forward(designed.fields.with_passive(drawn))
     grip, pressures, pulls = grip_of(comm, problem, scene), shown.equilibrium.pressures, {}

@@ -26,21 +26,9 @@ from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
 FOLLOWING = ("print", "pressure", "gait", "load")
 
 
-class OnWhole:
-    """Fields of a design problem on its whole skin, on every rank."""
-
-    def __init__(self, problem: ShapeProblem) -> None:
-        self._skin, self._whole = problem.skin, problem.whole
-        self.pattern = problem.skin.pattern if self._whole is None else self._whole.pattern
-
-    def cells(self, owned: Floats) -> Floats:
-        """Return values at all triangles from those of each rank (collective)."""
-        values = self._skin.gather_cells(owned)
-        return values if self._whole is None else self._whole.at_cells(values)
-
-    def vertices(self, positions: Floats) -> Floats:
-        """Return positions of all vertices from those of the simulated part."""
-        return positions if self._whole is None else self._whole.at_vertices(positions)
+def whole_cells(problem: ShapeProblem, owned: Floats) -> Floats:
+    """Return values of the whole skin's triangles, (t,), of those of each rank (collective)."""
+    return problem.whole.at_cells(problem.skin.gather_cells(owned))
 
 
 def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSkin, Frame] | None:
@@ -51,9 +39,9 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
     problem = evaluation.problem
     if not isinstance(problem, ShapeProblem):
         return None
-    on, state = OnWhole(problem), evaluation.equilibrium
-    positions = on.vertices(problem.physics.shape_of(state))
-    density = on.cells(problem.fields.shown(evaluation.projected))
+    state = evaluation.equilibrium
+    positions = problem.whole.at_vertices(problem.physics.shape_of(state))
+    density = whole_cells(problem, problem.fields.shown(evaluation.projected))
     note = state.condition.sentences
     frame = Frame("iteration", row.iteration, "", positions, density, row.columns(), note)
     return shown_skin(problem, poses=state.poses), frame
@@ -69,13 +57,13 @@ def shown_skin(
     The poses are those of the bodies that it touches, as of an `Equilibrium`; None leaves them
     where they are made.
     """
-    on, passive, target = OnWhole(problem), problem.fields.passive, problem.target
-    passive = None if passive is None else on.cells(passive)
-    target = None if target is None else on.vertices(target)
+    whole, passive, target = problem.whole, problem.fields.passive, problem.target
+    passive = None if passive is None else whole_cells(problem, passive)
+    target = None if target is None else whole.at_vertices(target)
     aligned = is_aligned(problem.objective)
     touched = _touched(problem.solver.contact, poses)
     compared = compared_axes(problem.objective)
-    return ShownSkin(on.pattern, target, aligned, passive, regions, *touched, compared)
+    return ShownSkin(whole.pattern, target, aligned, passive, regions, *touched, compared)
 
 
 def _touched(
@@ -116,19 +104,19 @@ def write_path(
     series: str,
     skin: ShownSkin,
     points: Sequence[TracePoint],
-    whole: Mirrored | None = None,
+    whole: Mirrored,
     density: Floats | None = None,
     chambers: Sequence[str] = (),
 ) -> None:
     """Write the frames of a path, "pressure" or "gait", into a run's folder (one rank).
 
-    The equilibria may be those of a part of the whole. Where the skin has no print, a density of
+    The equilibria are those of a part of the whole. Where the skin has no print, a density of
     all triangles, (t,), is shown. Pressures of chambers are recorded by their names.
     """
     frames = []
     for number, point in enumerate(points):
         state = point.result
-        positions = point.positions if whole is None else whole.at_vertices(point.positions)
+        positions = whole.at_vertices(point.positions)
         pressures = zip(chambers, state.pressures, strict=False)
         values = {"pressure_pa": state.pressure, **point.metrics}
         values |= {f"{name}_pa": pressure for name, pressure in pressures}

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.figures import Figure as Told
-from toros_fem.measures.figures import formatted, unit_of
+from toros_fem.measures.figures import axis_label, formatted, unit_of
 from toros_fem.results.pictures.style import (
     ACCENT,
     DARK,
@@ -83,14 +83,7 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
         for told, height in zip(asked, targets, strict=True)
     ]
     write_words(axes, [*named, *words], lines)
-    axes.set_ylabel(_axis_label(figures))
-
-
-def _axis_label(shown: Sequence[Told]) -> str:
-    names = " and ".join(told.name.replace("_", " ") for told in shown) if len(shown) < 3 else ""
-    sign = unit_of(shown[0].unit).sign.strip()
-    sign = "relative to rest" if sign == "×" else sign
-    return f"{names} ({sign})" if sign else names
+    axes.set_ylabel(axis_label(figures))
 
 
 def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
@@ -164,7 +157,7 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
     right, factor = axes.twinx(), unit_of(told.unit).factor
     right.spines["right"].set_visible(True)
     right.plot(count, [factor * row[told.key] for row in rows], color=SECOND, lw=1.4)
-    right.set_ylabel(_axis_label([told]), color=SECOND)
+    right.set_ylabel(axis_label([told]), color=SECOND)
     if told.target is not None:
         right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
 

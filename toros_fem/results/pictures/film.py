@@ -150,15 +150,14 @@ def _words(series: str, scene: Frame, figures: Sequence[Told]) -> tuple[str, str
     if series == "gait":
         return f"Position {scene.number + 1}", ""
     found = [
-        Told(told.name, told.unit, scene.values[told.key])
+        Told(told.name, told.unit, float(f"{scene.values[told.key]:.3g}"))
         for told in figures
         if told.key in scene.values
     ]
     targets = [
         f"target {formatted(told.target, told.unit)}" for told in figures if told.target is not None
     ]
-    rounded = [Told(f.name, f.unit, float(f"{f.value or 0:.3g}")) for f in found]
-    return sentence(rounded, scene.values.get("pressure_pa")), ", ".join(targets)
+    return sentence(found, scene.values.get("pressure_pa")), ", ".join(targets)
 
 
 def _moving(

@@ -76,15 +76,12 @@ def draw_panels(
     page_size = figure.get_size_inches() * box[2:]
     gap = max(GAP, NAME_GAP / (72 * page_size.max()) if names else 0.0) * pattern.size
     places = panel_places(pattern, gap, tuple(page_size))
+    shapes = [place.region(one) for place, one in zip(places, pattern.outlines, strict=True)]
     for panel, place in enumerate(places):
-        outline = place.region(pattern.outline(panel))
-        fill(axes, outline, FABRIC, EDGE)
+        fill(axes, shapes[panel], FABRIC, EDGE)
         if regions is not None:
             fill(axes, place.region(regions[panel]), PRINT)
-    bounds = shapely.total_bounds(
-        [place.region(pattern.outline(k)) for k, place in enumerate(places)]
-    )
-    low, high = 1e3 * bounds[:2], 1e3 * bounds[2:]
+    low, high = np.split(1e3 * shapely.total_bounds(shapes), 2)
     below, above, beside = ROOM if names else BARE_ROOM
     # One point of the page in mm, as large as the panels then are.
     across, up = 72 * page_size - [2 * beside, below + above]
@@ -93,7 +90,6 @@ def draw_panels(
     axes.set_ylim(low[1] - below * point, high[1] + above * point)
     axes.set_aspect("equal")
     if names:
-        shapes = [place.region(pattern.outline(k)) for k, place in enumerate(places)]
         _write_names(axes, pattern.panel_names, 1e3 * shapely.bounds(shapes), point)
         scale_bar(axes, bar_length(float((high - low).max())), (0.0, 0.01))
     return axes, places
@@ -129,11 +125,10 @@ def draw_pattern(
     close have one number.
     """
     faults = _faults(printability, limits)
-    count = sum(fault.count for fault in faults)
     words = {
         0: "Printable: print the dark areas, sew along equal numbers",
         1: "1 place cannot be printed as it is drawn",
-    }.get(count, f"{count} places cannot be printed as they are drawn")
+    }.get(len(faults), f"{len(faults)} places cannot be printed as they are drawn")
     write_title(figure, words)
     axes, places = draw_panels(figure, PANELS_BOX, pattern, regions)
     if not pattern.moulded:
@@ -162,7 +157,6 @@ class _Fault:
     at: Floats
     size: float
     shape: BaseGeometry
-    count: int = 1
 
 
 def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
@@ -172,7 +166,7 @@ def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
         inside = island.polygon.point_on_surface()
         at = shapely.get_coordinates(inside)[0]
         faults.append(_Fault("free island", island.panel, at, island.area, island.polygon))
-    for kind, narrow in (("line", found.narrow_lines), ("gap", found.narrow_gaps)):
+    for kind, narrow in (("line", found.lines.narrow), ("gap", found.gaps.narrow)):
         for place in narrow:
             line = shapely.LineString(place.ends)
             faults.append(_Fault(kind, place.panel, np.array(place.centre), place.width, line))
@@ -230,8 +224,8 @@ def _list(
     if len(rows) > MOST_ROWS:
         rows = [*rows[: MOST_ROWS - 1], ("…", f"and {len(rows) - MOST_ROWS + 1} more", ACCENT)]
     for name, smallest, limit in (
-        ("thinnest line", found.smallest_width, limits.width),
-        ("thinnest gap", found.smallest_gap, limits.gap),
+        ("thinnest line", found.lines.smallest, limits.width),
+        ("thinnest gap", found.gaps.smallest, limits.gap),
     ):
         if smallest is not None:
             rows.append(("", f"{name} {1e3 * smallest.width:.2g} mm", INK))

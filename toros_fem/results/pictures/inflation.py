@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from toros_fem.base.array_types import Floats
-from toros_fem.results.pictures.arrangement import Arrangement, arrange
 from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.raster import MARGIN, Surface, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin
@@ -39,6 +38,11 @@ TIP = 0.95
 COVERED = 0.6
 # Width in pixels of the picture that this is found by.
 ROUGH = 200
+# States in rows, in points: height of the name above a state, distance between the middles of two
+# states for names not to meet, and distance between two states at least.
+NAME_ABOVE, NAME_ACROSS, GAP = 16.0, 60.0, 10.0
+# Columns are at most so many times the width of a state apart.
+APART = 2.8
 
 
 def draw_hero(
@@ -112,7 +116,8 @@ def _draw_in_rows(
     space = 72 * figure.get_size_inches() * box[2:] * (1 - 2 * MARGIN)
     # The bar of the scale is below the states, or beside them.
     bars = (np.array([0.0, BAR_ROOM]), np.array([BAR_BESIDE * space[0], 0.0]))
-    rows, bar = max(((arrange(extents, space - bar), bar) for bar in bars), key=_scale)
+    fits = [(arrange(extents, space - bar), bar) for bar in bars]
+    rows, bar = max(fits, key=lambda fit: fit[0].scale)
     wider = bar / rows.scale
     corners = np.array([rows.low - wider, rows.high + wider * [1, 0]])
     plane = view.directions[:2]
@@ -131,10 +136,6 @@ def _draw_in_rows(
     stage.bar()
 
 
-def _scale(found: tuple[Arrangement, Floats]) -> float:
-    return found[0].scale
-
-
 def _covered(rest: Sequence[Surface], last: Sequence[Surface], view: View) -> float:
     """Return which part of a skin at rest is covered by another state that is before it."""
     points = np.concatenate([one.points for one in (*rest, *last)])
@@ -149,3 +150,54 @@ def inflation_view(drawn: DrawnSkin, positions: Floats) -> View:
     """Return the side view from somewhat above, for states in one frame."""
     side, _ = drawn.views(positions)
     return View(ABOVE, side.turn + TURN)
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """States in rows, each moved as a whole.
+
+    Attributes:
+        scale: Points on the page per m.
+        moves: How far each state is moved to the right and upwards, (n, 2), in m.
+        low, high: Corners of what all need with their names, (2,), in m.
+    """
+
+    scale: float
+    moves: Floats
+    low: Floats
+    high: Floats
+
+
+def arrange(extents: Sequence[Floats], space: Floats) -> Arrangement:
+    """Return the rows of states in which these are largest.
+
+    States of a row keep their heights over each other, and those of a column their places across.
+
+    Args:
+        extents: Lower left and upper right corner of each state on the picture, (2, 2), in m.
+        space: Width and height that they may take, (2,), in points.
+    """
+    found = [_in_columns(np.array(extents), k, space) for k in range(1, len(extents) + 1)]
+    return max(found, key=lambda one: one.scale)
+
+
+def _in_columns(extents: Floats, columns: int, space: Floats) -> Arrangement:
+    """Return the rows of so many states each."""
+    rows = [extents[k : k + columns, :, 1] for k in range(0, len(extents), columns)]
+    low = np.array([row[:, 0].min() for row in rows])
+    heights = np.array([row[:, 1].max() for row in rows]) - low
+    left, width = extents[:, 0, 0].min(), np.ptp(extents[..., 0])
+    across, up = space - [GAP * columns, (NAME_ABOVE + GAP) * len(rows) - GAP]
+    # Too many columns for their names are no choice, as is a page without room.
+    scale = max(min(across / (columns * width), up / heights.sum()), 1e-9)
+    if columns * NAME_ACROSS > space[0]:
+        scale = 1e-9
+    pitch = min(max(APART * width, NAME_ACROSS / scale), space[0] / (columns * scale))
+    pitch = max(pitch, width + GAP / scale)
+    bottoms = GAP / scale - np.cumsum(heights + (NAME_ABOVE + GAP) / scale)
+    number = np.arange(len(extents))
+    moves = np.stack([number % columns * pitch, (bottoms - low)[number // columns]], axis=1)
+    middle = (columns - 1) * pitch / 2 + left + width / 2
+    half = max(columns * pitch, width) / 2
+    corners = np.array([[middle - half, bottoms[-1]], [middle + half, 0.0]])
+    return Arrangement(scale, moves, *corners)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -47,11 +46,7 @@ def draw_run(folder: str | Path) -> list[Path]:
     """Draw the pictures of a run into its folder, and return their paths (one rank).
 
     They are, as far as the run has what they show: shape.png, miss.png, inflation.png, pattern.png,
-    curve.png, design.png and hero.png.
-
-    Raises:
-        OutputError: The folder holds no run, or a file cannot be read.
-        OSError: A picture cannot be written.
+    curve.png, design.png and hero.png. Errors are those of `read_run` and `page`.
     """
     return _Pictures(read_run(folder)).draw()
 
@@ -137,30 +132,29 @@ class _Pictures:
         rows = self.run.history
         if len(rows) < 2:
             return
-        pictures: list[tuple[str, Callable[[MplFigure, Box], Any]]] = [
-            (
-                f"iteration {frame.number}",
-                partial(
-                    draw_density, pattern=self.run.skins[frame.skin].pattern, density=frame.density
-                ),
-            )
+        frames = [
+            (f"iteration {frame.number}", self.run.skins[frame.skin].pattern, frame.density)
             for frame in _some(self.run.series.get("iteration", ()))
             if frame.density is not None
         ]
-        if self.state is not None and (regions := self.drawn.skin.regions) is not None:
-            bare = partial(draw_panels, names=False)
-            pictures.append(("print", partial(bare, pattern=self.drawn.pattern, regions=regions)))
+        regions = None if self.state is None else self.drawn.skin.regions
         told = next((f for f in self.figures if f.key in rows[-1]), None)
         seconds = (self.run.summary.entries.get("seconds") or {}).get("total")
         title = f"Designed in {int(rows[-1]['iteration'])} iterations"
         title += "" if seconds is None else f", {seconds:.0f} s"
         with self._page("design.png", title, TALL) as figure:
-            width = 0.98 / max(len(pictures), 1)
-            for k, (name, draw) in enumerate(pictures):
-                left = 0.01 + k * width
-                draw(figure, (left, BOTTOM, 0.95 * width, HEIGHT))
-                middle, above = left + 0.95 * width / 2, BOTTOM + HEIGHT + 0.02
-                figure.text(middle, above, name, ha="center", color=SOFT)
+            width = 0.98 / max(len(frames) + (regions is not None), 1)
+
+            def place(k: int, name: str) -> Box:
+                left, wide = 0.01 + k * width, 0.95 * width
+                figure.text(left + wide / 2, BOTTOM + HEIGHT + 0.02, name, ha="center", color=SOFT)
+                return left, BOTTOM, wide, HEIGHT
+
+            for k, (name, pattern, density) in enumerate(frames):
+                draw_density(figure, place(k, name), pattern, density)
+            if regions is not None:
+                box = place(len(frames), "print")
+                draw_panels(figure, box, self.drawn.pattern, regions, names=False)
             draw_history(figure.add_axes((0.10, 0.09, 0.78, 0.26)), rows, told)
 
 

@@ -138,7 +138,6 @@ class Image:
     Attributes:
         colours: Red, green, blue and opacity from 0 to 255, (h, w, 4), the highest row first.
         depth: Depth in m towards the viewer, (h·s, w·s) for s samples; −∞ where nothing is.
-        window: What it shows.
     """
 
     colours: npt.NDArray[np.uint8]
@@ -283,13 +282,10 @@ def silhouettes(depth: npt.NDArray[np.float32], step: float) -> Bools:
     """Return where a depth buffer jumps by more than a step, in m, as lines of `LINE` pixels."""
     jumps = np.zeros(depth.shape, dtype=bool)
     near = np.where(np.isfinite(depth), depth, depth[np.isfinite(depth)].min(initial=0.0) - 1.0)
-    for axis in (0, 1):
-        far = np.abs(np.diff(near, axis=axis)) > step
-        first = [slice(None), slice(None)]
-        second = [slice(None), slice(None)]
-        first[axis], second[axis] = slice(None, -1), slice(1, None)
-        jumps[tuple(first)] |= far
-        jumps[tuple(second)] |= far
+    for found, depths in ((jumps, near), (jumps.T, near.T)):
+        far = np.abs(np.diff(depths, axis=0)) > step
+        found[:-1] |= far
+        found[1:] |= far
     return jumps
 
 

@@ -93,9 +93,9 @@ class Stage:
         else:
             self.axes.axhline(float(flat[:, 1].mean()), color="0.6", lw=1, zorder=-1)
 
-    def bar(self, at: tuple[float, float] = (0.02, 0.03)) -> None:
+    def bar(self) -> None:
         """Draw a bar that shows the scale."""
-        scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), at)
+        scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), (0.02, 0.03))
 
     def _limit(self) -> None:
         self.axes.set_xlim(self._extent[:2])

@@ -15,7 +15,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
-from shapely import get_coordinates, get_parts
+from shapely import get_coordinates, get_parts, get_rings
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
@@ -92,11 +92,8 @@ def page(
 ) -> Iterator[Figure]:
     """Give a figure in the project's style, and write it as a PNG when it is drawn.
 
-    Args:
-        path: The file.
-        title: A sentence with the result; empty for none.
-        size: Width and height in inches.
-        facts: What the file tells of itself, as text chunks: run, seed, figure.
+    The title is a sentence with the result, the size in inches. The facts are what the file tells
+    of itself, as text chunks: run, seed, figure.
 
     Raises:
         OSError: It cannot be written; what was there before stays.
@@ -119,12 +116,8 @@ def fill(
     for polygon in get_parts(shape):
         if polygon.is_empty:
             continue
-        rings = [get_coordinates(ring) * 1e3 for ring in (polygon.exterior, *polygon.interiors)]
-        codes = [
-            [Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY]
-            for ring in rings
-        ]
-        outlines.append(Outline(np.concatenate(rings), np.concatenate(codes)))
+        rings = (1e3 * get_coordinates(ring) for ring in get_rings(polygon))
+        outlines.append(Outline.make_compound_path(*(Outline(r, closed=True) for r in rings)))
     if outlines:
         patches = PathCollection(outlines, facecolors=[colour], edgecolors=edge, linewidths=width)
         axes.add_collection(patches)

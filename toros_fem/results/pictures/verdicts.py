@@ -149,14 +149,12 @@ def write_notes(axes: Axes, notes: Sequence[str], top: float, colour: str = SOFT
 
 def write_legend(axes: Axes, lines: bool, top: float) -> float:
     """Say what the lines of a view are, also those on the skin; return where it ends."""
-    entries: list[tuple[str, Sequence[str], Sequence[str]]]
-    entries = [("outline of the target", (ACCENT,), ("--",))]
+    entries = [("outline of the target", [(ACCENT, "--")])]
     if lines:
-        words = "line along the skin: as wanted, as found"
-        entries.append((words, (ACCENT, EDGE), (":", "-")))
-    for words, colours, styles in entries:
-        for k, (colour, style) in enumerate(zip(colours, styles, strict=True)):
-            height = top - 0.05 + 0.045 * (len(colours) - 1 - 2 * k)
+        entries.append(("line along the skin: as wanted, as found", [(ACCENT, ":"), (EDGE, "-")]))
+    for words, looks in entries:
+        for k, (colour, style) in enumerate(looks):
+            height = top - 0.05 + 0.045 * (len(looks) - 1 - 2 * k)
             axes.plot([0, 0.3], [height] * 2, color=colour, ls=style, lw=1.3)
         axes.text(0.38, top - 0.05, words, fontsize=NOTE, color=SOFT, va="center")
         top -= 0.16

@@ -6,7 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from toros_fem.measures.figures import NONE, Figure, formatted, split_key, unit_of, verdict_of
+from toros_fem.base.validation import is_number
+from toros_fem.measures.figures import (
+    NONE,
+    Figure,
+    axis_label,
+    formatted,
+    split_key,
+    verdict_of,
+)
 from toros_fem.measures.miss import is_of_shape
 from toros_fem.results.runs.run_folder import Run
 from toros_fem.results.runs.summary_file import Summary
@@ -49,13 +57,6 @@ def metrics_of(summary: Summary, columns: Sequence[str]) -> list[Figure]:
         if parts is not None and parts[1] in METRIC_UNITS:
             found.append(summary.figures.get(key, Figure(*parts, None)))
     return found
-
-
-def label(figure: Figure) -> str:
-    """Return name and unit, for an axis."""
-    unit = unit_of(figure.unit).sign.strip()
-    name = figure.name.replace("_", " ")
-    return f"{name} (relative to rest)" if unit == "×" else f"{name} ({unit})"
 
 
 def as_shown(key: str, value: float) -> tuple[str, str]:
@@ -113,19 +114,20 @@ def further_figures(run: Run) -> Pairs:
     if (use := run.summary.value("stretch_use")) is not None:
         found.append(("of the stretch bounds", f"{use:.0%} used"))
     first, last = entries.get("objective_first"), entries.get("objective_last")
-    if _is_number(first) and _is_number(last):
+    if is_number(first) and is_number(last):
         found.append(("objective T", f"{first:.3g} → {last:.3g}"))
     for key, name in (("smallest_width", "narrowest line"), ("smallest_gap", "narrowest gap")):
-        if _is_number(made.get(f"{key}_mm")):
+        if is_number(made.get(f"{key}_mm")):
             found.append((name, f"{made[f'{key}_mm']:.3g} mm"))
-    if _is_number(made.get("pieces")):
-        found.append(("printed pieces", f"{made['pieces']}, of these {_count(made['islands'])}"))
-    if _is_number(count := entries.get("triangles")):
+    if is_number(made.get("pieces")):
+        islands = f"{made['islands']} island{'s' * (made['islands'] != 1)}"
+        found.append(("printed pieces", f"{made['pieces']}, of these {islands}"))
+    if is_number(count := entries.get("triangles")):
         parts = entries.get("parts_by_symmetry", 1)
         found.append(("triangles", f"{parts} equal parts of {count}" if parts > 1 else f"{count}"))
     if run.history:
         found.append(("iterations", f"{run.history[-1]['iteration']:.0f}"))
-    if _is_number(seconds := (entries.get("seconds") or {}).get("total")):
+    if is_number(seconds := (entries.get("seconds") or {}).get("total")):
         ranks = entries.get("ranks", 1)
         on = "" if ranks == 1 else f" on {ranks} ranks"
         found.append(("computing time", f"{seconds:.0f} s{on}"))
@@ -155,7 +157,8 @@ def tolerances(run: Run) -> tuple[list[str], Table]:
         ]
         for row in variants
     ]
-    return list(dict.fromkeys(worst)), Table(["not as drawn", *map(label, metrics), ""], rows)
+    head = ["not as drawn", *(axis_label([metric]) for metric in metrics), ""]
+    return list(dict.fromkeys(worst)), Table(head, rows)
 
 
 def warnings(run: Run) -> list[str]:
@@ -204,13 +207,5 @@ def inputs(run: Run) -> tuple[Pairs, Pairs]:
     return shown, [(key, str(value)) for key, value in versions.items()]
 
 
-def _count(islands: int) -> str:
-    return f"{islands} island{'s' * (islands != 1)}"
-
-
 def _signed(value: float | None) -> str:
     return NONE if value is None else f"{value:+.3g}".replace("-", "−")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)

@@ -67,7 +67,6 @@ class RunRecord:
         finished: Whether it came to its end.
         changed: Whether some of these were changed, and the run has not ended since.
         written_by: Version of the package that began it.
-        format: Format of the record.
     """
 
     inputs: Mapping[str, Any]

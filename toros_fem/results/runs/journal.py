@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn, Protocol
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -18,7 +18,9 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import KIND, Journal, JournalEntry
 from toros_fem.results.runs.files import STATE
-from toros_fem.results.runs.signals import Signals
+
+if TYPE_CHECKING:  # a run opens its journals
+    from toros_fem.results.runs.folder import OpenRun
 
 # Key of what a checkpoint belongs to, and what to do where it cannot serve.
 OWNER = "belongs_to"
@@ -29,27 +31,10 @@ OFFER = "The one before it is whole: remove {} alone to go on from there."
 log = logging.getLogger(__name__)
 
 
-class Owner(Protocol):
-    """The run that a journal belongs to."""
-
-    folder: Path
-    every: int
-    record: Any
-    signals: Signals
-
-    def stop(self, number: int) -> NoReturn:
-        """End the run because of a signal."""
-
-
 class RunJournal(Journal):
-    """Journal of a run.
+    """Journal of a run; the names of all of its files begin alike."""
 
-    Args:
-        run: The run.
-        name: Beginning of the names of all files.
-    """
-
-    def __init__(self, run: Owner, name: str) -> None:
+    def __init__(self, run: OpenRun, name: str) -> None:
         self._run, self._name, self._count = run, name, 0
         self._branches: dict[str, RunJournal] = {}
 
@@ -65,16 +50,9 @@ class RunJournal(Journal):
 
 
 class RunEntry(JournalEntry):
-    """The checkpoint of one design loop or simulation.
+    """The checkpoint of one design loop or simulation, on its part of the run's ranks."""
 
-    Args:
-        comm: Communicator of the loop, which may be a part of the run's.
-        run: The run.
-        path: Its file.
-        signature: Tells the loop from others.
-    """
-
-    def __init__(self, comm: MPI.Comm, run: Owner, path: Path, signature: str) -> None:
+    def __init__(self, comm: MPI.Comm, run: OpenRun, path: Path, signature: str) -> None:
         self._comm, self._run, self._path = comm, run, path
         self._before = path.with_name(path.name + BEFORE)
         self._belongs_to = {"inputs": run.record.identity, "problem": signature}

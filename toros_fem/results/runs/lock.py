@@ -12,7 +12,7 @@ from pathlib import Path
 from toros_fem.base.errors import RunError
 
 NAME = ".lock"
-# What the lock of a run begins with.
+# What the lock of a run begins with, where it is not empty.
 HOLDER = b"process "
 
 
@@ -38,7 +38,8 @@ class FolderLock:
                 raise foreign from None
             raise
         about = os.fstat(self._file)
-        if not stat.S_ISREG(about.st_mode) or about.st_nlink > 1 or not self._is_lock():
+        own = stat.S_ISREG(about.st_mode) and about.st_nlink == 1
+        if not own or os.pread(self._file, len(HOLDER), 0) not in (b"", HOLDER):
             self.release()
             raise foreign
         try:
@@ -55,11 +56,6 @@ class FolderLock:
             raise
         os.ftruncate(self._file, 0)
         os.pwrite(self._file, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
-
-    def _is_lock(self) -> bool:
-        """Return whether nothing stands in the file, or what a lock has there."""
-        assert self._file is not None
-        return os.pread(self._file, len(HOLDER), 0) in (b"", HOLDER)
 
     def release(self) -> None:
         """Free the lock."""

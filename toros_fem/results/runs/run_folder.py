@@ -37,7 +37,6 @@ class Curve:
     Attributes:
         rows: Values by key, "pressure_pa" among them, by rising pressure.
         pressure: Pressure of the design in Pa; None for none.
-        measured: Measured values.
         broken: Whether it ends for want of an equilibrium, at its lower and upper end.
     """
 
@@ -52,7 +51,6 @@ class Run:
     """The content of a run's folder; what is missing is empty.
 
     Attributes:
-        folder: The folder.
         summary: Its summary; empty for a run that was stopped.
         history, curve: Rows of history.csv and curve.csv, numbers by column.
         series: Frames by what they follow, in the order of `SERIES`.
