@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.islands import Hole
+from toros_fem.making.print.islands import PanelRegion
 from toros_fem.measures.figures import Figure, Tolerances
 from toros_fem.products.tables.steps import Filtering
 from toros_fem.results.result import write_summary
@@ -167,7 +167,7 @@ def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
         printed, evaluation=dataclasses.replace(made, responses=(stretched,))
     )
     assert "98% of the stretch bounds are used" in dataclasses.replace(found, printed=full).binding
-    hole = Hole(0, shapely.box(0.0, 0.0, 1e-3, 1e-3))
+    hole = PanelRegion(0, shapely.box(0.0, 0.0, 1e-3, 1e-3))
     cut = dataclasses.replace(printed.cleaned, filled=(*printed.cleaned.filled, hole))
     filled = dataclasses.replace(printed, cleaned=cut)
     told = dataclasses.replace(found, printed=filled).binding

@@ -90,28 +90,17 @@ class ProgressBar:
         now = time.monotonic()
         if self._first is None or done < self._first[0]:
             self._first, self._said = (done, now), now
+        first, begin = self._first
         if self._total is None or done >= self._total:
             self.close()
-            return
-        if not sys.stderr.isatty():
-            self._say(done, now)
-            return
-        if self._bar is None:
-            self._bar = tqdm(
-                total=self._total,
-                initial=done,
-                unit="step",
-                file=sys.stderr,
-                mininterval=0,
-                leave=False,
-            )
-        self._bar.update(done - self._bar.n)
-
-    def _say(self, done: int, now: float) -> None:
-        assert self._first is not None
-        assert self._total is not None
-        first, begin = self._first
-        if done > first and now >= self._said + LINE_EVERY:
+        elif sys.stderr.isatty():
+            if self._bar is None:
+                self._bar = tqdm(
+                    total=self._total, initial=done, unit="step", file=sys.stderr,
+                    mininterval=0, leave=False,
+                )  # fmt: skip
+            self._bar.update(done - self._bar.n)
+        elif done > first and now >= self._said + LINE_EVERY:
             self._said = now
             left = (now - begin) / (done - first) * (self._total - done)
             print_line(f"step {done} of {self._total}, about {duration(left)} left")

@@ -72,14 +72,14 @@ def shape_of(made: Evaluation[Equilibrium] | None) -> dict[str, float]:
 
 def quantities_of(problem: ShapeProblem, keys: list[str]) -> list[MetricFunction]:
     """Return the values of a miss, by keys, as functions of their own, for error estimates."""
-    measure, last = shape_measure(problem), dict[str, object]()
+    measure = shape_measure(problem)
+    known: tuple[Floats | None, Values] = None, {}
 
     def value(key: str, pattern: Pattern, positions: Floats) -> float:
+        nonlocal known
         assert measure is not None
-        if last.get("positions") is not positions:  # all values of a mesh are measured at once
-            last.update(positions=positions, values=measure(pattern, positions))
-        found = last["values"]
-        assert isinstance(found, dict)
-        return float(found.get(key, np.nan))
+        if known[0] is not positions:  # all values of a mesh are measured at once
+            known = positions, measure(pattern, positions)
+        return float(known[1].get(key, np.nan))
 
     return [partial(value, key) for key in keys]

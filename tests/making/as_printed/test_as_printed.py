@@ -158,4 +158,4 @@ def test_pattern_without_equilibrium_is_said(
     printed = as_printed(problem, result, PrintLimits())
     assert printed.evaluation is None
     assert printed.failure == "made to fail"
-    assert printed.after.number_of_pieces > 0
+    assert printed.after.pieces

@@ -17,7 +17,7 @@ from toros_fem.meshes import Pattern, bend, twist
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.inflation import draw_inflation
 from toros_fem.results.pictures.shapes import draw_miss, draw_shape, plot_states, scenery
-from toros_fem.results.pictures.shown import DrawnSkin, material_lines, visible
+from toros_fem.results.pictures.shown import DrawnSkin, visible
 from toros_fem.results.pictures.stage import Stage
 from toros_fem.results.pictures.style import ACCENT, DARK, SOFT, page
 from toros_fem.results.pictures.verdicts import verdict
@@ -203,7 +203,7 @@ def test_bodies_and_ground_are_drawn(
 
 def test_lines_follow_the_skin(pattern: Pattern) -> None:
     """They are straight in a tube at rest, and wind once around it where it twists by 360°."""
-    lines = material_lines(pattern)
+    lines = DrawnSkin(ShownSkin(pattern)).lines
     assert len(lines) == 3
     for line in lines:
         rest = line.at(pattern.triangles, pattern.points)

@@ -74,7 +74,6 @@ def test_what_is_kept_is_found_again(
     """In the order of the loops, of parts of a run too."""
     leave(comm, folder, finished=False)
     with open_run(comm, folder, INPUTS, resume=True) as run:
-        assert run.resumed
         journal = run.journal(folder)
         found = journal.entry(comm, "loop").saved()
         assert np.array_equal(found.arrays["x"], STATE.arrays["x"])

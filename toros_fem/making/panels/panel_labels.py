@@ -104,19 +104,19 @@ def edge_labels(seam: SewnSeam, side: int, free: BaseGeometry, allowance: float)
     """
     text, length = str(seam.number), seam.length
     places, angles, arc = _beside(seam, side, allowance)
+    heights = [share * allowance for share in HEIGHTS]
     count = max(1, round(length / DISTANCE))
     found = []
     for k in range(count):
         away = np.abs(arc - (k + 0.5) * length / count).round(9)  # so that rounding picks none
         near = np.argsort(away, kind="stable")
         near = near[away[near] <= length / count / 2]
-        label = _first(text, places[near], angles[near], free, allowance)
+        label = _first(text, places[near], angles[near], free, heights)
         if label is not None:
             found.append(label)
             free = free.difference(label.frame)
     middle = TRIED // 2
-    least = HEIGHTS[-1] * allowance
-    return found or [Label(text, places[middle], float(angles[middle]), least)]
+    return found or [Label(text, places[middle], float(angles[middle]), heights[-1])]
 
 
 def panel_label(
@@ -137,12 +137,12 @@ def panel_label(
         if allowance is not None and edges:
             tried = [_beside(*edge, allowance) for edge in edges]
             places, angles = (np.concatenate([t[i] for t in tried]) for i in (0, 1))
-            label = _first(text, places, angles, band, allowance)
+            label = _first(text, places, angles, band, [share * allowance for share in HEIGHTS])
             if label is not None:
                 return label
-        found = first_fit(fabric, inside, 0.0, (text_size(text, high) for high in ELSEWHERE))
-        if found is not None:
-            return Label(text, inside[found[0]], 0.0, found[1][1] / LINE)
+        label = _first(text, inside, np.zeros(len(inside)), fabric, ELSEWHERE)
+        if label is not None:
+            return label
     middle = shapely.get_coordinates(panel.representative_point())[0]
     return Label(texts[-1], middle, 0.0, ELSEWHERE[-1])
 
@@ -161,10 +161,9 @@ def _beside(seam: SewnSeam, side: int, allowance: float) -> tuple[Floats, Floats
 
 
 def _first(
-    text: str, places: Floats, angles: Floats, free: BaseGeometry, allowance: float
+    text: str, places: Floats, angles: Floats, free: BaseGeometry, heights: Sequence[float]
 ) -> Label | None:
     """Return the text at the first place that is free, as high as possible."""
-    heights = [share * allowance for share in HEIGHTS]
     found = first_fit(free, places, angles, (text_size(text, height) for height in heights))
     if found is None:
         return None

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.contours import smoothed
-from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import part_regions, with_more
@@ -47,7 +47,7 @@ class CleanedRegions:
     regions: list[BaseGeometry]
     dropped: tuple[PrintedPiece, ...]
     bridged: tuple[PrintedPiece, ...]
-    filled: tuple[Hole, ...]
+    filled: tuple[PanelRegion, ...]
 
 
 def require_island_area(pattern: Pattern, island_area: float) -> None:

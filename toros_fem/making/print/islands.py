@@ -21,7 +21,7 @@ TOUCHING = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class PanelRegion:
-    """A polygon in m on a panel, given by its number."""
+    """A polygon in m on a panel, given by its number: a piece of print, or a hole in it."""
 
     panel: int
     polygon: BaseGeometry
@@ -30,11 +30,6 @@ class PanelRegion:
     def area(self) -> float:
         """Area in m²."""
         return float(self.polygon.area)
-
-
-@dataclass(frozen=True, eq=False)
-class Hole(PanelRegion):
-    """Fabric that print encloses: the region inside its border, islands in it included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +66,11 @@ def find_pieces(pattern: Pattern, regions: Regions, contact: float = 0.0) -> lis
     ]
 
 
-def find_holes(pattern: Pattern, regions: Regions) -> tuple[Hole, ...]:
-    """Return the holes of the print, the smallest first; cut-outs of the panel are no holes."""
+def find_holes(pattern: Pattern, regions: Regions) -> tuple[PanelRegion, ...]:
+    """Return the fabric that print encloses, islands in it included, the smallest hole first.
+
+    Cut-outs of the panel are no holes.
+    """
     holes = []
     for panel, region in enumerate(regions):
         border = pattern.outline(panel).boundary
@@ -80,7 +78,7 @@ def find_holes(pattern: Pattern, regions: Regions) -> tuple[Hole, ...]:
         rings = [ring for part in shapely.get_parts(region) for ring in part.interiors]
         cut = shapely.dwithin(border, rings, TOUCHING * pattern.size)
         holes += [
-            Hole(panel, shapely.Polygon(ring))
+            PanelRegion(panel, shapely.Polygon(ring))
             for ring, at_cut in zip(rings, cut, strict=True)
             if not at_cut
         ]

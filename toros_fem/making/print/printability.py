@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_positive
-from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -64,29 +64,27 @@ class Printability:
     """Measured printability of a pattern.
 
     Attributes:
-        main_bodies: The largest piece of each panel that has any print.
-        islands: All other pieces, the largest first.
+        pieces: All printed pieces, the largest first.
         holes: Holes, the smallest first.
         lines, gaps: Widths of lines, and of the gaps between them.
         border_length: Length of the border of the print in m, without the cut edge of the panel.
     """
 
-    main_bodies: tuple[PrintedPiece, ...]
-    islands: tuple[PrintedPiece, ...]
-    holes: tuple[Hole, ...]
+    pieces: tuple[PrintedPiece, ...]
+    holes: tuple[PanelRegion, ...]
     lines: Widths
     gaps: Widths
     border_length: float
 
     @property
+    def islands(self) -> tuple[PrintedPiece, ...]:
+        """All pieces but the largest one of each panel."""
+        return tuple(piece for piece in self.pieces if not piece.main)
+
+    @property
     def free_islands(self) -> tuple[PrintedPiece, ...]:
         """Islands that are not connected to a main body, not even across seams."""
         return tuple(island for island in self.islands if not island.attached)
-
-    @property
-    def number_of_pieces(self) -> int:
-        """Number of printed pieces, main bodies and islands together."""
-        return len(self.main_bodies) + len(self.islands)
 
     def summary(self) -> dict[str, Any]:
         """Return all results as plain numbers; each key ends in its unit."""
@@ -100,7 +98,7 @@ class Printability:
             )
         }
         return {
-            "pieces": self.number_of_pieces,
+            "pieces": len(self.pieces),
             "islands": len(self.free_islands),
             "island_areas_mm2": [1e6 * island.area for island in self.free_islands],
             "islands_attached_by_seam": len(self.islands) - len(self.free_islands),
@@ -118,15 +116,13 @@ def printability(
 ) -> Printability:
     """Measure the printability of a pattern; lines and gaps narrower than the limits are listed."""
     outlines = pattern.outlines
-    pieces = find_pieces(pattern, regions, limits.contact)
     widths = [
         measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
         for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))
     ]
     lines, gaps = map(Widths.joined, zip(*widths, strict=True))
     return Printability(
-        main_bodies=tuple(piece for piece in pieces if piece.main),
-        islands=tuple(piece for piece in pieces if not piece.main),
+        pieces=tuple(find_pieces(pattern, regions, limits.contact)),
         holes=find_holes(pattern, regions),
         lines=lines,
         gaps=gaps,

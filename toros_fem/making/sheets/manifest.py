@@ -65,6 +65,7 @@ def manifest(
     places, options = made.layout, made.options
     run = dict(summary or {})
     inputs = run.get("inputs") or {}
+    height, source = print_height(inputs)
     figures = {f"{row['name']}_{row['unit']}": row for row in run.get("figures", [])}
     return {
         "format": FORMAT,
@@ -99,7 +100,7 @@ def manifest(
         },
         "print": {
             "height_mm": 1e3 * options.layer_height,
-            "height_from": height_from(inputs, options),
+            "height_from": source if options.layer_height == height else OPTIONS,
             **_print(places.drawings, options),
         },
         "options": options.as_dict(),
@@ -123,12 +124,6 @@ def print_height(inputs: Mapping[str, Any]) -> tuple[float | None, str]:
         return inputs["print_height"], MATERIAL
     thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
     return thickness, OPTIONS if thickness is None else ONE_SHEET
-
-
-def height_from(inputs: Mapping[str, Any], options: ManufactureOptions) -> str:
-    """Return where the height of the print in the settings is from, as `print_height` says it."""
-    height, source = print_height(inputs)
-    return source if options.layer_height == height else OPTIONS
 
 
 def _sheet(sheet: Sheet, options: ManufactureOptions) -> dict[str, Any]:

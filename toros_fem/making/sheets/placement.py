@@ -139,7 +139,7 @@ def _kept(
     for spread in SPREADS:
         moves = spread * (centres - centres.mean(axis=0))
         moved = [translate(shape, *move) for shape, move in zip(shapes, moves, strict=True)]
-        if _apart(moved, gap):
+        if all(one.distance(other) >= gap - ROUNDING for one, other in combinations(moved, 2)):
             break
     else:
         return []
@@ -154,10 +154,6 @@ def _kept(
                 for name, (x, y) in zip(outlines, offsets, strict=True)
             ]
     return []
-
-
-def _apart(shapes: Sequence[BaseGeometry], gap: float) -> bool:
-    return all(a.distance(b) >= gap - ROUNDING for a, b in combinations(shapes, 2))
 
 
 def _nested(

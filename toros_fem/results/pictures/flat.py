@@ -230,7 +230,7 @@ def _list(
         if smallest is not None:
             rows.append(("", f"{name} {1e3 * smallest.width:.2g} mm", INK))
             rows.append(("", f"(at least {1e3 * limit:.2g} mm)", SOFT))
-    rows.append(("", f"{found.number_of_pieces} printed pieces", INK))
+    rows.append(("", f"{len(found.pieces)} printed pieces", INK))
     axes = figure.add_axes(TOLD_BOX)
     axes.set_axis_off()
     for k, (mark, told, colour) in enumerate(rows):

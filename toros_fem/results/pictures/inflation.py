@@ -73,10 +73,9 @@ def draw_inflation(
     view = inflation_view(drawn, placed[-1])
     target = drawn.skin.wanted(placed[-1])
     scenes = [drawn.surfaces(x)[:1] for x in placed[:-1]] + [drawn.surfaces(placed[-1])]
-    if _covered(scenes[0], scenes[-1][:1], view) <= COVERED:
-        _draw_over(figure, box, drawn, view, list(zip(names, scenes, strict=True)), target)
-    else:
-        _draw_in_rows(figure, box, drawn, view, list(zip(names, scenes, strict=True)), target)
+    covered = _covered(scenes[0], scenes[-1][:1], view) > COVERED
+    draw = _draw_in_rows if covered else _draw_over
+    draw(figure, box, drawn, view, list(zip(names, scenes, strict=True)), target)
 
 
 def _draw_over(

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangles import equilateral_edge
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
@@ -61,8 +60,24 @@ class DrawnSkin:
 
     @cached_property
     def lines(self) -> Sequence[MaterialLine]:
-        """Lines along the largest panel, by which twist is seen."""
-        return material_lines(self.pattern)
+        """Lines along the largest panel, at `LINES` of its width, by which twist is seen."""
+        pattern = self.pattern
+        areas = np.bincount(pattern.panel, pattern.areas, len(pattern.panel_names))
+        cells = np.flatnonzero(pattern.panel == np.argmax(areas))
+        flat = pattern.corners[cells]
+        low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
+        across = int(np.argmin(high - low))
+        edge = equilateral_edge(pattern.areas[cells].mean())
+        lines: list[MaterialLine] = []
+        for fraction in LINES:
+            # No vertex lies on it.
+            level = low[across] + fraction * (high - low)[across] + 1e-6 * edge
+            triangle, weights = _crossings(flat[..., across] - level)
+            along = np.einsum("mi,mi->m", weights, flat[triangle, :, 1 - across])
+            order = np.argsort(along, kind="stable")
+            parts = np.split(order, np.flatnonzero(np.diff(along[order]) > 3 * edge) + 1)
+            lines += [MaterialLine(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
+        return lines
 
     def surfaces(self, positions: Floats, colours: Floats | None = None) -> list[Surface]:
         """Return the skin at positions of all vertices, (n, 3), in m, and the body beside it.
@@ -83,26 +98,6 @@ class DrawnSkin:
     def views(self, positions: Floats) -> tuple[View, View]:
         """Return the side view and the oblique view of a state."""
         return views_of(self.pattern.triangles, positions, self.print_share, self.skin.target)
-
-
-def material_lines(pattern: Pattern) -> list[MaterialLine]:
-    """Return lines along the longer side of the largest panel, at `LINES` of its width."""
-    areas = np.bincount(pattern.panel, pattern.areas, len(pattern.panel_names))
-    cells = np.flatnonzero(pattern.panel == np.argmax(areas))
-    flat = pattern.corners[cells]
-    low, high = flat.min(axis=(0, 1)), flat.max(axis=(0, 1))
-    across = int(np.argmin(high - low))
-    edge = equilateral_edge(pattern.areas[cells].mean())
-    lines: list[MaterialLine] = []
-    for fraction in LINES:
-        # No vertex lies on it.
-        level = low[across] + fraction * (high - low)[across] + 1e-6 * edge
-        triangle, weights = _crossings(flat[..., across] - level)
-        along = np.einsum("mi,mi->m", weights, flat[triangle, :, 1 - across])
-        order = np.argsort(along, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(along[order]) > 3 * edge) + 1)
-        lines += [MaterialLine(cells[triangle[k]], weights[k]) for k in parts if len(k) > 1]
-    return lines
 
 
 def _crossings(values: Floats) -> tuple[Ints, Floats]:

@@ -52,14 +52,9 @@ def draw_study(
 def shown_figures(summaries: Sequence[Summary]) -> list[Figure]:
     """Return the figures that decide, or else those whose error is known, or else all."""
     every = {key: one for summary in summaries for key, one in summary.figures.items()}.values()
-    for wanted in (
-        [one for one in every if one.target is not None],
-        [one for one in every if one.interval is not None],
-        list(every),
-    ):
-        if wanted:
-            return wanted[:MOST]
-    return []
+    asked = [one for one in every if one.target is not None]
+    known = [one for one in every if one.interval is not None]
+    return (asked or known or list(every))[:MOST]
 
 
 def _draw(

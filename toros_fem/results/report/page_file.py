@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 from toros_fem.base.errors import MissingPackageError
 from toros_fem.base.files import listing, naming, replace_file
@@ -17,11 +15,6 @@ from toros_fem.results.runs.files import FILES
 from toros_fem.results.runs.run_folder import Run, read_run
 
 NAME = "report.html"
-# Columns of the history that say how the design was found, and not what it is.
-SOLVER_COLUMNS = {
-    "iteration", "stage", "level", "shape", "g_r", "g_t", "gradient_norm", "kkt", "change", "beta",
-    "rejected", "newton_steps", "factorisations", "seconds",
-}  # fmt: skip
 
 
 def write_report(folder: str | Path) -> Path:
@@ -55,8 +48,6 @@ def page_of(run: Run, *, alone: bool = False) -> str:
     except ImportError as missing:
         raise MissingPackageError(f"{missing}; in the checkout: pip install '.[plot]'") from None
     scene, data, patterns = packed_scene(run) if run.series else ({"series": {}}, "", [])
-    if run.series:
-        scene |= _told(run, scene["series"])
     # The page's own scripts run, and no other that a name or a message brings along.
     scripts = [f"\n/*\n{_text('three.LICENSE')}*/\n{_text('three.min.js')}", _text("viewer.js")]
     # Names and messages of a run are text: the template escapes all that it is given.
@@ -77,45 +68,10 @@ def page_of(run: Run, *, alone: bool = False) -> str:
         scene=scene,
         data=data,
         scripts=scripts,
-        hashes=[_digest(script) for script in scripts],
+        hashes=[base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts],
     )
-
-
-def _told(run: Run, series: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Add to the frames what a reader sees of them; return what the page begins with."""
-    last = run.history[-1]["iteration"] if run.history else 0
-    for name, entries in series.items():
-        for k, entry in enumerate(entries):
-            values, number = entry.pop("values"), entry["number"]
-            pressure = values.get("pressure_pa", 0.0) / 1e3
-            if name == "iteration":
-                # Without a perimeter term there is no length of a border.
-                hidden = SOLVER_COLUMNS | ({"perimeter"} if not values.get("perimeter") else set())
-                values = {key: value for key, value in values.items() if key not in hidden}
-            entry["shown"] = [tables.as_shown(key, value) for key, value in values.items()]
-            entry["x"] = pressure if name == "pressure" else number
-            entry["label"] = {
-                "pressure": f"{pressure:.4g} kPa",
-                "iteration": f"{number} of {max(last, number):.0f}",
-                "gait": f"position {k + 1} of {len(entries)}",
-                "load": "closed on the object",
-            }[name]
-    name = next(iter(series))
-    index = len(series[name]) - 1
-    at = run.summary.value("pressure_pa")
-    if name == "pressure" and at is not None:
-        index = min(range(index + 1), key=lambda k: abs(series[name][k]["x"] - at / 1e3))
-    return {
-        "start": {"series": name, "index": index},
-        # Series in other coordinates than those of the design are framed by themselves.
-        "frame_of": {key: key if key in ("gait", "load") else "design" for key in series},
-    }
 
 
 def _text(name: str) -> str:
     folder = resources.files("toros_fem.results.report")
     return folder.joinpath("page", name).read_text(encoding="utf-8")
-
-
-def _digest(script: str) -> str:
-    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")

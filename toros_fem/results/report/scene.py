@@ -18,6 +18,7 @@ from toros_fem.meshes.surfaces.flatten import triangle_stretches
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.view import views_of
+from toros_fem.results.report.tables import as_shown
 from toros_fem.results.runs.run_folder import Run
 
 # Positions of all frames together take at most so many bytes before they are compressed.
@@ -26,6 +27,11 @@ MOST_BYTES = 6_000_000
 STRETCH_STEP = 0.01
 # Largest whole number that a coordinate becomes.
 STEPS = 2**16 - 1
+# Columns of the history that say how the design was found, and not what it is.
+SOLVER_COLUMNS = {
+    "iteration", "stage", "level", "shape", "g_r", "g_t", "gradient_norm", "kkt", "change", "beta",
+    "rejected", "newton_steps", "factorisations", "seconds",
+}  # fmt: skip
 # Gap between panels, and margin around them, in mm.
 GAP, MARGIN = 10.0, 5.0
 # Half the side of a ground over the size of all that is shown.
@@ -55,7 +61,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
     found = [target for target in targets.values() if target is not None]
     packed = Packed([*(x for shown in shapes.values() for x in shown), *found, *bodies])
     patterns = FlatPatterns()
-    scene = {
+    scene: dict[str, Any] = {
         "low": packed.low.tolist(),
         "step": packed.step,
         "skins": {
@@ -63,7 +69,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
             for name, skin in skins.items()
         },
         "series": {
-            name: _packed_series(packed, frames, shapes[name], skins)
+            name: _packed_series(packed, run, name, frames, shapes[name])
             for name, frames in chosen.items()
         },
         "from": {
@@ -71,7 +77,14 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str, list[dict[str, Any]]]:
             for name, frames in chosen.items()
         },
         "left_out": {name: len(run.series[name]) - len(frames) for name, frames in chosen.items()},
+        # Series in other coordinates than those of the design are framed by themselves.
+        "frame_of": {key: key if key in ("gait", "load") else "design" for key in chosen},
     }
+    name, entries = next(iter(scene["series"].items()))
+    index, at = len(entries) - 1, run.summary.value("pressure_pa")
+    if name == "pressure" and at is not None:
+        index = min(range(len(entries)), key=lambda k: abs(entries[k]["x"] - at / 1e3))
+    scene["start"] = {"series": name, "index": index}
     return scene, packed.text(), patterns.shown
 
 
@@ -234,24 +247,36 @@ def _squares(packed: Packed, grounds: Floats) -> list[float]:
     return found
 
 
+def _entries(run: Run, series: str, frames: Sequence[Frame]) -> list[dict[str, Any]]:
+    """Return what a reader sees of frames, and where they are on the slider of their series."""
+    last, found = run.history[-1]["iteration"] if run.history else 0, []
+    for k, frame in enumerate(frames):
+        values = {key: value for key, value in frame.values.items() if np.isfinite(value)}
+        number, pressure = frame.number, values.get("pressure_pa", 0.0) / 1e3
+        if series == "iteration":
+            # Without a perimeter term there is no length of a border.
+            hidden = SOLVER_COLUMNS | ({"perimeter"} if not values.get("perimeter") else set())
+            values = {key: value for key, value in values.items() if key not in hidden}
+        label = {
+            "pressure": f"{pressure:.4g} kPa",
+            "iteration": f"{number} of {max(last, number):.0f}",
+            "gait": f"position {k + 1} of {len(frames)}",
+            "load": "closed on the object",
+        }[series]
+        shown = [as_shown(key, value) for key, value in values.items()]
+        x = pressure if series == "pressure" else number
+        entry = {"skin": frame.skin, "number": number, "note": frame.note}
+        found.append({**entry, "shown": shown, "x": x, "label": label})
+    return found
+
+
 def _packed_series(
-    packed: Packed,
-    frames: Sequence[Frame],
-    shapes: Sequence[Floats],
-    skins: Mapping[str, ShownSkin],
+    packed: Packed, run: Run, series: str, frames: Sequence[Frame], shapes: Sequence[Floats]
 ) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = [
-        {
-            "skin": frame.skin,
-            "number": frame.number,
-            "values": {k: v for k, v in frame.values.items() if np.isfinite(v)},
-            "note": frame.note,
-        }
-        for frame in frames
-    ]
+    found = _entries(run, series, frames)
     for name in dict.fromkeys(frame.skin for frame in frames):
         here = [k for k, frame in enumerate(frames) if frame.skin == name]
-        pattern = skins[name].pattern
+        pattern = run.skins[name].pattern
         corners = [shapes[k][pattern.triangles] for k in here]
         stretches = [triangle_stretches(pattern.corners, x)[:, 0] for x in corners]
         for k, large in zip(here, stretches, strict=True):

@@ -63,10 +63,10 @@ def require_room(folder: Path, known: Iterable[str]) -> None:
     """Check that no other than known files have names of files of runs (one rank)."""
     own = {name.partition("/")[0] for name in known}
     taken = []
-    for name in (name.partition("/") for name in FILES):
-        path, is_folder = folder / name[0], bool(name[1]) and name[0] != STATE
-        if os.path.lexists(path) and name[0] not in own and not (is_folder and path.is_dir()):
-            taken.append(name[0])
+    for name, slash, _ in (name.partition("/") for name in FILES):
+        path, is_folder = folder / name, bool(slash) and name != STATE
+        if os.path.lexists(path) and name not in own and not (is_folder and path.is_dir()):
+            taken.append(name)
     if taken:
         raise RunError(
             f"{folder} has {', '.join(taken)}, which no run listed in {LISTED} there. Choose "

@@ -91,11 +91,10 @@ class OpenRun:
         record: RunRecord,
         closing: ExitStack,
         *,
-        resumed: bool,
         every: int,
         again: str,
     ) -> None:
-        self.comm, self.folder, self.resumed, self.every = comm, folder, resumed, every
+        self.comm, self.folder, self.every = comm, folder, every
         self.record, self._closing, self._again = record, closing, again
         self.signals = Signals(comm, self.stop)
         self._journals: dict[str, RunJournal] = {}
@@ -200,17 +199,15 @@ def open_run(
     """
     require_count(1, every=every)
     folder = Path(folder)
-    new = RunRecord(dict(inputs), _identity(inputs), written_by=__version__)
+    fixed = {key: value for key, value in inputs.items() if key != FREE}
+    identity = hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()
+    new = RunRecord(dict(inputs), identity, written_by=__version__)
     with ExitStack() as stack:
-        begin = (
-            partial(_resume, folder, new, scene, stack)
-            if resume
-            else partial(_anew, folder, new, scene, stack)
-        )
-        record = _in_folder(comm, folder, begin)
+        begin = _resume if resume else _anew
+        record = _in_folder(comm, folder, partial(begin, folder, new, scene, stack))
         closing = stack.pop_all()
     again = again or f"{program()} resume {shlex.quote(str(folder))}"
-    return OpenRun(comm, folder, record, closing, resumed=resume, every=every, again=again)
+    return OpenRun(comm, folder, record, closing, every=every, again=again)
 
 
 def _resume(folder: Path, new: RunRecord, scene: str | None, stack: ExitStack) -> RunRecord:
@@ -311,11 +308,6 @@ def read_record(comm: MPI.Comm, folder: str | Path) -> tuple[RunRecord, str | No
 
 def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
     return guarded(comm, folder, action, RunError, UNUSABLE, make=False)
-
-
-def _identity(inputs: Mapping[str, Any]) -> str:
-    fixed = {key: value for key, value in inputs.items() if key != FREE}
-    return hashlib.sha256(json.dumps(fixed, sort_keys=True).encode()).hexdigest()
 
 
 def _write_record(folder: Path, record: RunRecord) -> None:
