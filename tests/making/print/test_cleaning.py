@@ -60,7 +60,7 @@ def test_no_corner_is_left_that_moves_a_border_by_less_than_2_micrometres(
     limits: PrintLimits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Files are as small as they can be; the border stays, and corners on that of the panel."""
-    pattern = square(n=40)
+    pattern = square(n=20, size=0.01)
     regions = regions_of(pattern, lambda p: 0.5 + 0.3 * np.sin(900 * p).prod(axis=1) - p[:, 0])
     with monkeypatch.context() as patch:
         patch.setattr("toros_fem.making.print.cleaning.simplified", lambda region, *_: region)

@@ -143,8 +143,10 @@ def test_islands_are_removed_or_joined_everywhere(sheet_tile: Tile) -> None:
     assert joined.regions[0].area == pytest.approx((line | here).area + 1.2e-3 * 3e-3, rel=0.03)
 
 
-@pytest.mark.parametrize("side", [8.0, 9.0, 9.5, 10.0, 11.0, 12.5])
-@pytest.mark.parametrize("place", [(0.0, 0.0), (0.0, 0.6), (0.5, 0.0), (0.5, 0.6)])
+@pytest.mark.parametrize(
+    ("side", "place"),
+    [(8.0, (0.5, 0.0)), (9.5, (0.0, 0.6)), (11.0, (0.0, 0.0)), (12.5, (0.5, 0.6))],
+)
 def test_an_island_counts_once_wherever_it_lies(
     alone: MPI.Comm, side: float, place: tuple[float, float]
 ) -> None:
