@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator
 from typing import Any
 
 import pytest
+from helpers.blank_pictures import blank_pictures
 from helpers.scenes import ROOT
 from helpers.top_level import files_on_disk
 from kit.durations import order_by_durations, write_durations
@@ -148,6 +149,13 @@ def without_pictures() -> Generator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name in pictures - {"curves", "style", "words"}:
             patch.setitem(sys.modules, f"toros_fem.results.pictures.{name}", None)
+        yield
+
+
+@pytest.fixture(scope="module")
+def few_pictures() -> Generator[None]:
+    """Pictures are empty files; tests/results/pictures looks at them."""
+    with blank_pictures():
         yield
 
 

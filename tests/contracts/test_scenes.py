@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import matplotlib.figure
 import meshio
 import numpy as np
 import pytest
@@ -32,8 +30,6 @@ from kit.scene_runs import (
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
-from toros_fem.results.pictures import inflation, stage
-from toros_fem.results.pictures.raster import Image, Window
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 ON_RANKS = ("bend", "contract", "inflate", "tile")
@@ -47,29 +43,6 @@ class Run:
     name: str
     folder: Path
     names: list[str]
-
-
-@pytest.fixture(scope="module")
-def few_pictures() -> Generator[None]:
-    """Pictures are empty files; tests/results/pictures looks at them."""
-    draw = matplotlib.figure.Figure.savefig
-
-    def save(self: matplotlib.figure.Figure, place: Any, **how: Any) -> None:
-        if how["format"] == "png":
-            place.write(b"PNG")
-        else:  # the charts of a report
-            draw(self, place, **how)
-
-    def blank(surfaces: Any, view: Any, window: Window, **how: Any) -> Image:
-        width, height = window.pixels
-        colours = np.full((height, width, 4), 255, dtype=np.uint8)
-        return Image(colours, np.full((height, width), -np.inf, dtype=np.float32), window)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage, "render", blank)
-        patch.setattr(inflation, "render", blank)
-        patch.setattr(matplotlib.figure.Figure, "savefig", save)
-        yield
 
 
 @pytest.fixture(

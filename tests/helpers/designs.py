@@ -30,8 +30,8 @@ RADIUS = 7e-3
 DESIGN_ALONE: dict[str, Any] = {"curve_pressure": None, "estimate_error": False}
 # A short tube with all parts of a design: two meshes, polish, a correction.
 TWO_LEVELS = BendScene.of(
-    length=0.04,
-    angle=40.0,
+    length=0.03,
+    angle=30.0,
     edge_length=1.7e-3,
     filter_radius=4e-3,
     levels=2,

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from helpers.blank_pictures import blank_pictures
 from helpers.command_runs import changes, small_scene
 from helpers.scenes import shared
 from mpi4py import MPI
@@ -10,10 +11,17 @@ from mpi4py import MPI
 from toros_fem.cli.commands.main import run
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _without_drawing(few_pictures: None) -> None:
+    """No test here looks at a picture."""
+
+
 @pytest.fixture(scope="session")
 def designed(alone: MPI.Comm, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The scene file of a small design, and the folder of its finished run."""
     folder = shared(alone, tmp_path_factory.mktemp("designed"))
     scene = small_scene(alone, folder)
-    assert run(alone, ["design", str(scene), "--output", str(folder / "run"), *changes()]) == 0
+    words = ["design", str(scene), "--output", str(folder / "run"), *changes()]
+    with blank_pictures():
+        assert run(alone, words) == 0
     return scene, folder / "run"

@@ -34,10 +34,10 @@ pytestmark = pytest.mark.usefixtures("without_pictures")
 TINY = twist.TwistScene().updated(
     start="relaxed",
     length=0.06,
-    relaxed_edge_length=5e-3,
-    relaxed_iterations=5,
+    relaxed_edge_length=6e-3,
+    relaxed_iterations=3,
     directions=6,
-    print_edge_length=1.5e-3,
+    print_edge_length=2.5e-3,
     laid_width=2.5e-3,
     corrections=1,
     density_iterations=2,
@@ -135,10 +135,10 @@ def test_targets_that_cannot_be_asked_for_end_after_a_round(
     scene = Untold().updated(
         start="relaxed",
         length=0.06,
-        relaxed_edge_length=5e-3,
+        relaxed_edge_length=6e-3,
         relaxed_iterations=1,
-        directions=6,
-        print_edge_length=1.5e-3,
+        directions=4,
+        print_edge_length=2.5e-3,
         laid_width=2.5e-3,
         corrections=3,
         angle=60.0,
@@ -155,7 +155,7 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
 
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     with pytest.raises(NoEquilibriumError, match=r"made to fail\. Ask for less"):
-        discover(Job(alone, TINY.updated(relaxed_iterations=1)))
+        discover(Job(alone, TINY.updated(relaxed_iterations=1, print_edge_length=2.5e-3)))
 
 
 def test_what_is_asked_next_solves_a_linear_response() -> None:

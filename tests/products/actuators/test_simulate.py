@@ -11,6 +11,8 @@ from toros_fem import errors
 from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.tubes import bend, inflate
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
+
 SMALL = bend.BendScene.of(
     length=0.08,
     edge_length=4.5e-3,

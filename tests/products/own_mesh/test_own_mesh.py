@@ -28,6 +28,7 @@ from toros_fem.products.own_mesh.own_mesh import (
 )
 from toros_fem.results.runs.summary_file import summary_of
 
+pytestmark = pytest.mark.usefixtures("few_pictures")
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)
 CONFIG = OwnMeshScene.of(

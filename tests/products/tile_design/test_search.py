@@ -33,7 +33,7 @@ def with_flaws(islands: int, narrow: int = 0) -> TilePrintability:
 @pytest.mark.slow
 def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two trials, two drafts and the last design with a correction; the best print is returned."""
-    case, runs, prints = small_case(alone, 1e-3), [], []
+    case, runs, prints = small_case(alone, 1.25e-3), [], []
     simulate = PrintSimulation.simulate
 
     def run(problem: Any, options: Any, **given: Any) -> Any:
@@ -73,7 +73,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_contrast_needs_no_correction(alone: MPI.Comm) -> None:
-    case = small_case(alone, 1e-3)
+    case = small_case(alone, 1.25e-3)
     stiff = np.array([True, False, False, False])
     found = design_tile(replace(case, objective=Contrast(~stiff, stiff)), SHORT.updated(starts=1))
     assert found.deviations == ()
@@ -114,7 +114,7 @@ def test_starts_without_equilibrium_or_with_flaws(
 
 def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is tried if the print of the first is far off, has flaws, or has no equilibrium."""
-    case, config = small_case(alone, 1e-3), SHORT.updated(starts=2)
+    case, config = small_case(alone, 1.25e-3), SHORT.updated(starts=2)
     kept: list[Any] = []
     prints: list[tuple[float | None, int]] = []
     target = case.target
