@@ -1,4 +1,4 @@
-"""Each demo beside the scene of the same name: the same model, options and first two steps."""
+"""Each demo beside the scene of the same name: the same model, options and first step."""
 
 import re
 import runpy
@@ -52,10 +52,10 @@ def of_problem(problem: Any, settings: Any, history: Any) -> Model:
 
 
 def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
-    two = replace(options, stages=(replace(options.stages[0], iterations=2),))
+    one = replace(options, stages=(replace(options.stages[0], iterations=1),))
     # Nothing else tells robust stages from others: no demo has a tolerance of widths.
     options = replace(options, stages=tuple(replace(s, robust=True) for s in options.stages))
-    return of_problem(problem, options, optimize(problem, two, seed=seed).history)
+    return of_problem(problem, options, optimize(problem, one, seed=seed).history)
 
 
 def levels(problems: Any, options: Any, *, seed: int, **_: Any) -> Model:
@@ -63,7 +63,7 @@ def levels(problems: Any, options: Any, *, seed: int, **_: Any) -> Model:
 
 
 def lines(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
-    found = find_lines(problem, replace(options, iterations=(2, 1)), seed=seed)
+    found = find_lines(problem, replace(options, iterations=(1, 1)), seed=seed)
     return of_problem(problem, options, found.history)
 
 
@@ -73,8 +73,8 @@ def tile(case: Any, scene: Any, _: Any = None) -> Model:
     numbers |= {"angles": case.angles, "stiffness": case.objective.stiffness}
     settings = case.symmetry, scene.material, scene.pull, scene.design, scene.print
     problem = tile_problem(case.coarse, scene)
-    two = optimize(problem, tf.DesignOptions((tf.Stage(2),)), seed=scene.design.seed)
-    return numbers, settings, [row.objective for row in two.history]
+    one = optimize(problem, tf.DesignOptions((tf.Stage(1),)), seed=scene.design.seed)
+    return numbers, settings, [row.objective for row in one.history]
 
 
 def sheet(comm: MPI.Comm, of: Any, mesh: Any, printed: Any, strains: Any, _: Any = None) -> Model:
@@ -85,7 +85,7 @@ def sheet(comm: MPI.Comm, of: Any, mesh: Any, printed: Any, strains: Any, _: Any
 
 
 def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:
-    points = islice(trace(solver, density, pressures, metrics), 3)
+    points = islice(trace(solver, density, pressures, metrics), 2)
     figures = [value for point in points for value in point.metrics.values()]
     return model(solver, None, figures, density=density, pressures=pressures)
 
@@ -130,7 +130,7 @@ def ending(steps: Callable[..., Model]) -> Callable[..., None]:
     return end
 
 
-# The public function that a demo comes to first, what two of its steps are, and the scene's.
+# The public function that a demo comes to first, what a step of it is, and the scene's.
 DEMOS: dict[str, tuple[str, Callable[..., Model], Callable[..., Model]]] = {
     "bend": ("optimize_levels", levels, scene_levels),
     "contract": ("find_lines", lines, scene_lines),

@@ -25,7 +25,7 @@ PATIENCE = 120.0
 
 @contextmanager
 def opened(
-    page: Path, width: int = 1280, height: int = 800, *, dark: bool = False
+    page: Path, width: int = 960, height: int = 640, *, dark: bool = False
 ) -> Generator[Page]:
     """Open a page that tells when it is ready; skip the test where there is no browser."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")

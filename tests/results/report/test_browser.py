@@ -90,10 +90,15 @@ def turn(page: Page) -> None:
     page.settle()
 
 
-def test_a_narrow_window_shows_all(run: Path) -> None:
-    with opened(write_report(run), 500, 900) as page:
+def test_a_narrow_dark_window_shows_all(run: Path) -> None:
+    """Letters stand out from what they are written on, those of the charts too."""
+    with opened(write_report(run), 500, 900, dark=True) as page:
         assert fits(page)
         assert near(page.picture(), FABRIC) > 0.01
+        for place in ("#figures th", "svg.chart text", "#caption"):
+            ink = page.colour(place, "fill" if "svg" in place else "color")
+            assert page.colour("section", "background-color").max() < 60
+            assert ink.min() > 130, place
         places = page.run(
             "return ['stage', 'controls', 'figures', 'pattern'].map("
             "id => document.getElementById(id).getBoundingClientRect().top)"
@@ -131,18 +136,6 @@ def test_no_script_but_the_page_s_own_runs(run: Path) -> None:
         assert page.run("return document.title") == "run – toros_fem"
         assert any("Content Security Policy" in said for said in page.complaints)
         assert page.run("return document.documentElement.dataset.state") == "ready"
-
-
-def test_the_dark_scheme_is_dark(run: Path) -> None:
-    """Letters stand out from what they are written on, those of the charts too."""
-    with opened(write_report(run), dark=True) as page:
-        for place in ("#figures th", "svg.chart text", "#caption"):
-            fill = "fill" if "svg" in place else "color"
-            ink = page.colour(place, fill)
-            card = page.colour("section", "background-color")
-            assert card.max() < 60
-            assert ink.min() > 130, place
-        assert near(page.picture(), FABRIC) > 0.01
 
 
 def test_a_ground_and_objects_are_seen(run: Path, pattern: Pattern) -> None:
