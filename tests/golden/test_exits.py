@@ -61,6 +61,7 @@ class Alarm(io.StringIO):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_pictures")
 def test_exits(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -23,8 +23,8 @@ STEPS = {
     "corrections": "0", "estimate_error": "false", "curve_pressure": "none",
 }  # fmt: skip
 LINES = {
-    "relaxed_edge_length": "6 mm", "relaxed_iterations": "3", "laid_width": "3 mm",
-    "second_laid_width": "3 mm", "print_edge_length": "3 mm", "corrections": "0",
+    "relaxed_edge_length": "8 mm", "relaxed_iterations": "2", "laid_width": "4 mm",
+    "second_laid_width": "4 mm", "print_edge_length": "4 mm", "corrections": "0",
     "estimate_error": "false", "curve_pressure": "none",
 }  # fmt: skip
 # Command and changes of a short run of each scene in demos/scenes.
@@ -68,7 +68,8 @@ AFTER_BEND: dict[str, list[str]] = {
     "simulate": ["simulate", BEND, "--output", "simulate", "--pattern", "bend",
                  *changes_of("bend")],
     "export": ["export", "bend", "--output", "export"],
-    "tolerance": ["tolerance", "bend", "--output", "tolerance", "--modulus", "none"],
+    "tolerance": ["tolerance", "bend", "--output", "tolerance", "--modulus", "none",
+                  "--thickness", "none"],
     "view": ["view", "bend"],
 }  # fmt: skip
 ALONE: dict[str, list[str]] = {
