@@ -41,7 +41,7 @@ LENGTH, DIAMETER = 0.03, 0.014  # m
 AROUND = np.pi * DIAMETER
 # Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
-QUICK = (2.8e-3, 2.0e-3), (1.5e-3, 1.2e-3)
+QUICK = (2.8e-3,), (2.0e-3, 1.6e-3)
 SEEDS = range(9)
 # The first seed has one mesh more, and its limits come from finer ones.
 FINER, FINEST, SEEDS_OF_FINER = (*EDGES, 0.5e-3), (0.36e-3, 0.27e-3), range(1)

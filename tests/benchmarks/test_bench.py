@@ -32,8 +32,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def found(file: Path, *arguments: str) -> list[Row]:
     """Return the rows of a command, all of them finite and stamped."""
-    done = run(*arguments, "--rows", str(file))
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert bench.main([*arguments, "--rows", str(file)]) == 0
     rows = bench.read(file)
     assert rows
     for row in rows:

@@ -53,16 +53,16 @@ def test_a_design_that_is_good_enough_ends_a_stage(
 ) -> None:
     """And not while its constraints are violated."""
     problem, start = full(short_tube, short_solver, beta=20.0), random_density(short_tube, 3)
-    every = optimize(problem, DesignOptions((Stage(5),)), start=start).history
+    every = optimize(problem, DesignOptions((Stage(2),)), start=start).history
     enough = every[2].objective * 1.001
     first = next(k for k, row in enumerate(every) if row.objective <= enough)
     found = optimize(
-        problem, DesignOptions((Stage(5), Stage(5)), target_objective=enough), start=start
+        problem, DesignOptions((Stage(3), Stage(3)), target_objective=enough), start=start
     )
     assert [row.stage for row in found.history] == [0] * (first + 1) + [1]
     assert found.reason == f"T is at most {enough:g}."
     solid, void = problem.length_scale.epsilon
-    stages = (Stage(5, constrained=True),)
+    stages = (Stage(2, constrained=True),)
     free = optimize(problem, DesignOptions(stages), start=start).history[1]
     assert free.g_r > solid or free.g_t > void
     good = 1.001 * free.objective

@@ -179,18 +179,11 @@ def test_nothing_remains_of_a_failed_solve(short_tube: Skin, alone: MPI.Comm) ->
 
 @pytest.mark.slow
 def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
-    """Without a barrier in reach the tube has a limit pressure; above it nothing holds.
-
-    With bounds of a thousand the barrier is in reach: the tube is found where that stops it.
-    """
+    """Without a barrier in reach the tube has a limit pressure; above it nothing holds."""
     limit = float(table("stvk_limit_pressures")[0]["capped_cyl_lambda_theta_at_Pmax"])
     assert limit == pytest.approx(2.28856)
     pattern = cylinder(alone, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
     skin = sew(alone, pattern)
-    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
-    stopped = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(fabric(skin), 2.5e3)
-    assert stopped.converged
-    assert stopped.stretch_use > 0.99
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     few = NewtonOptions(max_steps=40)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), few)
@@ -216,9 +209,6 @@ def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
     assert str(again) == str(caught.value)
     assert np.array_equal(again.result.state, last.state)
     assert (again.steps, again.factorisations) == (last.steps, last.factorisations)
-    silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)
-    assert not silent.converged
-    assert silent.pressure == last.pressure
 
 
 def test_a_dropped_solver_is_freed(alone: MPI.Comm, short_tube: Skin) -> None:

@@ -1,6 +1,6 @@
 """A tube, and how much of a picture has a colour."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import matplotlib.image
@@ -10,11 +10,20 @@ from helpers.runs import tube, write_run
 from matplotlib.colors import to_rgb
 
 from toros_fem.meshes import Pattern
+from toros_fem.results.pictures import raster
 
 
 @pytest.fixture(scope="session")
 def pattern() -> Pattern:
     return tube()
+
+
+@pytest.fixture(scope="module")
+def rough() -> Generator[None]:
+    """Pictures have rough borders: one sample a pixel, for a quarter of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(raster, "SAMPLES", 1)
+        yield
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from toros_fem.meshes import Pattern
 from toros_fem.results.pictures.of_run import draw_run, facts_of, sentence
 from toros_fem.results.runs.run_folder import read_run
 
+pytestmark = pytest.mark.usefixtures("rough")
 MOST = 500_000
 
 

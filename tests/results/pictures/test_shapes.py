@@ -23,6 +23,8 @@ from toros_fem.results.pictures.style import ACCENT, DARK, SOFT, page
 from toros_fem.results.pictures.verdicts import verdict
 from toros_fem.results.pictures.view import View
 
+pytestmark = pytest.mark.usefixtures("rough")
+
 ALL = (True, True, True)
 
 
