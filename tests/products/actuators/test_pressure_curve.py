@@ -50,7 +50,7 @@ def inner_side(skin: Skin) -> Bools:
 
 @pytest.fixture(scope="module")
 def tube(alone: MPI.Comm) -> Skin:
-    return sew(alone, cylinder(alone, 0.06, 0.02, 4.5e-3))
+    return sew(alone, cylinder(alone, 0.06, 0.02, 6e-3))
 
 
 @pytest.fixture(scope="module")
