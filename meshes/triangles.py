@@ -361,13 +361,15 @@ def require_affordable(area: float, edge_length: float) -> None:
         )
 
 
-def require_fewer(count: int, area: float) -> None:
+def require_fewer(
+    count: float, area: float, remedy: str = "Make fewer copies or longer edges"
+) -> None:
     """Raise a MeshSizeError if a mesh on an area in m² would have more triangles than the limit."""
     most = _most.get()
     if most is not None and count > most:
         raise MeshSizeError(
-            f"{count:.3g} triangles are more than {most}. Make fewer copies or longer edges, or "
-            "allow it by `with toros_fem.meshes.triangle_limit(None):`.",
+            f"{count:.3g} triangles are more than {most}. {remedy}, or, where the memory is there, "
+            "allow it by --allow-large or `with toros_fem.meshes.triangle_limit(None):`.",
             area,
         )
 

@@ -59,9 +59,15 @@ def test_simulation_of_a_design(
 
 @pytest.mark.slow
 def test_what_is_refused_leaves_a_good_run_as_it_was(
-    alone: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm,
+    designed: Designed,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """By a wrong pattern, the run's own, other values, or another command."""
+    monkeypatch.setattr("toros_fem.meshes.triangles.MOST_TRIANGLES", 10_000)
+    finer = ["--set", "estimate_error=true", "--set", "check_refinement=8"]
     scene, good = designed
     folder = tmp_path / "run"
     shutil.copytree(good, folder)
@@ -80,6 +86,7 @@ def test_what_is_refused_leaves_a_good_run_as_it_was(
         (["resume", str(folder)], 4),
         (["resume", str(folder), "--set", "angle=50"], 2),
         (["resume", str(folder), "--set", "curve_steps=0"], 2),
+        (["resume", str(folder), *finer], 2),
     ):
         capsys.readouterr()
         assert run(alone, words) == code, words

@@ -105,6 +105,15 @@ def test_meshes_are_checked_by_the_area_of_the_coarsest(alone: MPI.Comm) -> None
     require_affordable_meshes(alone, SMALL)
 
 
+def test_the_mesh_of_the_check_is_one_of_a_design(alone: MPI.Comm) -> None:
+    checked = SMALL.updated(check_refinement=4)
+    with triangle_limit(20000):
+        require_affordable_meshes(alone, SMALL)
+        require_affordable_meshes(alone, checked.updated(estimate_error=False))
+        with pytest.raises(MeshSizeError, match="Take a smaller check_refinement"):
+            require_affordable_meshes(alone, checked)
+
+
 def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
     """Its area is known all the same."""
     with triangle_limit(200):

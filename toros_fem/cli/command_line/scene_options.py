@@ -52,12 +52,24 @@ class Changes(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneCommand(Changes):
-    """The scene, its quick variant, and large meshes."""
+class Meshes(Command):
+    """Large meshes."""
+
+    allow_large: bool = key(False, "also allow meshes of more than 2000000 triangles")
+
+    def meshes_allowed(self) -> AbstractContextManager[None]:
+        """Lift the limit on triangles inside a `with` block, if the options ask for it."""
+        from toros_fem.meshes.triangles import MOST_TRIANGLES, triangle_limit
+
+        return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneCommand(Changes, Meshes):
+    """The scene and its quick variant."""
 
     file: Path = key(MISSING, "scene file, by `toros new`")
     coarse: bool = key(False, "the scene's quick variant: a coarse mesh and few steps")
-    allow_large: bool = key(False, "also allow meshes of more than 2000000 triangles")
 
     WORDS: ClassVar[tuple[str, ...]] = ("file",)
 
@@ -68,12 +80,6 @@ class SceneCommand(Changes):
         scene = read_scene(self.file, comm=comm, coarse=self.coarse, changes=self.set)
         scene.require_files(comm)
         return scene
-
-    def meshes_allowed(self) -> AbstractContextManager[None]:
-        """Lift the limit on triangles inside a `with` block, if the options ask for it."""
-        from toros_fem.meshes.triangles import MOST_TRIANGLES, triangle_limit
-
-        return triangle_limit(None if self.allow_large else MOST_TRIANGLES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,11 @@ from mpi4py import MPI
 
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
-from toros_fem.cli.command_line.scene_options import Changes, Progress
+from toros_fem.cli.command_line.scene_options import Changes, Meshes, Progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resume(Changes, Progress):
+class Resume(Changes, Meshes, Progress):
     """Continues a run that was stopped, or one that should go further.
 
     The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
@@ -38,5 +38,7 @@ class Resume(Changes, Progress):
         from toros_fem.cli.command_line.running import resume_scene
         from toros_fem.meshes.triangles import triangle_limit
 
-        with self.petsc_given(), triangle_limit(None):  # what the run began with was allowed
+        # What the run began with was allowed.
+        allowed = self.meshes_allowed() if self.set else triangle_limit(None)
+        with self.petsc_given(), allowed:
             return resume_scene(comm, self.run, self.set, every=self.every, verbose=self.verbose)

@@ -16,7 +16,12 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
-from toros_fem.meshes.triangles import expected_triangles, lowered_limit, require_affordable
+from toros_fem.meshes.triangles import (
+    expected_triangles,
+    lowered_limit,
+    require_affordable,
+    require_fewer,
+)
 from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 from toros_fem.products.actuators.pressure_curve import HALVINGS, PARTS
@@ -184,7 +189,7 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
     """Return the area of a skin in m², and its case on a level (collective).
 
     The case is None where even this mesh has too many triangles for a quick look. No mesh of the
-    design is too fine.
+    design and of its check is too fine.
 
     Raises:
         MeshSizeError: A mesh would have more triangles than `triangle_limit` allows.
@@ -196,8 +201,12 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
         area = float(made.pattern.areas.sum())
     except MeshSizeError as error:  # raised by all ranks
         area = error.area
-    for edge in _edges(scene):
+    edges, results = _edges(scene), scene.results
+    for edge in edges:
         require_affordable(area, edge)
+    if edges and results.estimate_error and results.check_refinement is not None:
+        finer = expected_triangles(area, min(edges) / results.check_refinement)
+        require_fewer(finer, area, "Take a smaller check_refinement")
     return area, made
 
 
