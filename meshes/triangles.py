@@ -20,6 +20,11 @@ from toros_fem.base.validation import require_count
 
 # Such a skin needs about 50 GB: docs/command_line.md.
 MOST_TRIANGLES = 2_000_000
+# How a larger one is allowed.
+ALLOW = (
+    "or, where the memory is there, allow it by --allow-large or "
+    "`with toros_fem.meshes.triangle_limit(None):`."
+)
 # Area of an equilateral triangle over the square of its edge.
 EQUILATERAL = np.sqrt(3) / 4
 
@@ -355,23 +360,18 @@ def require_affordable(area: float, edge_length: float) -> None:
         longest = equilateral_edge(area / most)
         raise MeshSizeError(
             f"edge_length = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} "
-            f"m², more than {most}. Give at least {longest:.2g} m, or, where the memory is there, "
-            "allow it by --allow-large or `with toros_fem.meshes.triangle_limit(None):`.",
+            f"m², more than {most}. Give at least {longest:.2g} m, {ALLOW}",
             area,
         )
 
 
 def require_fewer(
-    count: float, area: float, remedy: str = "Make fewer copies or longer edges"
+    count: int, area: float, remedy: str = "Make fewer copies or longer edges"
 ) -> None:
     """Raise a MeshSizeError if a mesh on an area in m² would have more triangles than the limit."""
     most = _most.get()
     if most is not None and count > most:
-        raise MeshSizeError(
-            f"{count:.3g} triangles are more than {most}. {remedy}, or, where the memory is there, "
-            "allow it by --allow-large or `with toros_fem.meshes.triangle_limit(None):`.",
-            area,
-        )
+        raise MeshSizeError(f"{count:.3g} triangles are more than {most}. {remedy}, {ALLOW}", area)
 
 
 @contextmanager

@@ -16,7 +16,9 @@ from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.shape import ShapePart
+from toros_fem.meshes import triangle_limit
 from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.own_mesh.metrics import Measured
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
@@ -58,6 +60,19 @@ def case_on(comm: MPI.Comm, scene: OwnMeshScene, skin: OwnSkin) -> Case:
 @pytest.fixture(scope="module")
 def finger(alone: MPI.Comm) -> OwnSkin:
     return read_skin(alone, CONFIG, FINGER)
+
+
+def test_a_check_on_too_fine_a_mesh_is_refused_before(alone: MPI.Comm, finger: OwnSkin) -> None:
+    """Its edges are a power of 2 shorter: 5 stands for 4, which makes 16 times as many."""
+    scene = replace(CONFIG.updated(check_refinement=5.0, filter_radius=4e-3), read=finger)
+    checked, own = scene.updated(estimate_error=True), len(finger.pattern.panel)
+    finest = own * 4 ** (scene.level_count - 1)
+    with triangle_limit(16 * finest - 1):
+        require_affordable_meshes(alone, scene)
+        with pytest.raises(errors.MeshSizeError, match="Take a smaller check_refinement"):
+            require_affordable_meshes(alone, checked)
+    with triangle_limit(16 * finest):
+        require_affordable_meshes(alone, checked)
 
 
 def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:

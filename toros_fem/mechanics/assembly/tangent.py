@@ -16,9 +16,8 @@ from toros_fem.mechanics.terms.images import Images
 
 # Triangles treated at once: the work arrays stay in the processor's cache.
 CHUNK = 2000
-# Parts of the second variation, by factors on the geometric stiffness of strains and loads, of
-# angles, and of contact: all of it, with positive semidefinite contact, also without the stiffness
-# of angles, and the material part, positive semidefinite.
+# Parts of the second variation: factors on the geometric stiffness of strains and loads, on that of
+# angles, and on that of contact. What a term has left with 0 is positive semidefinite.
 EXACT, CONVEX, STRAINS, MATERIAL = (1.0, 1.0, 1.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0,) * 3
 Part = tuple[float, float, float]
 

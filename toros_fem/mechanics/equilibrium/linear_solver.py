@@ -13,13 +13,7 @@ from scipy.sparse import csr_matrix
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import (
-    CONVEX,
-    MATERIAL,
-    STRAINS,
-    Part,
-    UpperTangent,
-)
+from toros_fem.mechanics.assembly.tangent import CONVEX, MATERIAL, STRAINS, Part, UpperTangent
 from toros_fem.mechanics.equilibrium import cholmod
 from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
 from toros_fem.mechanics.equilibrium.petsc_options import PREFIX
@@ -148,7 +142,7 @@ class TangentFactor:
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
         """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex.
 
-        With a shift, K is a part of it, as told above.
+        With a shift, K is one of its parts, as of the class.
         """
         self.values = self._exact
         if shift:

@@ -164,10 +164,8 @@ def actuator_cost(
         for k in range(1, COARSER_MESHES + 1):
             name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
-    largest = finest
-    if results.estimate_error and results.check_refinement is not None:
-        ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
-        largest = round(finest / ratio**2)
+    largest = _largest_triangles(scene, finest)
+    if largest > finest:
         parts.append(Part("estimate of the error, finer mesh", largest, CURVE_POINT))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
@@ -201,12 +199,12 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
         area = float(made.pattern.areas.sum())
     except MeshSizeError as error:  # raised by all ranks
         area = error.area
-    edges, results = _edges(scene), scene.results
-    for edge in edges:
+    for edge in _edges(scene):
         require_affordable(area, edge)
-    if edges and results.estimate_error and results.check_refinement is not None:
-        finer = expected_triangles(area, min(edges) / results.check_refinement)
-        require_fewer(finer, area, "Take a smaller check_refinement")
+    finest = finest_triangles(scene, area, made)
+    largest = _largest_triangles(scene, finest)
+    if largest > finest:
+        require_fewer(largest, area, "Take a smaller check_refinement")
     return area, made
 
 
@@ -216,7 +214,7 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
     Raises:
         MeshSizeError: One would have more triangles than `triangle_limit` allows.
     """
-    if not _edges(scene):
+    if not _edges(scene) and scene.results.check_refinement is None:
         return
     lines = scene.design.start == "relaxed"
     area, made = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
@@ -230,6 +228,15 @@ def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> in
     if edges := _edges(scene):
         return round(expected_triangles(area, min(edges)))
     return 0 if made is None else round(len(made.pattern.panel) * 4.0 ** (scene.level_count - 1))
+
+
+def _largest_triangles(scene: ActuatorScene, finest: int) -> int:
+    """Return the triangles of the finer mesh of the check, or those of the finest without one."""
+    results = scene.results
+    if not results.estimate_error or results.check_refinement is None:
+        return finest
+    ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
+    return round(finest / ratio**2)
 
 
 def _edges(scene: ActuatorScene) -> Sequence[float]:
