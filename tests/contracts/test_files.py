@@ -60,11 +60,11 @@ from toros_fem.results.runs.folder import open_run, read_record
 
 ALONE, LIBRARY = MPI.COMM_SELF, read_library()
 FEW = settings(
-    max_examples=6, derandomize=True, deadline=None, database=None,
+    max_examples=12, derandomize=True, deadline=None, database=None,
     suppress_health_check=list(HealthCheck),
     phases=[Phase.explicit, Phase.generate],  # a scene that is shrunk takes minutes
 )  # fmt: skip
-MANY = settings(FEW, max_examples=20)
+MANY = settings(FEW, max_examples=40)
 POINTS = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [1, 4, 3]])
 

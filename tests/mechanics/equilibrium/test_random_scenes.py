@@ -10,12 +10,9 @@ MOST = 1500
 
 # Their supports leave a rigid motion free.
 REFUSED = (1, 13)
-EASY = (2, 3, 5, 6, 8, 9, 11, 12, 14, 15, 18, 20)
-# Their ways are pinned, in tests/golden/test_decisions.py.
-HARD = (23, 24, 31, 36, 37, 38, 40, 41)
 
 
-@pytest.mark.parametrize("seed", [*REFUSED, *EASY, *HARD])
+@pytest.mark.parametrize("seed", range(42))
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
     if seed in REFUSED:

@@ -209,6 +209,9 @@ def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
     assert str(again) == str(caught.value)
     assert np.array_equal(again.result.state, last.state)
     assert (again.steps, again.factorisations) == (last.steps, last.factorisations)
+    silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)
+    assert not silent.converged
+    assert silent.pressure == last.pressure
 
 
 def test_a_dropped_solver_is_freed(alone: MPI.Comm, short_tube: Skin) -> None:

@@ -145,7 +145,14 @@ def test_islands_are_removed_or_joined_everywhere(sheet_tile: Tile) -> None:
 
 @pytest.mark.parametrize(
     ("side", "place"),
-    [(8.0, (0.5, 0.0)), (9.5, (0.0, 0.6)), (11.0, (0.0, 0.0)), (12.5, (0.5, 0.6))],
+    [
+        (8.0, (0.5, 0.0)),
+        (9.0, (0.5, 0.6)),
+        (9.5, (0.0, 0.6)),
+        (10.0, (0.5, 0.0)),
+        (11.0, (0.0, 0.0)),
+        (12.5, (0.5, 0.6)),
+    ],
 )
 def test_an_island_counts_once_wherever_it_lies(
     alone: MPI.Comm, side: float, place: tuple[float, float]
