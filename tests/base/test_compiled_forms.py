@@ -10,7 +10,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 from toros_fem.base import compiled_forms
-from toros_fem.base.compiled_forms import LOCK, compiled
+from toros_fem.base.compiled_forms import LOCK, SharedForms, compiled
 
 
 @pytest.fixture
@@ -72,3 +72,27 @@ def test_a_folder_that_cannot_be_made_is_told(
     monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path / "file" / "cache")
     with pytest.raises(OSError, match="cache"):
         compiled(area)
+
+
+def test_shared_code_that_some_ranks_lack(comm: MPI.Comm) -> None:
+    """The first rank knows the code from a mesh of its own; all compile it together."""
+
+    def volume(on: MPI.Comm, height: float) -> float:
+        square = mesh.create_unit_square(on, 2, 2)
+        constant = fem.Constant(square, height)
+        forms = SharedForms(square, ("some ranks", [constant, None]))
+        form = forms.compiled("volume", lambda: constant * ufl.dx)
+        return float(on.allreduce(fem.assemble_scalar(form)))
+
+    if comm.rank == 0:
+        assert volume(MPI.COMM_SELF, 2.0) == pytest.approx(2.0)
+    for height in (3.0, 4.0):
+        assert volume(comm, height) == pytest.approx(height)
+
+
+def test_unknown_symbols_are_not_shared(alone: MPI.Comm) -> None:
+    square = mesh.create_unit_square(alone, 2, 2)
+    for height in (3.0, 4.0):
+        forms = SharedForms(square, ("unknown", NotImplemented))
+        form = forms.compiled("volume", lambda height=height: height * ufl.dx(square))  # type: ignore[misc]
+        assert fem.assemble_scalar(form) == pytest.approx(height)

@@ -6,19 +6,26 @@ term adds to a bare skin, what the bare skin has is taken off first.
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from dolfinx import fem
 from helpers.models import dense_tangent
 from kit.slopes import slope
 from kit.terms import TERMS, Term, design_of, model_of, periodic
 from scipy.spatial.transform import Rotation
 
+from toros_fem.base.compiled_forms import _KERNELS, compiled
+from toros_fem.forms.energy import SkinForms
 from toros_fem.mechanics.assembly.model import SkinModel
-from toros_fem.mechanics.assembly.tangent import MATERIAL
+from toros_fem.mechanics.assembly.tangent import MATERIAL, UpperTangent
 from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
 
 STEP = 2e-8  # m: the fourth order's error is at rounding
 
@@ -89,6 +96,57 @@ def test_force_and_tangent(term: Term) -> None:
         places = model.skin.gather_vertices(model.positions(state))
         found = float(alone(SkinModel.energy, state))
         assert found == pytest.approx(term.by_hand(places), rel=1e-8)
+
+
+def shared_and_own(model: SkinModel, design: np.ndarray) -> Iterator[tuple[Any, Any]]:
+    """Yield what each shared form of a model gives, and what it gives when compiled for itself."""
+    names: dict[str, Callable[[SkinForms], Any]] = {
+        "energy": lambda forms: forms.energy,
+        "residual": lambda forms: forms.residual,
+        "tangent": lambda forms: forms.tangent,
+    }
+    for k in range(len(model.design.functions)):
+        names[f"sensitivity {k}"] = lambda forms, k=k: forms.sensitivities[k]
+    for k, load in enumerate(model.forms.loads):
+        if load is not None:
+            names[f"potential {k}"] = lambda forms, k=k: forms.loads[k].potential
+            names[f"variation {k}"] = lambda forms, k=k: forms.loads[k].variation
+    bounds = model.bounds
+    if isinstance(bounds, MixedBounds):
+        names["narrowed"] = lambda forms: bounds.narrowed(forms.residual)
+        bounds.loosen(np.zeros((len(model.skin.owned_cells), model.bounds.nodes, 3)))
+    model.set_density(design)
+    for name, of in names.items():
+        assert (model._shared._kind, name) in _KERNELS
+        forms = model.compiled(name, of), compiled(of(model.forms))
+        if forms[0].rank == 0:
+            yield tuple(fem.assemble_scalar(form) for form in forms)
+        else:
+            yield tuple(fem.assemble_vector(form).array for form in forms)
+
+
+@pytest.mark.parametrize("term", [*TERMS.values(), None], ids=[*TERMS, "tile"])
+def test_forms_of_a_kind_are_shared(term: Term | None) -> None:
+    """A second model fills the code of the first, with other values; the first is forgotten."""
+    make = periodic if term is None else partial(model_of, term)
+    first = make()[1]
+    first.density_sensitivity(first.assembled, first.assembled)
+    UpperTangent(first)
+    known, old = len(_KERNELS), weakref.ref(first.q)
+    state, model = make()
+    model.density_sensitivity(state, 0.3 * state)
+    UpperTangent(model)
+    assert len(_KERNELS) == known
+    assert "forms" not in vars(model), "nothing is stated in UFL again"
+    del first
+    gc.collect()
+    assert old() is None
+    found = 0
+    design = model.design.owned if term is None else design_of(term, 0.1)
+    for shared, own in shared_and_own(model, design):
+        assert np.array_equal(shared, own)
+        found += bool(np.any(own))
+    assert found >= 4
 
 
 @pytest.mark.parametrize("bending", [True, False])

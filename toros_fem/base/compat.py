@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -56,6 +57,25 @@ def function_space(domain: mesh.Mesh, element: Any, dofmap: Any, plain: fem.Func
     except TypeError:  # up to 0.9 the value shape is an argument
         space = make(domain._cpp_object, cpp_element, dofmap, plain.value_shape)
     return fem.FunctionSpace(domain, element, space)
+
+
+def filled_form(
+    code: Any,
+    module: Any,
+    spaces: Sequence[fem.FunctionSpace],
+    coefficients: Sequence[fem.Function],
+    constants: Sequence[fem.Constant],
+    domain: mesh.Mesh,
+) -> fem.Form:
+    """Return a form on all triangles of a mesh from the code of another one, and its module."""
+    address = module.ffi.cast("uintptr_t", module.ffi.addressof(code))
+    given = [[one._cpp_object for one in each] for each in (spaces, coefficients, constants)]
+    make = cpp.fem.Form_float64
+    try:
+        form = make(address, *given, {}, {}, domain._cpp_object)
+    except TypeError:  # from 0.10 codes and entity maps are lists
+        form = make([address], *given, {}, [], domain._cpp_object)
+    return fem.Form(form, code, None, module)
 
 
 def option_used(name: str) -> bool:

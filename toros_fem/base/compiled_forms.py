@@ -9,18 +9,21 @@ import platform
 import shlex
 import subprocess
 import sysconfig
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Hashable, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem, la, mesh
 from dolfinx.jit import get_options
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.compat import filled_form
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import naming
 from toros_fem.base.mpi import on_first_rank
@@ -53,6 +56,101 @@ def compiled(form: ufl.Form) -> Any:
         return fem.form(form, jit_options=options)
     with _compiling(folder):
         return fem.form(form, jit_options=options)
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """Code of a form, and which of the symbols of `SharedForms` it reads.
+
+    Attributes:
+        code, module: Of the compiled form.
+        spaces: Symbols whose spaces are those of its arguments.
+        coefficients, constants: Symbols in the order of the code.
+    """
+
+    code: Any
+    module: Any
+    spaces: Sequence[int]
+    coefficients: Sequence[int]
+    constants: Sequence[int]
+
+
+# Those of this process, by the kind of their symbols and their name.
+_KERNELS: dict[tuple[Hashable, str], Kernel] = {}
+
+
+class SharedForms:
+    """Forms whose UFL depends on nothing but the kinds of some symbols.
+
+    UFL needs a fifth of a second to state the forms of a skin and to recognise them in the cache,
+    and a process makes hundreds of skins of a few kinds. So the forms of the first skin of a kind
+    are compiled, and those of others have the same code with their own functions and constants.
+
+    Args:
+        domain: The mesh.
+        symbols: Functions, constants and arguments of the forms, and all else that decides on their
+            UFL, as numbers, types or None. Sequences and dataclasses are entered. With
+            NotImplemented among them nothing is shared.
+    """
+
+    def __init__(self, domain: mesh.Mesh, symbols: Any) -> None:
+        self._domain = domain
+        self._symbols: list[Any] = []
+        self._kind = domain.ufl_domain().ufl_coordinate_element(), self._kind_of(symbols)
+        self._shared = not any(one is NotImplemented for one in self._symbols)
+
+    def _kind_of(self, symbol: Any) -> Hashable:
+        if is_dataclass(symbol) and not isinstance(symbol, type):
+            symbol = [type(symbol), *(getattr(symbol, field.name) for field in fields(symbol))]
+        if isinstance(symbol, list | tuple):
+            return tuple(map(self._kind_of, symbol))
+        for k, one in enumerate(self._symbols):
+            if one is symbol:
+                return k
+        self._symbols.append(symbol)
+        if isinstance(symbol, ufl.Coefficient | ufl.Argument):
+            return type(symbol), symbol.ufl_element()
+        if isinstance(symbol, ufl.Constant):
+            return type(symbol), symbol.ufl_shape
+        return type(symbol), symbol
+
+    def compiled(self, name: str, stated: Callable[[], ufl.Form]) -> fem.Form:
+        """Return the form of a name; the first of its kind is stated and compiled (collective)."""
+        if not self._shared:
+            return compiled(stated())
+        key = self._kind, name
+        # Some ranks may know it from another communicator.
+        if not self._domain.comm.allreduce(key in _KERNELS, op=MPI.LAND):
+            form = stated()
+            made = compiled(form)
+            _KERNELS[key] = self._kernel(form, made)
+            return made
+        kernel = _KERNELS[key]
+        spaces, coefficients, constants = (
+            [self._symbols[k] for k in places]
+            for places in (kernel.spaces, kernel.coefficients, kernel.constants)
+        )
+        spaces = [one.ufl_function_space() for one in spaces]
+        return filled_form(
+            kernel.code, kernel.module, spaces, coefficients, constants, self._domain
+        )
+
+    def _kernel(self, form: ufl.Form, made: fem.Form) -> Kernel:
+        symbols, code = self._symbols, made.ufcx_form
+        of_space = [
+            one.ufl_function_space() if isinstance(one, ufl.Coefficient | ufl.Argument) else None
+            for one in symbols
+        ]
+        every = form.coefficients()
+        used = [every[code.original_coefficient_positions[n]] for n in range(code.num_coefficients)]
+        number = {id(one): k for k, one in enumerate(symbols)}
+        return Kernel(
+            code,
+            made.module,
+            [of_space.index(one.ufl_function_space()) for one in form.arguments()],
+            [number[id(one)] for one in used],
+            [number[id(one)] for one in form.constants()],
+        )
 
 
 def work_vector(space: fem.FunctionSpace) -> la.Vector:

@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.compiled_forms import assembled, compiled, work_vector
+from toros_fem.base.compiled_forms import SharedForms, assembled, work_vector
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective, dot, total
 from toros_fem.base.validation import require_callable, require_kind
@@ -129,29 +129,41 @@ class SkinModel:
         self._adjoint = fem.Function(self.space, name="adjoint")
         self.entry_space = cell_space(skin, size * (size + 1) // 2)
         self.geometric = fem.Constant(skin.mesh, (1.0, 1.0))
-        self.forms: SkinForms = skin_forms(
+        self._symbols = (
             self.q,
             self._adjoint,
             ufl.TestFunction(self.entry_space),
             (self.design.density, self.design.lines),
-            self.terms,
-            self.geometric,
         )
-        self._energy = compiled(self.forms.energy)
-        self._residual = compiled(self.forms.residual)
+        of_terms = [(type(one), one.symbols, one.edges, one.smoothing) for one in self.terms]
+        symbols = *self._symbols, self.geometric, of_terms
+        self._shared = SharedForms(skin.mesh, symbols)
+        self._energy = self.compiled("energy", lambda forms: forms.energy)
+        self._residual = self.compiled("residual", lambda forms: forms.residual)
         self._buffer = work_vector(self.space)
-        for term, load in zip(self.terms, self.forms.loads, strict=True):
-            term.take_forms(self.forms, load, self._buffer)
+        for number, term in enumerate(self.terms):
+            term.take_forms(number, self.compiled, self._buffer)
         self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
         self._areas = skin.pattern.areas[skin.owned_cells]
 
     @cached_property
+    def forms(self) -> SkinForms:
+        """The forms in UFL."""
+        return skin_forms(*self._symbols, self.terms, self.geometric)
+
+    def compiled(self, name: str, of: Callable[[SkinForms], Any]) -> fem.Form:
+        """Return one of `forms`, compiled; skins of one kind share it by its name (collective)."""
+        return self._shared.compiled(name, lambda: of(self.forms))
+
+    @cached_property
     def _sensitivities(self) -> list[tuple[Any, Any]]:
         """Compiled forms of the gradient, with vectors to assemble into."""
-        functions = self.design.functions
         return [
-            (compiled(form), work_vector(by.function_space))
-            for form, by in zip(self.forms.sensitivities, functions, strict=True)
+            (
+                self.compiled(f"sensitivity {k}", lambda forms, k=k: forms.sensitivities[k]),
+                work_vector(by.function_space),
+            )
+            for k, by in enumerate(self.design.functions)
         ]
 
     @property

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
-from toros_fem.base.compiled_forms import compiled, work_vector
+from toros_fem.base.compiled_forms import work_vector
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.terms.images import Images
 
@@ -41,7 +41,7 @@ class TriangleMatrices:
             seen = model.bend.hinges.has_moment[:owned]
             self.present[:, 9:18] = np.repeat(seen, 3, axis=1)
         self.count = owned * model.entry_space.dofmap.bs
-        self._form = compiled(model.forms.tangent)
+        self._form = model.compiled("tangent", lambda forms: forms.tangent)
 
     def compute(self, state: Floats, out: Floats, part: Part = EXACT) -> None:
         """Write the entries of the triangles at a state, and those of the terms behind them."""

@@ -48,6 +48,8 @@ class SkinContact(Term):
             are moved apart.
     """
 
+    symbols = ()
+
     def __init__(
         self,
         skin: Skin,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -13,7 +12,7 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.compiled_forms import assembled, compiled
+from toros_fem.base.compiled_forms import assembled
 from toros_fem.base.mpi import largest, smallest
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite
@@ -186,20 +185,22 @@ class MixedBounds(StretchBounds):
         self._density, self._widest = density, self._room
         self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
         self._ends = list(zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True))
+        self._values = [[fem.Constant(domain, end) for end in pair] for pair in self._ends]
         self._slack = [fem.Function(space) if one != two else None for one, two in self._ends]
         self._change = [fem.Function(space) for _ in self._ends]
         self.update()
 
     @property
+    def symbols(self) -> Any:
+        """Functions and constants of `coefficients` and `narrowed`."""
+        return self._density, self._values, self._slack, self._change
+
+    @property
     def coefficients(self) -> tuple[Any, Any]:
         """c₁ and c₂ in UFL, functions of ρ̄ where they differ, with what loosens them."""
-        domain = self._density.function_space.mesh
         c1, c2 = (
-            fem.Constant(domain, one)
-            if slack is None
-            else interpolate(self._density, fem.Constant(domain, one), fem.Constant(domain, two))
-            + slack
-            for (one, two), slack in zip(self._ends, self._slack, strict=True)
+            one if slack is None else interpolate(self._density, one, two) + slack
+            for (one, two), slack in zip(self._values, self._slack, strict=True)
         )
         return c1, c2
 
@@ -219,16 +220,15 @@ class MixedBounds(StretchBounds):
                 function.x.array[self._place] = row
                 function.x.scatter_forward()
 
-    def take_residual(self, residual: Any, work: la.Vector) -> None:
-        """Take the first variation of the energy, and a vector to assemble into."""
+    def narrowed(self, residual: Any) -> Any:
+        """Return the change of a residual by the bounds, in UFL."""
         pairs = zip(self._slack, self._change, strict=True)
         parts = [ufl.derivative(residual, slack, by) for slack, by in pairs if slack is not None]
-        self._variation, self._work = sum(parts[1:], start=parts[0]), work
+        return sum(parts[1:], start=parts[0])
 
-    @cached_property
-    def _compiled(self) -> Any:
-        """The change of the residual by the bounds, for the first start outside of them."""
-        return compiled(self._variation)
+    def take_narrowed(self, form: fem.Form, work: la.Vector) -> None:
+        """Take the same form, compiled, and a vector to assemble into."""
+        self._narrowed = form, work
 
     def push(self) -> Floats:
         """Return the change of the residual by narrowing loosened bounds, in N, to first order.
@@ -236,7 +236,7 @@ class MixedBounds(StretchBounds):
         The state is the one that is set; fixed components have their part too (collective).
         """
         self._fill(self._change, self._true - self._room)
-        return assembled(self._compiled, self._work)
+        return assembled(*self._narrowed)
 
     def narrow(self, corners: Floats, motion: Floats | None) -> float:
         """Narrow loosened bounds, along a predicted motion if that helps.

@@ -39,7 +39,7 @@ class Images(Term):
         self._steps = (wraps @ tile.lattice) / periodic.length
         self.images: Bools = np.any(wraps[: len(skin.owned_cells)] != 0, axis=2)
         space = cell_space(skin, 2)
-        self._coefficients: list[Any] = [fem.Function(space) for _ in range(wraps.shape[1])]
+        self.symbols = self._coefficients = [fem.Function(space) for _ in range(wraps.shape[1])]
         self.shifts: Floats = np.zeros_like(self._steps)
         self.turn(0.0)
         columns = np.tile(np.arange(2, dtype=np.int32), (len(wraps), 1))

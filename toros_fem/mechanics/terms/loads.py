@@ -28,6 +28,7 @@ class OwnWeight(PotentialTerm):
         self._skin, self._full = skin, np.asarray(weight.gravity)
         self._gravity = fem.Constant(skin.mesh, np.zeros(3))
         self._masses = constants(skin, weight.fabric, weight.reinforcement)
+        self.symbols = self._gravity, self._masses
 
     @override
     def of_place(self, t: Triangle) -> Jet | None:
@@ -51,6 +52,8 @@ class OwnWeight(PotentialTerm):
 
 class DeadForce(Term):
     """Dead forces on the vertices; their work counts from the assembled positions."""
+
+    symbols = ()
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
@@ -111,6 +114,7 @@ class Pressure(PotentialTerm):
         # The cones of eq. (7) are taken from a point in the symmetry planes.
         self._origin = planes.origin
         self._point = fem.Constant(skin.mesh, self._origin) if self._origin.any() else None
+        self.symbols = self._pressure, self._point
         if self._walls:
             vertices = np.unique(np.concatenate([wall.vertices for wall in self._walls]))
             self._vertices = vertices

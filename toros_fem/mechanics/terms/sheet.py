@@ -14,7 +14,6 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.forms.bending import Edges, bending_energy, coupling_energy, coupling_of_lines
-from toros_fem.forms.energy import LoadForms, SkinForms
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle, interpolate
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
@@ -40,7 +39,7 @@ from toros_fem.mechanics.skin.hinges import (
 from toros_fem.mechanics.skin.patch_space import Unknowns, pattern_edges
 from toros_fem.mechanics.skin.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.mechanics.terms.term import Term
+from toros_fem.mechanics.terms.term import Compiled, Term
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
@@ -72,10 +71,11 @@ class Sheet(Term):
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
             self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles, flaps=flaps)
             c1, c2 = constants(skin, *shared)
-            self._limits = c1, c2
+            self._limits = read = c1, c2
         else:
             self.bounds = MixedBounds(design.density, flat, composite, flaps)
-            self._limits = self.bounds.coefficients
+            self._limits, read = self.bounds.coefficients, self.bounds.symbols
+        self.symbols = self._mu, self._lam, read
 
     def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
         both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
@@ -93,9 +93,11 @@ class Sheet(Term):
         return barrier(e, *self._law(t), log)
 
     @override
-    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
-        if isinstance(self.bounds, MixedBounds):
-            self.bounds.take_residual(forms.residual, work)
+    def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
+        bounds = self.bounds
+        if isinstance(bounds, MixedBounds):
+            form = compiled("narrowed", lambda forms: bounds.narrowed(forms.residual))
+            bounds.take_narrowed(form, work)
 
     @override
     def after_design(self) -> None:
@@ -153,6 +155,7 @@ class TensionSheet(Sheet):
     ) -> None:
         super().__init__(skin, composite, supports, design)
         self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
+        self.symbols = self.symbols, self._residual
 
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
@@ -164,7 +167,7 @@ class RubberLayer(Term):
 
     def __init__(self, skin: Skin, bladder: Bladder) -> None:
         self._stiffness = bladder.membrane_stiffness
-        self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
+        self.symbols = self._mu = fem.Constant(skin.mesh, self._stiffness / 3)
 
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
@@ -205,7 +208,7 @@ class Bend(Term):
         self._skin, self._bending, self._poisson = skin, bending, poisson
         sheets = ((composite.fabric, 0.0), (composite.reinforcement, composite.eccentricity))
         moments = [m.thickness**3 / 12 + offset**2 * m.thickness for m, offset in sheets]
-        self._mu, self._lam = lame_constants(skin, composite, moments)
+        self.symbols = self._mu, self._lam = lame_constants(skin, composite, moments)
 
     @override
     def of_curvature(self, t: Triangle, Lambda: Sequence[Scalar]) -> Scalar:
@@ -236,7 +239,8 @@ class OffsetPrint(Term):
     def __init__(self, skin: Skin, composite: Composite) -> None:
         strip = composite.reinforcement
         factor = strip.thickness * composite.eccentricity
-        self._mu, self._lam = constants(skin, factor * strip.mu, factor * strip.lam)
+        self.symbols = constants(skin, factor * strip.mu, factor * strip.lam)
+        self._mu, self._lam = self.symbols
 
     @override
     def of_both(self, t: Triangle, e: Strain, Lambda: Sequence[Scalar]) -> Scalar:
@@ -297,6 +301,7 @@ class Courses(Term):
         direction = cell_function(cell_space(skin, 2), directions, "courses")
         self._stiffness, h = composite.course_stiffness, composite.fabric.thickness
         k, bending = constants(skin, self._stiffness, self._stiffness * h**2 / 12)
+        self.symbols = direction, k, bending
         self._family = Family(direction[0], direction[1], k, bending, 0.0)
 
     @override
@@ -342,6 +347,7 @@ class LineFamilies(Term):
         self._modulus = strip.membrane_stiffness
         self._stiffness = constants(skin, strip.young * h, bending, strip.mu * h**3 / 3)
         self._offset = None if composite.print_side is None else fem.Constant(skin.mesh, offset)
+        self.symbols = self._stiffness, self._offset
 
     def _families(self, t: Triangle) -> list[Family]:
         assert t.lines is not None

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Callable
 from typing import Any, override
 
 import numpy as np
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
-from toros_fem.base.compiled_forms import assembled, compiled
+from toros_fem.base.compiled_forms import assembled
 from toros_fem.forms.energy import EnergyTerm, LoadForms, SkinForms
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns
 from toros_fem.mechanics.skin.stretch_bounds import StretchBounds
+
+# Compiles a form of a skin; the name is one that no other has.
+Compiled = Callable[[str, Callable[[SkinForms], Any]], fem.Form]
 
 
 class Term(EnergyTerm):
@@ -42,8 +45,8 @@ class Term(EnergyTerm):
     def number(self, patch: Patch, dofs: LocalInts) -> None:
         """Take the unknowns' numbers; `dofs` are the local ones of its own, (blocks, size)."""
 
-    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
-        """Take the forms of the skin, those of the term itself, and a vector to assemble into."""
+    def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
+        """Take the term's number in the skin, the skin's forms, and a vector to assemble into."""
 
     def set_load(self, load: Load) -> None:
         """Take what acts."""
@@ -101,14 +104,15 @@ class PotentialTerm(Term):
     """A load with a potential, stated by `of_place`."""
 
     @override
-    def take_forms(self, forms: SkinForms, load: LoadForms | None, work: la.Vector) -> None:
-        assert load is not None
-        self._load, self._work = load, work
-        self._variation = compiled(load.variation)
+    def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
+        def of(forms: SkinForms) -> LoadForms:
+            load = forms.loads[number]
+            assert load is not None
+            return load
 
-    @cached_property
-    def _potential(self) -> Any:
-        return compiled(self._load.potential)
+        self._work = work
+        self._potential = compiled(f"potential {number}", lambda forms: of(forms).potential)
+        self._variation = compiled(f"variation {number}", lambda forms: of(forms).variation)
 
     def potential(self) -> float:
         """Return its potential on this rank's triangles in J."""
