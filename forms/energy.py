@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from typing import Any
@@ -80,14 +80,14 @@ class SkinForms:
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivities: ∂(residual · adjoint) by each coefficient of the design, as linear forms on
             their spaces, in J; with smoothed strains last by the densities around.
-        loads: Forms of each term; None for one that is no load.
+        loads: Forms of the terms that are loads, by their number.
     """
 
     energy: Any
     residual: Any
     tangent: Any
     sensitivities: Sequence[Any]
-    loads: Sequence[LoadForms | None]
+    loads: Mapping[int, LoadForms]
 
 
 def skin_forms(
@@ -95,8 +95,8 @@ def skin_forms(
     adjoint: Any,
     entries: Any,
     design: tuple[Any, Lines | None],
-    terms: Sequence[EnergyTerm],
     geometric: Any,
+    terms: Sequence[EnergyTerm],
 ) -> SkinForms:
     """Return energy, first variation, tangent and sensitivities of a skin, eqs. (8-10, 19).
 
@@ -111,9 +111,9 @@ def skin_forms(
         entries: Test function of the tangent's entries: n(n + 1)/2 piecewise constants for a
             patch of n components.
         design: Projected density ρ̄, and the line families of a relaxed design.
-        terms: The skin's energy terms.
         geometric: Two numbers, of strains and loads, and of angles and couplings: 1 for the
             tangent, 0 for its material part.
+        terms: The skin's energy terms.
     """
     space = q.ufl_function_space()
     domain = space.ufl_domain()
@@ -130,10 +130,11 @@ def skin_forms(
     variation, adjoint_parts = seen(ufl.TestFunction(space)), seen(adjoint)
     smoothing = next((term.smoothing for term in terms if term.smoothing is not None), None)
     metrics = _metrics(t, smoothing)
-    whole, loads = _stored(t, metrics, terms, geometric), [term.of_place(t) for term in terms]
-    for load in loads:
-        if load is not None:
-            whole = whole + load.scaled_hessian(geometric[0])
+    whole = _stored(t, metrics, terms, geometric)
+    placed = ((number, term.of_place(t)) for number, term in enumerate(terms))
+    loads = {number: load for number, load in placed if load is not None}
+    for load in loads.values():
+        whole = whole + load.scaled_hessian(geometric[0])
 
     size = 3 * len(t.nodes)
     numbers = enumerate(combinations_with_replacement(range(size), 2))
@@ -150,10 +151,10 @@ def skin_forms(
             ufl.derivative(along_adjoint, by, ufl.TestFunction(by.ufl_function_space()))
             for by in designed
         ],
-        loads=[
-            None if load is None else LoadForms(load.value * dx, _first(load, variation) * dx)
-            for load in loads
-        ],
+        loads={
+            number: LoadForms(load.value * dx, _first(load, variation) * dx)
+            for number, load in loads.items()
+        },
     )
 
 

@@ -106,11 +106,11 @@ def shared_and_own(model: SkinModel, design: np.ndarray) -> Iterator[tuple[Any, 
         "tangent": lambda forms: forms.tangent,
     }
     for k in range(len(model.design.functions)):
-        names[f"sensitivity {k}"] = lambda forms, k=k: forms.sensitivities[k]
-    for k, load in enumerate(model.forms.loads):
-        if load is not None:
-            names[f"potential {k}"] = lambda forms, k=k: forms.loads[k].potential
-            names[f"variation {k}"] = lambda forms, k=k: forms.loads[k].variation
+        names[f"by {k}"] = lambda forms, k=k: forms.sensitivities[k]  # type: ignore[misc]
+    for k in model.forms.loads:
+        names[f"load {k}"] = lambda forms, k=k: forms.loads[k].variation  # type: ignore[misc]
+        if model.terms[k] is model.pressure:
+            names["volume"] = lambda forms, k=k: forms.loads[k].potential  # type: ignore[misc]
     bounds = model.bounds
     if isinstance(bounds, MixedBounds):
         names["narrowed"] = lambda forms: bounds.narrowed(forms.residual)

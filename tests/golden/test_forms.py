@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from toros_fem.base import compiled_forms
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
@@ -120,6 +121,7 @@ def test_forms_of_an_equilibrium_and_its_gradient(
     found = {}
     for name, make in SKINS.items():
         compiled.clear()
+        monkeypatch.setattr(compiled_forms, "_KERNELS", {})
         model = make(comm).model
         # The gradient waits for the first design step.
         model.density_sensitivity(model.assembled, np.zeros(model.size_local))

@@ -123,21 +123,16 @@ class SkinModel:
 
     def _make_forms(self) -> None:
         """Make and compile the forms, but those of gradients, which wait for the first one."""
-        skin, size = self.skin, self.patch.components
-        owned = len(skin.owned_cells)
+        skin, owned, size = self.skin, len(self.skin.owned_cells), self.patch.components
         self.q = fem.Function(self.space, name="state")
         self._adjoint = fem.Function(self.space, name="adjoint")
         self.entry_space = cell_space(skin, size * (size + 1) // 2)
         self.geometric = fem.Constant(skin.mesh, (1.0, 1.0))
-        self._symbols = (
-            self.q,
-            self._adjoint,
-            ufl.TestFunction(self.entry_space),
-            (self.design.density, self.design.lines),
-        )
+        design, entries = self.design, ufl.TestFunction(self.entry_space)
+        read = design.density, design.lines
+        self._symbols = self.q, self._adjoint, entries, read, self.geometric
         of_terms = [(type(one), one.symbols, one.edges, one.smoothing) for one in self.terms]
-        symbols = *self._symbols, self.geometric, of_terms
-        self._shared = SharedForms(skin.mesh, symbols)
+        self._shared = SharedForms(skin.mesh, (self._symbols, of_terms))
         self._energy = self.compiled("energy", lambda forms: forms.energy)
         self._residual = self.compiled("residual", lambda forms: forms.residual)
         self._buffer = work_vector(self.space)
@@ -149,7 +144,7 @@ class SkinModel:
     @cached_property
     def forms(self) -> SkinForms:
         """The forms in UFL."""
-        return skin_forms(*self._symbols, self.terms, self.geometric)
+        return skin_forms(*self._symbols, self.terms)
 
     def compiled(self, name: str, of: Callable[[SkinForms], Any]) -> fem.Form:
         """Return one of `forms`, compiled; skins of one kind share it by its name (collective)."""
@@ -158,13 +153,12 @@ class SkinModel:
     @cached_property
     def _sensitivities(self) -> list[tuple[Any, Any]]:
         """Compiled forms of the gradient, with vectors to assemble into."""
-        return [
-            (
-                self.compiled(f"sensitivity {k}", lambda forms, k=k: forms.sensitivities[k]),
-                work_vector(by.function_space),
-            )
-            for k, by in enumerate(self.design.functions)
-        ]
+
+        def one(number: int, by: fem.Function) -> tuple[Any, Any]:
+            of = self.compiled(f"by {number}", lambda forms: forms.sensitivities[number])
+            return of, work_vector(by.function_space)
+
+        return [one(*pair) for pair in enumerate(self.design.functions)]
 
     @property
     def assembled(self) -> Floats:
@@ -256,11 +250,7 @@ class SkinModel:
         return self.variation(state) * ~self.free
 
     def largest_step(
-        self,
-        state: Floats,
-        step: Floats,
-        fraction: float,
-        carried: Floats | None = None,
+        self, state: Floats, step: Floats, fraction: float, carried: Floats | None = None
     ) -> float:
         """Return a factor ≤ 1 on a step that keeps to the stretch bounds and meets nothing.
 
@@ -362,8 +352,8 @@ class SkinModel:
 
     def _moduli(self) -> Floats:
         """Return h (2μ + λ) of the owned triangles in N/m."""
-        parts = [term.moduli(self.design) for term in self.terms]
-        return np.asarray(np.zeros(len(self._areas)) + sum(parts[1:], start=parts[0]))
+        parts = (term.moduli(self.design) for term in self.terms)
+        return np.asarray(sum(parts, start=np.zeros(len(self._dofs))))
 
 
 class Further(TypedDict, total=False):

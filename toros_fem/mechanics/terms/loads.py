@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, override
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.mpi import sum_over_ranks, total
@@ -17,7 +17,7 @@ from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, positions
 from toros_fem.mechanics.skin.supports import Planes, Supports
-from toros_fem.mechanics.terms.term import PotentialTerm, Term
+from toros_fem.mechanics.terms.term import Compiled, PotentialTerm, Term
 from toros_fem.meshes.skin import Skin
 
 
@@ -151,6 +151,11 @@ class Pressure(PotentialTerm):
         self.pairs = np.concatenate(pairs, axis=1)
 
     @override
+    def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
+        super().take_forms(number, compiled, work)
+        self._potential = compiled("volume", lambda forms: forms.loads[number].potential)
+
+    @override
     def set_load(self, load: Load) -> None:
         self.values = load.pressures
         self._set(self.values)
@@ -191,7 +196,7 @@ class Pressure(PotentialTerm):
     def _volume(self, x: Floats, weights: Floats) -> float:
         """Return the weighted sum of the chambers' volumes: the potential by such pressures."""
         self._set(weights)
-        whole = -total(self._skin.comm, self.potential())
+        whole = -total(self._skin.comm, fem.assemble_scalar(self._potential))
         self._set(self.values)
         return whole + self._wall_volume(x, weights)
 

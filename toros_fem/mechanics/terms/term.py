@@ -10,7 +10,7 @@ from dolfinx import fem, la
 
 from toros_fem.base.array_types import Floats, Ints, LocalInts
 from toros_fem.base.compiled_forms import assembled
-from toros_fem.forms.energy import EnergyTerm, LoadForms, SkinForms
+from toros_fem.forms.energy import EnergyTerm, SkinForms
 from toros_fem.mechanics.skin.designs import Densities
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.patch_space import Patch, Unknowns
@@ -105,18 +105,8 @@ class PotentialTerm(Term):
 
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
-        def of(forms: SkinForms) -> LoadForms:
-            load = forms.loads[number]
-            assert load is not None
-            return load
-
         self._work = work
-        self._potential = compiled(f"potential {number}", lambda forms: of(forms).potential)
-        self._variation = compiled(f"variation {number}", lambda forms: of(forms).variation)
-
-    def potential(self) -> float:
-        """Return its potential on this rank's triangles in J."""
-        return float(fem.assemble_scalar(self._potential))
+        self._variation = compiled(f"load {number}", lambda forms: forms.loads[number].variation)
 
     def variation(self) -> Floats:
         """Return the first variation of the potential in N: the negative of the force."""
