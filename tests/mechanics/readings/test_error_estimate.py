@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.models import dense_tangent
 from helpers.scenes import square
 from mpi4py import MPI
+from shapely import box, intersection, unary_union
 
 from benchmarks.accuracy.bending import spine
-from toros_fem.materials.sheet import Composite
+from toros_fem.making.print.printability import printed_fractions
+from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -16,6 +19,7 @@ from toros_fem.mechanics.readings.error_estimate import LimitShape, estimate_err
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
+from toros_fem.meshes.following import snapped
 
 
 def angle(pattern: Pattern, positions: np.ndarray) -> float:
@@ -122,3 +126,39 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
     for near, far, error in ((1.09, 1.08, 0.03 / (1.5**1.5 - 1)), (1.11, 1.0, 0.12 / (4**1.5 - 1))):
         told = interval({1.5: near, 4.0: far})
         assert told == pytest.approx(1.25 * (own + error) * at_rest, rel=1e-9)
+
+
+@pytest.mark.parametrize(("pressure", "at_once"), [(4e3, False), (6e3, True)])
+def test_a_soft_skin_moves_less_than_its_first_step(
+    alone: MPI.Comm, pressure: float, at_once: bool
+) -> None:
+    """Where Newton's first step without smoothing raises the energy, all steps count."""
+    pattern = cylinder(alone, 0.1, 0.02, 5e-3, mesh="unstructured")
+    regions = [pattern.outline(k) for k in range(len(pattern.panel_names))]
+    wall = pattern.panel_index("wall")
+    left, low, right, high = regions[wall].bounds
+    middle, reach, half = (left + right) / 2, 0.35 * (right - left), 0.6e-3
+    lines = [box(middle - half, low, middle + half, high)]
+    for k in range(6):
+        at = low + (high - low) * (k + 0.5) / 6
+        lines.append(box(middle - reach, at - half, middle + reach, at + half))
+    regions[wall] = intersection(regions[wall], unary_union(lines))
+    pattern = snapped(alone, pattern, regions)
+    composite = Composite(membrane=Membrane(strain="smoothed"))
+    solver = EquilibriumSolver(sew(alone, pattern), composite, clamp(pattern, ["base"]))
+    result = solver.solve(printed_fractions(pattern, regions)[solver.skin.owned_cells], pressure)
+    motion, model, x = solver.unsmoothed_motion(result), solver.model, result.state
+    with model.sheet.unsmoothed(1.0):
+        residual = model.residual(x)
+        left_over = model.residual(x + motion)
+        fall = model.energy(x) - model.energy(x + motion)
+        work = float(-residual @ motion) / 2
+        ratio = np.linalg.norm(left_over) / np.linalg.norm(residual)
+        assert fall > 0.5 * work > 0
+        if at_once:
+            assert dense_tangent(model, x) @ motion == pytest.approx(-residual, abs=1e-9)
+            assert ratio > 1e-2
+        else:
+            step = np.linalg.solve(dense_tangent(model, x), -residual)
+            assert model.energy(x + step) > model.energy(x)
+            assert ratio < 1e-3

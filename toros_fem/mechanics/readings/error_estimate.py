@@ -218,7 +218,7 @@ def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
     """Return the limit of an equilibrium of a solver with smoothed strains (collective).
 
     Triangles of constant strain lock where print bends in its plane, smoothed ones by half as much,
-    and the ratio of the errors hardly depends on the mesh. One Newton step tells how far the shape
+    and the ratio of the errors hardly depends on the mesh. Newton's method tells how far the shape
     without smoothing is away; the limit lies `GAIN` times as far on the other side. This is
     Richardson's extrapolation with two elements in place of two meshes.
 
@@ -230,8 +230,8 @@ def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
         computed = skin.gather_vertices(at.positions)
         limit = computed
         if model.composite.membrane.smoothed and at.complete:
-            step = model.positions(solver.unsmoothed_step(at))
-            limit = computed - GAIN * skin.gather_vertices(step)
+            motion = model.positions(solver.unsmoothed_motion(at))
+            limit = computed - GAIN * skin.gather_vertices(motion)
         density = skin.gather_cells(at.density) if at.density.ndim == 1 else None
         known = _KNOWN[at] = LimitShape(skin.pattern, computed, np.asarray(limit), density)
     return known
