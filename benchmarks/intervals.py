@@ -42,9 +42,12 @@ AROUND = np.pi * DIAMETER
 # Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3,), (2.0e-3, 1.6e-3)
-SEEDS = range(9)
+SEEDS = range(18)
+# The constants of half-widths were chosen with the prints of these seeds, and with no others.
+CHOSEN = range(9)
 # The first seed has one mesh more, and its limits come from finer ones.
 FINER, FINEST, SEEDS_OF_FINER = (*EDGES, 0.5e-3), (0.36e-3, 0.27e-3), range(1)
+SEEN, NEW = "prints of the choice", "other prints"
 # Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
 OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
 # What is needed to try another rule.
@@ -240,6 +243,7 @@ class Told(NamedTuple):
         computed: Distance of what the mesh computes from the limit.
         change: Change from rest to the limit.
         seconds: Time of the solve.
+        seeds: Whether the constants of half-widths were chosen with its print.
     """
 
     kind: str
@@ -250,6 +254,7 @@ class Told(NamedTuple):
     computed: float
     change: float
     seconds: float
+    seeds: str
 
 
 def told_figures(rows: Rows) -> list[Told]:
@@ -270,15 +275,16 @@ def told_figures(rows: Rows) -> list[Told]:
             }
             width = half_width(own, changes)
             numbers = row.value or 0.0, width, computed, change, row.seconds or 0.0
-            found.append(Told(kind, size, name, *numbers))
+            seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
+            found.append(Told(kind, size, name, *numbers, seeds))
     return found
 
 
 def table(rows: Rows) -> str:
-    """Return how often intervals hold the limit, and how wide they are, by kind and by mesh."""
+    """Return how often intervals hold the limit, and how wide they are, by kind, mesh and seeds."""
     found, lines = told_figures(rows), []
     groups = [(k, 0) for k in KINDS] + [(s, 1) for s in dict.fromkeys(f[1] for f in found)]
-    for label, column in [*groups, *((name, 2) for name in FIGURES), ("all", None)]:
+    for label, column in [*groups, (SEEN, 8), (NEW, 8), ("all", None)]:
         own = [one[3:7] for one in found if column is None or one[column] == label]
         if not own:
             continue
