@@ -286,6 +286,7 @@ def test_a_cache_that_cannot_be_made_is_told(
     alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compiled_forms, "form_cache", lambda: Path("/proc/no/forms"))
+    monkeypatch.setattr(compiled_forms, "_KERNELS", {})
     pattern = rectangle(alone, 0.02, 0.02, 0.01)
     with pytest.raises(OutputError, match="/proc/no/forms cannot be made, .* XDG_CACHE_HOME"):
         EquilibriumSolver(sew(alone, pattern), Composite(bending=None), clamp(pattern, ["sheet"]))

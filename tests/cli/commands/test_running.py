@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
-from toros_fem.cli.command_line.running import beyond_tests
+import pytest
+
+from toros_fem.cli.command_line.running import beyond_tests, narrower
 from toros_fem.cli.scene_files.reading import read_scene
 
 
@@ -15,3 +17,23 @@ def test_fabric_beyond_its_tests(tmp_path: Path) -> None:
     assert beyond_tests(scene, 0.1) == beyond_tests(scene, None) == ""
     path.write_text('kind = "bend"\n', encoding="utf-8")
     assert beyond_tests(read_scene(path), 0.88) == ""
+
+
+@pytest.mark.parametrize(
+    ("kind", "results", "state", "said"),
+    [
+        ("bend", "", "not certain", True),
+        ("bend", "check_refinement = 2", "not certain", False),
+        ("bend", "", "missed", False),
+        ("bend", "", None, False),
+        ("tile", "", "not certain", False),
+    ],
+)
+def test_an_uncertain_run_says_how_to_go_on(
+    kind: str, results: str, state: str | None, said: bool, tmp_path: Path
+) -> None:
+    """Unless it was compared with a finer mesh already, or its kind cannot be."""
+    path = tmp_path / "a.toml"
+    path.write_text(f'kind = "{kind}"\n[results]\n{results}\n' if results else f'kind = "{kind}"\n')
+    words = narrower(read_scene(path), Path("run"), {"verdict": {"state": state}})
+    assert words.endswith("toros resume run --set check_refinement=2") == said == bool(words)

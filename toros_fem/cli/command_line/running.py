@@ -18,6 +18,7 @@ from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.measures.figures import State
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import RunResult
@@ -83,7 +84,16 @@ def run_scene(
     used = next((one.value for one in found.figures if one.key == "stretch_use"), None)
     if (beyond := beyond_tests(scene, used)) and comm.rank == 0:
         log.warning(beyond)
-    return Answer(f"{found.sentence()}; see {folder}/", summary)
+    return Answer(f"{found.sentence()}; see {folder}/{narrower(scene, folder, summary)}", summary)
+
+
+def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> str:
+    """Return how to go on with a run that is not certain; empty if it cannot be narrower."""
+    key, state = "check_refinement", summary["verdict"]["state"]
+    possible = key in scene.kind.described() and scene.config.value(key) is None
+    if state != State.NOT_CERTAIN or not possible:
+        return ""
+    return f". For narrower intervals: toros resume {folder} --set {key}=2"
 
 
 def beyond_tests(scene: SceneFile, used: float | None) -> str:
