@@ -242,7 +242,7 @@ class Told(NamedTuple):
         width: Half-width of the interval.
         computed: Distance of what the mesh computes from the limit.
         change: Change from rest to the limit.
-        seconds: Time of the solve.
+        seconds: Time of the solve; NaN of one that was not alone on the machine.
         seeds: Whether the constants of half-widths were chosen with its print.
     """
 
@@ -274,7 +274,8 @@ def told_figures(rows: Rows) -> list[Told]:
                 if (place := (kind, seed, size, f"{name}, {CHANGE.format(COARSER**k)}")) in by_place
             }
             width = half_width(own, changes)
-            numbers = row.value or 0.0, width, computed, change, row.seconds or 0.0
+            seconds = np.nan if row.seconds is None else row.seconds
+            numbers = row.value or 0.0, width, computed, change, seconds
             seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
             found.append(Told(kind, size, name, *numbers, seeds))
     return found

@@ -258,7 +258,7 @@ def draw_intervals(path: Path) -> None:
             own = [one for one in found if one.kind == kind]
             rows = [[one for one in own if one.size == size] for size in sizes]
             rows = [row for row in rows if row]
-            time = [np.median([one.seconds for one in row]) for row in rows]
+            time = [np.nanmedian([one.seconds for one in row]) for row in rows]
             told = [np.median([one.error / one.change for one in row]) for row in rows]
             left.plot(time, 100 * np.array(told), "o-", color=colour, ms=4, lw=1.2)
             right.plot(
