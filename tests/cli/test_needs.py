@@ -57,6 +57,7 @@ def test_doctor_names_what_is_missing(without: tuple[str, ...], named: str, reme
     lines = [line for line in err.splitlines() if line.startswith(f"{named} does not work")]
     assert len(lines) == 1, err
     assert remedy in lines[0]
+    assert ("Python 3.12 or newer" in lines[0]) == ("fenicsx" in remedy)
     assert "Traceback" not in err
 
 

@@ -16,7 +16,8 @@ MISSING = 5
 MEANING = "something that the package needs is missing; `toros doctor` says what"
 
 WHEELS = (
-    "On Linux (x86-64, glibc 2.34 or newer), in the checkout: pip install '.[fenicsx]'. "
+    "On Linux (x86-64, glibc 2.34 or newer), in the checkout, with Python 3.12 or newer"
+    f"{'' if sys.version_info >= (3, 12) else ' (this one is older)'}: pip install '.[fenicsx]'. "
     "Otherwise take the packages of a distribution: see the page Install."
 )
 LIBRARIES = (

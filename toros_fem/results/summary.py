@@ -182,14 +182,14 @@ class PrintedResult(RunResult):
     def _cleaned_away(self) -> list[str]:
         """Return how cleaning changed the print."""
         cleaned, before, after = self.printed.cleaned, self.printed.before, self.printed.after
-        counts = {
-            "islands removed": len(cleaned.dropped),
-            "islands joined": len(cleaned.bridged),
-            "holes filled": len(cleaned.filled),
-            "narrow lines widened": len(before.lines.narrow) - len(after.lines.narrow),
-            "narrow gaps changed": len(before.gaps.narrow) - len(after.gaps.narrow),
-        }
-        told = [f"{count} {what}" for what, count in counts.items() if count > 0]
+        counts = (
+            (len(cleaned.dropped), "island", "removed"),
+            (len(cleaned.bridged), "island", "joined"),
+            (len(cleaned.filled), "hole", "filled"),
+            (len(before.lines.narrow) - len(after.lines.narrow), "narrow line", "widened"),
+            (len(before.gaps.narrow) - len(after.gaps.narrow), "narrow gap", "changed"),
+        )
+        told = [f"{n} {what}{'s' * (n > 1)} {done}" for n, what, done in counts if n > 0]
         return [f"print limits: {', '.join(told)}"] if told else []
 
     def _designed(self) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Films show the shapes one after the other, and back again."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from PIL import Image, ImageSequence
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.results.pictures import film
 from toros_fem.results.pictures.film import write_animation
+from toros_fem.results.runs.run_folder import read_run
 
 pytestmark = pytest.mark.usefixtures("rough")
 
@@ -44,8 +46,6 @@ def test_the_skin_inflates_and_empties(run: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_scenes_are_at_equal_steps(run: Path) -> None:
     """Up to the design's pressure; frames that are far apart are not joined by made-up shapes."""
-    from toros_fem.results.runs.run_folder import read_run
-
     found = read_run(run)
     frames = found.series["pressure"]
     scenes = film._inflated(found, frames)
@@ -64,3 +64,30 @@ def test_nothing_to_animate_is_told(run: Path) -> None:
         write_animation(run, "gait")
     with pytest.raises(ParameterError, match="must be one of"):
         write_animation(run, "time")
+
+
+def test_aligned_shapes_lie_on_their_targets(run: Path) -> None:
+    """Where they are moved as a whole nothing of a film changes."""
+    found = read_run(run)
+    frames = found.series["pressure"][-1:]
+    skins = {name: replace(skin, aligned=True) for name, skin in found.skins.items()}
+    aligned = replace(found, skins=skins)
+    moved = [replace(one, positions=one.positions + [0.03, -0.02, 0.01]) for one in frames]
+    one, other = (
+        np.asarray(film._pictures(aligned, "pressure", scenes)[0]).astype(int)
+        for scenes in (frames, moved)
+    )
+    assert (np.abs(one - other).max(axis=2) > 8).mean() < 1e-3
+    apart = np.asarray(film._pictures(found, "pressure", moved)[0]).astype(int)
+    assert (np.abs(one - apart).max(axis=2) > 8).mean() > 0.01
+
+
+def test_colours_of_all_pictures_are_in_a_film(tmp_path: Path) -> None:
+    """A palette of the last picture alone would have no red."""
+    colours = [(200, 30, 30), (30, 160, 30), (30, 30, 200)]
+    made = [Image.new("RGB", (40, 30), colour) for colour in colours]
+    for kind, few in (("GIF", film.FEW), ("PNG", film.MANY)):
+        path = tmp_path / f"film.{kind}"
+        path.write_bytes(film._moving(made, [50] * 3, kind, few))
+        for picture, colour in zip(pictures(path), colours, strict=True):
+            assert np.abs(picture - colour).max() < 12

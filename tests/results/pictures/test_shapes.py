@@ -178,6 +178,8 @@ def test_an_aligned_shape_is_moved_onto_its_target(pattern: Pattern) -> None:
     free = replace(skin, aligned=True)
     assert free.placed(moved) == pytest.approx(target, abs=1e-9)
     assert skin.placed(moved) is moved
+    assert scenery(DrawnSkin(free), moved).positions == pytest.approx(target, abs=1e-9)
+    assert scenery(DrawnSkin(free), moved).miss.rms == pytest.approx(0.0, abs=1e-9)
 
 
 def test_colours_of_a_miss_end_at_its_largest(drawn: DrawnSkin, pattern: Pattern) -> None:

@@ -90,6 +90,17 @@ def turn(page: Page) -> None:
     page.settle()
 
 
+def test_a_lone_chart_is_no_wider_than_two(run: Path) -> None:
+    """Its letters would be giant."""
+    (run / "history.csv").unlink()
+    with opened(write_report(run)) as page:
+        widths = page.run(
+            "return [...document.querySelectorAll('svg.chart')].map(x => x.clientWidth)"
+        )
+        assert len(widths) == 1
+        assert widths[0] <= 700
+
+
 def test_a_narrow_dark_window_shows_all(run: Path) -> None:
     """Letters stand out from what they are written on, those of the charts too."""
     with opened(write_report(run), 500, 900, dark=True) as page:

@@ -53,6 +53,18 @@ def test_nothing_is_fetched(run: Path) -> None:
     }  # fmt: skip
 
 
+def test_names_of_panels_are_no_identifiers(run: Path) -> None:
+    """A panel may be called like a part of the page."""
+    named = {f"<title>{name}</title>" for name in ("wall", "base", "tip")}
+    page = write_report(run).read_text(encoding="utf-8")
+    assert all(title in page for title in named)
+    body = re.sub(r'<script.*?</script>|<svg class="chart".*?</svg>', "", page, flags=re.DOTALL)
+    known = re.findall(r'\bid="([^"]*)"', body)
+    assert known
+    assert len(set(known)) == len(known)
+    assert not {"wall", "base", "tip"} & set(known)
+
+
 def test_what_is_unusual_is_told(run: Path) -> None:
     assert "At 10 kPa: It is near a limit point." in write_report(run).read_text(encoding="utf-8")
     change_summary(

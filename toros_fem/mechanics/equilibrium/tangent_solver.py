@@ -171,8 +171,8 @@ class TangentSolver:
         fall = model.energy(state) - model.energy(state + step)
         if model.slides or fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
             return step
-        found = self._newton(state, near=True, trial=True)
-        return found.state - state if found.converged else step
+        # Its energy falls with each step, wherever they end.
+        return self._newton(state, near=True, trial=True).state - state
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).

@@ -110,10 +110,13 @@ def _inflated(run: Run, frames: Sequence[Frame]) -> list[Frame]:
 
 def _pictures(run: Run, series: str, scenes: Sequence[Frame]) -> list[Bitmap.Image]:
     """Draw the pictures of a film, in one frame."""
+    scenes = [
+        replace(scene, positions=run.skins[scene.skin].placed(scene.positions)) for scene in scenes
+    ]
     fixed = {scene.skin: DrawnSkin(run.skins[scene.skin]) for scene in scenes}
     places = np.concatenate([scene.positions for scene in scenes])
     last, shown = scenes[-1], run.skins[scenes[-1].skin]
-    target = None if series == "gait" else shown.wanted(shown.placed(last.positions))
+    target = None if series == "gait" else shown.wanted(last.positions)
     others = [] if target is None else [target]
     others += [] if shown.body is None else [shown.body[0]]
     view = WALKING if series == "gait" else inflation_view(fixed[last.skin], last.positions)
@@ -128,9 +131,8 @@ def _pictures(run: Run, series: str, scenes: Sequence[Frame]) -> list[Bitmap.Ima
             stage = Stage(figure, (0.01, 0.01, 0.98, 0.86), view, np.concatenate([places, *others]))
             if series == "gait" or drawn.skin.ground is not None:
                 stage.ground(float(places[:, 2].min()), places)
-            positions = drawn.skin.placed(scene.positions)
-            stage.draw(drawn.surfaces(positions))
-            wanted = None if series == "gait" else drawn.skin.wanted(positions)
+            stage.draw(drawn.surfaces(scene.positions))
+            wanted = None if series == "gait" else drawn.skin.wanted(scene.positions)
             if wanted is not None:
                 stage.outline(drawn, wanted)
             stage.bar()
