@@ -42,6 +42,7 @@ from toros_fem.meshes import sew
 from toros_fem.products.tubes.tube import bend_metric
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
+from toros_fem.results.pictures.of_run import facts_of
 from toros_fem.results.pictures.shapes import plot_states
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.style import (
@@ -57,6 +58,7 @@ from toros_fem.results.pictures.style import (
 )
 from toros_fem.results.pictures.view import View
 from toros_fem.results.report.page_file import write_report
+from toros_fem.results.runs.run_folder import read_run
 
 DOCS = ROOT / "docs"
 BEND = folder_of(next(demo for demo in DEMOS if demo.name == "bend"), "coarse")
@@ -432,6 +434,10 @@ TOLD: Mapping[str, Callable[[], str]] = {
     "limits.png": limits_told,
     "performance.png": times_told,
 }
+# Pictures of the coarse bend.
+OF_BEND = (
+    "curves_empty.png", "images/make_one.png", "images/report.png", "images/tolerance_bend.png",
+)  # fmt: skip
 # All pictures below docs/, and who draws them.
 DRAWN: Mapping[str, Callable[[Path], None]] = {
     "characterisation.png": by_command(
@@ -466,8 +472,9 @@ def main(chosen: Sequence[str]) -> int:
             failed = True
             print(f"docs/{name} stays as it is: {missing}")
             continue
-        facts = {"Title": f"docs/{name}"}
-        facts |= {"Description": TOLD[name]()} if name in TOLD else {}
+        facts = {"Description": TOLD[name]()} if name in TOLD else {}
+        facts |= facts_of(read_run(BEND)) if name in OF_BEND else {}
+        facts["Title"] = f"docs/{name}"
         path.write_bytes(with_facts(path.read_bytes(), facts))
     return int(failed)
 
