@@ -38,6 +38,10 @@ UNWRITTEN = (
 UNFINISHED = ".unfinished"
 # List of the files that this package wrote into a folder and below it, one a line.
 LISTED = ".toros_files"
+NO_LIST = (
+    "{} is no plain file, or too large to be the list of files that toros wrote there. Move it, or "
+    "choose another folder; nothing was done."
+)
 # What may stand where a file is written.
 _REPLACED = (stat.S_IFREG, stat.S_IFLNK)
 # Folder whose files are listed; None while a caller names each file.
@@ -45,12 +49,27 @@ _listing: ContextVar[Path | None] = ContextVar("listing", default=None)
 
 
 def listed(folder: Path) -> dict[str, None]:
-    """Return the files that this package wrote into a folder, relative to it (one rank)."""
+    """Return the files that this package wrote into a folder, relative to it (one rank).
+
+    Raises:
+        OutputError: The list is no plain file, or too long for one.
+    """
+    path = folder / LISTED
     try:
-        lines = (folder / LISTED).read_text(encoding="utf-8", errors="replace").splitlines()
+        file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
         return {}
-    return dict.fromkeys(filter(None, lines))
+    except OSError as caught:
+        if caught.errno != errno.ELOOP:
+            raise
+        raise OutputError(NO_LIST.format(path)) from None
+    with os.fdopen(file, "rb") as opened:
+        found = os.fstat(file)
+        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES["keys"]:
+            raise OutputError(NO_LIST.format(path))
+        names = opened.read().decode("utf-8", errors="replace").splitlines()
+    inside = (name for name in names if not name.startswith("/") and ".." not in name.split("/"))
+    return dict.fromkeys(filter(None, inside))
 
 
 @contextmanager
@@ -88,7 +107,15 @@ def remove_file(path: Path) -> None:
 def _claim(path: Path) -> None:
     """List a file before it is written."""
     folder, path = _listing.get(), Path(os.path.abspath(path))
-    if folder is None or folder not in path.parents or is_listed(folder, path):
+    if folder is None or folder not in path.parents:
+        return
+    for inside in path.parents[: path.parents.index(folder)]:
+        if inside.is_symlink():
+            raise OutputError(
+                f"{inside} is a link, through which {path.name} would be written elsewhere. Remove "
+                "the link, or choose another folder; nothing was done to it."
+            )
+    if is_listed(folder, path):
         return
     if os.path.lexists(path):
         raise OutputError(

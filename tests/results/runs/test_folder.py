@@ -21,7 +21,16 @@ from toros_fem.base.errors import (
     RunError,
     RunStoppedError,
 )
-from toros_fem.base.files import LISTED, UNFINISHED, guarded, if_possible, replace_file, write_json
+from toros_fem.base.files import (
+    LISTED,
+    UNFINISHED,
+    guarded,
+    if_possible,
+    listed,
+    listing,
+    replace_file,
+    write_json,
+)
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import FREE, open_run, read_record, run_of
 from toros_fem.results.runs.lock import NAME, FolderLock
@@ -279,7 +288,8 @@ def test_nothing_is_written_through_a_link(comm: MPI.Comm, folder: Path, name: s
         other.write_text("mine")
         (folder / name).symlink_to(other)
     comm.barrier()
-    with pytest.raises(RunError, match="cannot be used|no lock|no run listed"):
+    words = "cannot be used|no lock|no run listed|is no plain file"
+    with pytest.raises((RunError, OutputError), match=words):
         open_run(comm, folder, INPUTS, scene="# mine\n")
     assert other.read_text() == "mine"
     comm.barrier()
@@ -455,6 +465,60 @@ def test_a_stop_is_no_error_that_is_passed_over(
     assert not (folder / "print_1.stl").exists()
     with open_run(alone, folder, INPUTS, resume=True):
         pass
+
+
+def test_a_stop_that_another_error_hides_is_a_stop(alone: MPI.Comm, tmp_path: Path) -> None:
+    """The new run stays, and is the one that goes on: not the earlier one."""
+    folder = tmp_path / "run"
+    with open_run(alone, folder, {"a": 1}):
+        pass
+    with pytest.raises(RunStoppedError, match="SIGTERM"), open_run(alone, folder, {"a": 2}):  # noqa: PT012
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        except BaseException as error:
+            raise ValueError from error
+    with open_run(alone, folder, {"a": 2}, resume=True):
+        pass
+
+
+def test_a_list_names_files_of_its_folder_alone(alone: MPI.Comm, tmp_path: Path) -> None:
+    victim, folder = tmp_path / "victim.txt", tmp_path / "run"
+    folder.mkdir()
+    victim.write_text("mine")
+    (folder / LISTED).write_text(f"../victim.txt\n{victim}\n")
+    with open_run(alone, folder, INPUTS):
+        pass
+    assert victim.read_text() == "mine"
+    assert listed(folder).keys() & {"../victim.txt", str(victim)} == set()
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "endless", "long"])
+def test_a_list_that_is_no_plain_file_is_refused(
+    alone: MPI.Comm, tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / LISTED
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "long":
+        path.write_text("x" * 1_000_001)
+    else:
+        path.symlink_to("/dev/zero" if kind == "endless" else tmp_path / "other")
+    with pytest.raises(OutputError, match="is no plain file, or too large"):
+        open_run(alone, tmp_path, INPUTS)
+
+
+def test_nothing_is_written_through_a_linked_folder(alone: MPI.Comm, tmp_path: Path) -> None:
+    folder, outside = tmp_path / "run", tmp_path / "outside"
+    folder.mkdir()
+    outside.mkdir()
+    (folder / "frames").symlink_to(outside)
+    with pytest.raises(RunError, match="has frames, which no run listed"):
+        open_run(alone, folder, INPUTS)
+    (folder / LISTED).write_text("manufacture\n")
+    (folder / "manufacture").symlink_to(outside)
+    with listing(folder), pytest.raises(OutputError, match="is a link, through which print_1.stl"):
+        replace_file(folder / "manufacture" / "print_1.stl", b"x")
+    assert not any(outside.iterdir())
 
 
 def test_a_finished_run_is_no_folder_for_other_results(comm: MPI.Comm, folder: Path) -> None:

@@ -275,6 +275,13 @@ class GripperScene(ActuatorScene):
         contact, body = self.held_contact, self.body
         contact_sizes = contact.sizes(self.material.composite)
         strip = self.touching_vertices(pattern, edge).astype(np.float64)
+        if not strip.any():
+            raise ParameterError(
+                f"size = {self.object.size:.3g} m: no vertex of the fingers would touch an object "
+                f"as small as this with edges of {edge:.3g} m. Take a larger one, or a smaller "
+                "edge_length.",
+                "size",
+            )
         # Upwards, and towards the object's axis as far as friction makes use of it.
         direction = (self.contact.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
         force = goal.holding_factor * self.object.mass * GRAVITY / (2 * self.fingers)

@@ -65,7 +65,8 @@ def require_room(folder: Path, known: Iterable[str]) -> None:
     taken = []
     for name, slash, _ in (name.partition("/") for name in FILES):
         path, is_folder = folder / name, bool(slash) and name != STATE
-        if os.path.lexists(path) and name not in own and not (is_folder and path.is_dir()):
+        mine = is_folder and path.is_dir() and not path.is_symlink()
+        if os.path.lexists(path) and name not in own and not mine:
             taken.append(name)
     if taken:
         raise RunError(

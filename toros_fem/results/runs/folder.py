@@ -113,7 +113,10 @@ class OpenRun:
 
     def stop(self, number: int) -> NoReturn:
         """End the run by a RunStoppedError, because of a signal."""
-        raise RunStoppedError(
+        raise self._stopped(number)
+
+    def _stopped(self, number: int) -> RunStoppedError:
+        return RunStoppedError(
             f"stopped by {signal.Signals(number).name}; the state is on disk. Go on with: "
             f"{self._again}",
             number,
@@ -132,18 +135,18 @@ class OpenRun:
     ) -> None:
         _open.pop(self.folder.resolve(), None)
         self.signals.restore()
-        stopped = self.signals.stopped_at_once
-        if stopped and not isinstance(error, RunStoppedError):
+        number, late = self.signals.stopped_at_once, None
+        if number and not isinstance(error, RunStoppedError):
             # PETSc makes an error of its own of one in a callback; others may swallow it.
-            kind = RunStoppedError
+            error = late = self._stopped(number)
         try:
-            if kind is None:
+            if error is None:
                 done = replace(self.record, finished=True, changed=False)
                 _in_folder(self.comm, self.folder, lambda: _write_record(self.folder, done))
         finally:
-            self._closing.__exit__(kind, error, trace)
-        if stopped and kind is RunStoppedError and not isinstance(error, RunStoppedError):
-            self.stop(stopped)
+            self._closing.__exit__(None if error is None else type(error), error, trace)
+        if late is not None:
+            raise late
 
 
 def run_of(folder: str | Path) -> OpenRun | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +18,8 @@ from toros_fem.results.runs.summary_file import Summary, summary_of
 SERIES = ("pressure", "iteration", "gait", "load")
 # Columns of tables that hold no numbers: a sheet of tiles is pulled along x and y.
 WORDS = {"direction"}
+# Columns of a history that are drawn.
+DRAWN = ("iteration", "objective")
 
 
 class Measured(NamedTuple):
@@ -97,7 +99,7 @@ def read_run(folder: str | Path) -> Run:
     folder = Path(folder)
     if not folder.is_dir():
         raise NoRunError(f"{folder} is no folder. Give the folder of a run, its --output.")
-    summary, history = summary_of(folder), _read_table(folder / "history.csv")
+    summary, history = summary_of(folder), _read_table(folder / "history.csv", DRAWN)
     frames = folder / FOLDER
     series = {name: read_frames(frames, name) for name in SERIES}
     made = read_frames(frames, "print")
@@ -119,7 +121,7 @@ def read_run(folder: str | Path) -> Run:
     return Run(folder, summary, history, curve, series, skins, note, tolerance)
 
 
-def _read_table(path: Path) -> list[dict[str, float]]:
+def _read_table(path: Path, needed: Collection[str] = ()) -> list[dict[str, float]]:
     """Return the rows of a table, its numbers alone; empty without the file.
 
     A last line that does not end was cut off by a kill, and is left out.
@@ -128,8 +130,10 @@ def _read_table(path: Path) -> list[dict[str, float]]:
         return []
     with reading(path, OutputError, "Delete it, or mend it."):
         text = read_bytes(path, "table").decode("utf-8")
-        whole = text[: text.rfind("\n") + 1]
-        return [
-            {k: float(v) for k, v in row.items() if v not in (None, "") and k not in WORDS}
-            for row in csv.DictReader(whole.splitlines())
-        ]
+        rows = list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
+        for number, row in enumerate(rows, 2):
+            if None in row.values() or None in row:
+                raise ValueError(f"line {number} has not as many cells as the first one")
+            if missing := [name for name in needed if not row.get(name)]:
+                raise ValueError(f"line {number} has no {missing[0]}")
+        return [{k: float(v) for k, v in row.items() if v != "" and k not in WORDS} for row in rows]
