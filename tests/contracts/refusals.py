@@ -497,6 +497,20 @@ DESIGNS: Table = {
     "optimised skin": lambda s: tf.optimize(s.skin, [tf.Stage(1)]),
     "callback is text": lambda s: tf.optimize(s.design, [tf.Stage(1)], callback="print"),
     "optimisation starts at text": lambda s: tf.optimize(s.design, [tf.Stage(1)], start="grey"),
+    "twist about text": lambda s: tf.twist_between(
+        s.pattern, s.pattern.points, s.held.fixed[:, 0], along="x"
+    ),
+    "bend along a huge number": lambda s: tf.bend_between(
+        s.pattern, s.pattern.points, s.held.fixed[:, 0], along=10**400, toward=(1, 0, 0)
+    ),
+    "frame along NaN": lambda s: tf.tip_frame(
+        s.pattern, s.pattern.points, s.held.fixed[:, 0], along=(0, 0, NAN)
+    ),
+    "summary of nothing": lambda s: tf.read_summary(None),
+    "tests of nothing": lambda s: tf.read_tensile_tests(None),
+    "tests of numbers": lambda s: tf.read_tensile_tests([1.5]),
+    "tests with an array": lambda s: tf.read_tensile_tests(["a.csv"], np.zeros(3)),
+    "levels of nothing": lambda s: tf.optimize_levels(None, None),
     "levels without options": lambda s: tf.optimize_levels([s.design], []),
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),
     "moving limit is 2": lambda s: MMAOptions(move=2.0),

@@ -165,6 +165,11 @@ def checked_floats(
     return array
 
 
+def unit_direction(name: str, value: Any) -> Floats:
+    """Return a direction in space as an array, checked to be three finite numbers."""
+    return checked_floats(name, value, "(3,), a unit vector", (3,))
+
+
 def real_numbers(
     name: str, values: Any, what: str, failure: type[TorosError] = ParameterError
 ) -> Floats:

@@ -50,7 +50,9 @@ class Document:
     def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        message = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}: {message}" if key else message
+        shown_key = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}"
+        shown_key = shown_key if shown_key.isprintable() else ascii(shown_key)
+        message = f"{shown_key}: {message}" if key else message
         raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
 
     def require_known(

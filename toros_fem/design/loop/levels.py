@@ -75,6 +75,7 @@ def optimize_levels(
         PanelError: Two problems have other panels.
         DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
+    require_kind("problems", problems, Iterable, "DesignProblems, one for each level")
     remaining, finish = iter(problems), finish or (lambda result: result)
     problem = next(remaining, None)
     if isinstance(problem, DesignProblem):

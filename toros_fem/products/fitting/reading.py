@@ -17,7 +17,7 @@ import numpy as np
 from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.base.toml_files.document import read_text
 from toros_fem.base.units import read_quantity
-from toros_fem.base.validation import require_positive, shown
+from toros_fem.base.validation import require_kind, require_positive, shown
 from toros_fem.products.fitting.columns import (
     FORMULAS,
     KINDS,
@@ -87,6 +87,10 @@ def read_tensile_tests(
     Raises:
         MeasurementError: A file cannot be read, a line is wrong, or something is missing.
     """
+    require_kind("given", given, (Given, type(None)), "a Given, or None")
+    require_kind("paths", paths, (list, tuple), "a list of files")
+    for path in paths:
+        require_kind("paths", path, (str, Path), "a list of files")
     given = given or Given()
     found = [test for path in paths for test in _tests(Path(path), given)]
     if not found:

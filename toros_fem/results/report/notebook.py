@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
+from toros_fem.base.validation import require_kind
 from toros_fem.results.report.page_file import page_of
 from toros_fem.results.runs.run_folder import read_run
 from toros_fem.results.runs.summary_file import Summary, summary_of
@@ -51,6 +52,7 @@ def read_summary(folder: Path | str) -> StoredRun:
     Raises:
         OutputError: It cannot be read, is none, or is that of an earlier version.
     """
+    require_kind("folder", folder, (str, Path), "the folder of a run")
     found = summary_of(Path(folder))
     return StoredRun(found.figures, found.entries, Path(folder))
 
