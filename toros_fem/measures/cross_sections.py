@@ -11,7 +11,13 @@ from scipy.spatial.transform import Rotation
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import sum_over_ranks
-from toros_fem.base.validation import real_numbers, require_count, require_kind, whole_numbers
+from toros_fem.base.validation import (
+    real_numbers,
+    require_count,
+    require_kind,
+    shown,
+    whole_numbers,
+)
 from toros_fem.measures.rotation import axial, polar_rotation, require_determined
 from toros_fem.measures.shape import Nodes, checked_target
 from toros_fem.meshes.pattern import Pattern
@@ -83,8 +89,8 @@ class CrossSections:
         sizes = np.bincount(self.labels[self.labels >= 0], minlength=count)
         if count == 0 or sizes.min() < 3:
             raise ParameterError(
-                f"labels make cross-sections of {sizes.tolist()} vertices; each needs at least 3. "
-                "Use fewer cross-sections, or a finer mesh."
+                f"labels make cross-sections of {shown(sizes.tolist())} vertices; each needs at "
+                "least 3. Use fewer cross-sections, or a finer mesh."
             )
         position, orientation = self.position_weights, self.orientation_weights
         if position.shape != (count, 3) or orientation.shape != (count,):
