@@ -172,7 +172,7 @@ class TangentSolver:
         if model.slides or fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
             return step
         # Its energy falls with each step, wherever they end.
-        return self._newton(state, near=True, trial=True).state - state
+        return np.asarray(self._newton(state, near=True, trial=True).state - state)
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).
