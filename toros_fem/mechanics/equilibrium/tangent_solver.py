@@ -155,7 +155,7 @@ class TangentSolver:
             assert model.sheet is not None
             with model.sheet.unsmoothed(part):
                 if model.admits(at.state) and self._newton.stable(at.state):
-                    return self._relaxing(at.state) / part
+                    return np.asarray(self._relaxing(at.state) / part, dtype=np.float64)
             part /= 2
         return np.zeros_like(at.state)
 
@@ -172,7 +172,7 @@ class TangentSolver:
         if model.slides or fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
             return step
         # Its energy falls with each step, wherever they end.
-        return np.asarray(self._newton(state, near=True, trial=True).state - state)
+        return self._newton(state, near=True, trial=True).state - state
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).
