@@ -168,7 +168,8 @@ def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
     )
     assert "98% of the stretch bounds are used" in dataclasses.replace(found, printed=full).binding
     hole = PanelRegion(0, shapely.box(0.0, 0.0, 1e-3, 1e-3))
-    cut = dataclasses.replace(printed.cleaned, filled=(hole, hole), bridged=(hole,))
+    joined: Any = (hole,)
+    cut = dataclasses.replace(printed.cleaned, filled=(hole, hole), bridged=joined)
     filled = dataclasses.replace(printed, cleaned=cut)
     told = dataclasses.replace(found, printed=filled).binding
     assert any("1 island joined, 2 holes filled" in text for text in told)
