@@ -71,9 +71,8 @@ def read_quantity(text: str, unit: str | None) -> float:
         raise ParameterError(f"{given} has no unit{known}; a plain number, {advice}.")
     found = next((one for one, (_, words) in DIMENSIONS.items() if word in words), None)
     if found is None and re.match(r",\d", match[2]):
-        raise ParameterError(
-            f"{given} has a comma. Write a point: {text.strip().replace(',', '.')!r}."
-        )
+        point = f": {text.strip().replace(',', '.')!r}" * ("." not in number)
+        raise ParameterError(f"{given} has a comma. Write a point{point or ', and one alone'}.")
     if found is None:
         near = [one for one in words_of(unit) if one.lower() == word.lower()]
         advice = f"; did you mean {near[0]!r}?" if near else f"{known}."

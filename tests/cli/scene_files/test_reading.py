@@ -93,6 +93,8 @@ WRONG = [
     (BEND + '[skin]\nlength = -1', "line 3: skin.length: length = -1 m must be a finite nu"),
     (BEND + '[skin]\nmesh = "hexagons"', "skin.mesh: mesh = 'hexagons' must be one of"),
     (BEND + '[skin]\nlength = "0,15 m"', "'0,15 m' has a comma. Write a point: '0.15 m'"),
+    (BEND + '[skin]\nlength = "1.500,0 mm"', "has a comma. Write a point, and one alone"),
+    (BEND + "[skin]\nlength = 0,15", "line 3: a number has a comma. Write a point: 0.15"),
     (BEND + '[pressure]\npressure = "5kpa"', "unknown unit 'kpa'; did you mean 'kPa'"),
     (BEND + '[pressure]\npressure = "none"', "This value cannot be left out"),
     (BEND + '[material]\nfabric_thickness = 1', "did you mean 'thickness'"),

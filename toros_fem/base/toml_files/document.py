@@ -37,13 +37,16 @@ class Document:
             why, _, place = str(caught).rpartition(" (at ")
             found = re.match(r"line (\d+)", place)
             line = int(found[1]) if found else text.count("\n") + 1 if why else None
-            twice = re.match(r"Cannot (overwrite|declare|mutate)", why)
-            advice = (
-                "this key or table stands in the file already. Keep one of them."
-                if twice
-                else f"{why or place}: this is no TOML. Text needs quotes, and so do values with "
-                'units, as in "5 kPa".'
-            )
+            written = text.splitlines()[line - 1] if line and text else ""
+            if re.match(r"Cannot (overwrite|declare|mutate)", why):
+                advice = "this key or table stands in the file already. Keep one of them."
+            elif comma := re.search(r"=\s*([-+]?\d+),(\d+)", written):
+                advice = f"a number has a comma. Write a point: {comma[1]}.{comma[2]}"
+            else:
+                advice = (
+                    f"{why or place}: this is no TOML. Text needs quotes, and so do values with "
+                    'units, as in "5 kPa".'
+                )
             raise failure(f"{at(path, line)}: {advice}", path, line) from None
         self.lines = key_lines(text)
 
