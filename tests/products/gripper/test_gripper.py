@@ -73,6 +73,12 @@ def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     assert np.nanmin(case.passive[top]) == 1.0
 
 
+def test_an_object_too_small_to_be_touched_is_refused(alone: MPI.Comm) -> None:
+    scene = demo.GripperScene.of(size=1e-3)
+    with pytest.raises(errors.ParameterError, match="size = 0.001 m: no vertex .* would touch"):
+        scene.case(alone, scene.finest_level)
+
+
 def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
     case = case_of(alone, SMALL)
     held = np.asarray(case.supports.fixed.all(axis=1))
