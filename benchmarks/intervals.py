@@ -243,7 +243,7 @@ class Told(NamedTuple):
         computed: Distance of what the mesh computes from the limit.
         change: Change from rest to the limit.
         seconds: Time of the solve; NaN of one that was not alone on the machine.
-        seeds: Whether the constants of half-widths were chosen with its print.
+        seeds: `SEEN` if the constants of half-widths were chosen with its print, `NEW` if not.
     """
 
     kind: str

@@ -27,8 +27,8 @@ class EnergyTerm:
     Attributes:
         edges: Constants of the triangles' edges, of the term by which the sheet bends.
         smoothing: Constants of the triangles around, of the sheet; None: strains are not smoothed.
-        symbols: All that its laws read besides, as of `base.compiled_forms.SharedForms`; they are
-            stated once for all terms of a class whose symbols are of the same kinds.
+        symbols: All else that its laws read, as of `base.compiled_forms.SharedForms`: terms of one
+            class differ in nothing but these. NotImplemented: not known, no forms are shared.
     """
 
     symbols: Any = NotImplemented

@@ -14,6 +14,7 @@ from toros_fem.base.validation import (
     require_callable,
     require_finite,
     require_positive,
+    vector,
 )
 
 # Map from positions, (n, 3) in m, to positions.
@@ -67,7 +68,7 @@ def curl(
     """
     require_positive(length=length)
     _require_angle(angle, BEND_TURNS)
-    start = _vector("origin", origin)
+    start = vector("origin", origin)
     out, side = (_unit(name, of) for name, of in (("along", along), ("toward", toward)))
     if abs(out @ side) > SQUARE:
         raise ParameterError(
@@ -183,12 +184,8 @@ def _points(points: npt.ArrayLike) -> Floats:
     return checked_floats("points", points, what, lambda s: s[-1:] == (3,), finite=False)
 
 
-def _vector(name: str, value: npt.ArrayLike) -> Floats:
-    return checked_floats(name, value, "three finite numbers", (3,))
-
-
 def _unit(name: str, value: npt.ArrayLike) -> Floats:
-    found = _vector(name, value)
+    found = vector(name, value)
     length = np.linalg.norm(found)
     if length == 0:
         raise ParameterError(f"{name} = {value!r} has no direction; give one that is not zero.")

@@ -509,7 +509,7 @@ DESIGNS: Table = {
     "summary of nothing": lambda s: tf.read_summary(None),
     "tests of nothing": lambda s: tf.read_tensile_tests(None),
     "tests of numbers": lambda s: tf.read_tensile_tests([1.5]),
-    "tests with an array": lambda s: tf.read_tensile_tests(["a.csv"], np.zeros(3)),
+    "tests with a table": lambda s: tf.read_tensile_tests(["a.csv"], {"width": 1.0}),
     "levels of nothing": lambda s: tf.optimize_levels(None, None),
     "levels without options": lambda s: tf.optimize_levels([s.design], []),
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),

@@ -165,9 +165,9 @@ def checked_floats(
     return array
 
 
-def unit_direction(name: str, value: Any) -> Floats:
-    """Return a direction in space as an array, checked to be three finite numbers."""
-    return checked_floats(name, value, "(3,), a unit vector", (3,))
+def vector(name: str, value: Any) -> Floats:
+    """Return a point or direction in space as an array, checked to be three finite numbers."""
+    return checked_floats(name, value, "three finite numbers", (3,))
 
 
 def real_numbers(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import MetricError, ParameterError
-from toros_fem.base.validation import checked_floats, require_kind, shown, unit_direction
+from toros_fem.base.validation import checked_floats, require_kind, shown, vector
 from toros_fem.measures.metrics import swing_free
 from toros_fem.measures.rotation import DETERMINED, axial, polar_rotation
 from toros_fem.meshes.pattern import Pattern
@@ -60,7 +60,7 @@ def bend_between(
     turn = _turn(pattern, positions, of, against)
     if toward is None:
         return float(np.arctan2(np.linalg.norm(axial(turn)), np.trace(turn) - 1))
-    plane = np.stack([unit_direction("toward", toward), unit_direction("along", along)])
+    plane = np.stack([vector("toward", toward), vector("along", along)])
     return float(np.arctan2(*(plane @ turn @ plane[1])))
 
 
@@ -77,7 +77,7 @@ def twist_between(
     It is the twist of Q = swing · twist, as of `twist_angle`: the swing, which tilts the axis, does
     not count. The arguments are of `bend_between`.
     """
-    axis = unit_direction("along", along)
+    axis = vector("along", along)
     angle = 2 * np.arctan2(*swing_free(_turn(pattern, positions, of, against), axis))
     return float(np.pi - (np.pi - angle) % (2 * np.pi))
 
@@ -103,7 +103,7 @@ def tip_frame(
 
     The arguments are of `bend_between`.
     """
-    axis = unit_direction("along", along)
+    axis = vector("along", along)
     before, after = _means(pattern, positions, of)
     if against is not None:
         root, moved = _means(pattern, positions, against)

@@ -19,7 +19,7 @@ from toros_fem.base.validation import (
     require_kind,
     require_positive,
     shown,
-    unit_direction,
+    vector,
 )
 from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
 from toros_fem.measures.figures import TOLERANCE, Figure, formatted, unit_of
@@ -198,7 +198,7 @@ def turn_angle(
     `sections` are the vertices of each, starting at the body's root. The axis of the assembled body
     and the direction that it bends towards are perpendicular unit vectors, (3,).
     """
-    plane = np.stack([unit_direction("toward", toward), unit_direction("along", along)])
+    plane = np.stack([vector("toward", toward), vector("along", along)])
     rotations = _rotations(pattern, positions, sections)
     angles = [np.arctan2(*(plane @ (rotation @ plane[1]))) for rotation in rotations]
     return float(np.unwrap(np.array(angles))[-1])
@@ -243,7 +243,7 @@ def turn_about(
     `sections` are the vertices of each cross-section, starting at the body's root, and `along` is
     the unit vector along the assembled body, (3,).
     """
-    axis = unit_direction("along", along)
+    axis = vector("along", along)
     rotations = [np.eye(3), *_rotations(pattern, positions, sections)]
     turns = 2 * np.array([np.arctan2(*swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)])
     return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())

@@ -95,6 +95,7 @@ WRONG = [
     (BEND + '[skin]\nlength = "0,15 m"', "'0,15 m' has a comma. Write a point: '0.15 m'"),
     (BEND + '[skin]\nlength = "1.500,0 mm"', "has a comma. Write a point, and one alone"),
     (BEND + '"\\u001b[31mred" = 1', r"my.toml: '\\x1b\[31mred': unknown"),
+    (BEND + "a = [1,\n", "this is no TOML"),
     (BEND + "[skin]\nlength = 0,15", "line 3: a number has a comma. Write a point: 0.15"),
     (BEND + '[pressure]\npressure = "5kpa"', "unknown unit 'kpa'; did you mean 'kPa'"),
     (BEND + '[pressure]\npressure = "none"', "This value cannot be left out"),

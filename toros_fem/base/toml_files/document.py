@@ -37,7 +37,7 @@ class Document:
             why, _, place = str(caught).rpartition(" (at ")
             found = re.match(r"line (\d+)", place)
             line = int(found[1]) if found else text.count("\n") + 1 if why else None
-            written = text.splitlines()[line - 1] if line and text else ""
+            written = text.split("\n")[line - 1] if line else ""
             if re.match(r"Cannot (overwrite|declare|mutate)", why):
                 advice = "this key or table stands in the file already. Keep one of them."
             elif comma := re.search(r"=\s*([-+]?\d+),(\d+)", written):
@@ -53,9 +53,8 @@ class Document:
     def fail(self, place: Place, message: str) -> NoReturn:
         """Raise the error of a key, or of the whole file where the place is empty."""
         line, key = line_of(self.lines, place), ".".join(map(str, place))
-        shown_key = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}"
-        shown_key = shown_key if shown_key.isprintable() else ascii(shown_key)
-        message = f"{shown_key}: {message}" if key else message
+        cut = f"{key[:LONGEST]}{'…' * (len(key) > LONGEST)}"
+        message = f"{cut if cut.isprintable() else ascii(cut)}: {message}" if key else message
         raise self.failure(f"{at(self.path, line)}: {message}", self.path, line, key or None)
 
     def require_known(
