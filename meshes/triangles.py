@@ -353,25 +353,31 @@ def expected_triangles(area: float, edge_length: float) -> float:
     return float(area / (EQUILATERAL * edge_length**2))
 
 
-def require_affordable(area: float, edge_length: float) -> None:
+def require_affordable(area: float, edge_length: float, key: str = "edge_length") -> None:
     """Raise a MeshSizeError if a mesh of an area in m² will have more triangles than the limit."""
     most, count = _most.get(), expected_triangles(area, edge_length)
     if most is not None and count > most:
         longest = equilateral_edge(area / most)
         raise MeshSizeError(
-            f"edge_length = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} "
-            f"m², more than {most}. Give at least {longest:.2g} m, {ALLOW}",
+            f"{key} = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} m², "
+            f"more than {most}. Give at least {longest:.2g} m, {ALLOW}",
             area,
+            key,
         )
 
 
 def require_fewer(
-    count: int, area: float, remedy: str = "Make fewer copies or longer edges"
+    count: int,
+    area: float,
+    remedy: str = "Make fewer copies or longer edges",
+    key: str | None = None,
 ) -> None:
-    """Raise a MeshSizeError if a mesh on an area in m² would have more triangles than the limit."""
+    """Raise a MeshSizeError if a mesh on an area in m² has more triangles than the limit."""
     most = _most.get()
     if most is not None and count > most:
-        raise MeshSizeError(f"{count:.3g} triangles are more than {most}. {remedy}, {ALLOW}", area)
+        raise MeshSizeError(
+            f"{count:.3g} triangles are more than {most}. {remedy}, {ALLOW}", area, key
+        )
 
 
 @contextmanager

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import os
 import tracemalloc
 import zipfile
 from collections.abc import Callable
@@ -16,7 +17,7 @@ from helpers.line_fields import two_sheets
 from helpers.scenes import DATA
 from mpi4py import MPI
 
-from toros_fem.base.errors import TorosError
+from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.sheets.write import _make_room
@@ -24,8 +25,8 @@ from toros_fem.materials.library.files import read_materials
 from toros_fem.meshes import from_mesh, read_pattern, read_surface
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.tiles.printed_tile import read_tile
+from toros_fem.results.report.page_file import write_report
 from toros_fem.results.runs.folder import read_record
-from toros_fem.results.runs.run_folder import read_run
 
 # What `make fuzz` found.
 FOUND = DATA / "found"
@@ -90,6 +91,16 @@ CONTENTS: dict[str, Callable[[], bytes]] = {
         + b']><VTKFile type="UnstructuredGrid">&u;</VTKFile>'
     ),
 }
+
+
+def viewed(folder: Path) -> object:
+    """The page of a run, which has a history if nothing else."""
+    history = folder / "history.csv"
+    if not os.path.lexists(history):
+        history.write_text("iteration,objective\n0,1.5\n1,1.25\n", encoding="utf-8")
+    return write_report(folder)
+
+
 READERS: dict[str, Callable[[Path], object]] = {
     "scene.toml": read_scene,
     "materials.toml": read_materials,
@@ -97,15 +108,24 @@ READERS: dict[str, Callable[[Path], object]] = {
     "pattern.npz": lambda path: read_pattern(ALONE, path),
     "print.npz": lambda path: read_print_polygons(ALONE, path),
     "tile.npz": lambda path: read_tile(ALONE, path),
-    "summary.json": lambda path: read_run(path.parent),
-    "history.csv": lambda path: read_run(path.parent),
-    "tolerance.json": lambda path: read_run(path.parent),
-    "frames/pressure-000000.npz": lambda path: read_run(path.parents[1]),
+    "summary.json": lambda path: viewed(path.parent),
+    "history.csv": lambda path: viewed(path.parent),
+    "curve.csv": lambda path: viewed(path.parent),
+    "tolerance.json": lambda path: viewed(path.parent),
+    "frames/pressure-000000.npz": lambda path: viewed(path.parents[1]),
     "state/run.json": lambda path: read_record(ALONE, path.parents[1]),
     "manufacture.json": lambda path: _make_room(path.parent, ["print_1.stl"]),
     **{f"skin.{end}": lambda path: read_surface(ALONE, path) for end in ("stl", "ply", "vtu")},
     "deformed.vtu": lambda path: from_mesh(ALONE, path, two_sheets(0.0)),
 }
+
+
+@pytest.mark.parametrize("name", ["summary.json", "history.csv", "curve.csv", "tolerance.json"])
+def test_a_pipe_in_a_run_is_no_file(name: str, tmp_path: Path) -> None:
+    """A reader that waits for its writer would wait for ever."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(OutputError, match=f"{name} cannot be read: it is a pipe"):
+        viewed(tmp_path)
 
 
 @functools.cache

@@ -60,6 +60,7 @@ def good_files(folder: Path) -> dict[str, list[bytes]]:
     found["summary.json"] = [json.dumps({"figures": [figure], "inputs": {}}).encode()]
     found["state/run.json"] = [json.dumps({"format": 3, "inputs": {}, "identity": "a"}).encode()]
     found["history.csv"] = [b"iteration,objective\n0,1.5\n1,1.25\n"]
+    found["curve.csv"] = [b"pressure_pa,angle_deg\n0,0\n1000,12.5\n5000,90\n"]
     return {name: of for name, of in found.items() if name in READERS}
 
 

@@ -54,6 +54,21 @@ def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
         ("bend", "reinforcement_young", 1e5, "contrast"),
         ("inflate", "highest_pressure", 1e6, "load"),
         ("bend", "filter_radius", 1e-4, "filter"),
+        ("bend", "curve_pressure", 20e6, "load"),
+        ("bend", "c1", 6.0, "stretch"),
+        ("bend", "edge_length", 5e-3, "edges"),
+        ("twist", "relaxed_edge_length", 7e-3, "relaxed"),
+        ("gripper", "mass", 2.0, "weight"),
+        ("walker", "fabric_mass", 250.0, "heavy"),  # g/m²
+        ("walker", "friction", 4.0, "friction"),
+        ("walker", "body_radius", 20.0, "length"),  # mm
+        ("walker", "bent_length", 30.0, "length"),
+        ("gripper", "contact_distance", 2.5e-3, "thickness"),
+        ("bend", "print_height", 3e-3, "thickness"),
+        ("tile", "size", 10.0, "thickness"),
+        ("tile", "stiffness_0", 20.0, "stiffness"),
+        ("tile", "strain", 0.85, "pull"),
+        ("bend", "knit_ratio", 50.0, "knit"),
     ],
 )
 def test_doubted(kind: str, key: str, value: float, group: str) -> None:
@@ -74,6 +89,26 @@ def test_doubted(kind: str, key: str, value: float, group: str) -> None:
         ("twist", "twist", 2160.0),
         ("contract", "contraction", 60.0),
         ("twist", "length", 150.0),  # mm
+        ("inflate", "length", 150.0),
+        ("inflate", "edge_length", 1.4),
+        ("bend", "edge_length", 0.1),
+        ("twist", "relaxed_edge_length", 4.0),
+        ("gripper", "finger_length", 90.0),
+        ("gripper", "mass", 100.0),
+        ("gripper", "holding_factor", 1e6),
+        ("gripper", "friction", 600.0),
+        ("gripper", "pressure_max", 900e6),
+        ("gripper", "lift_distance", 50.0),
+        ("walker", "leg_length", 60.0),
+        ("walker", "pad_friction", 60.0),
+        ("walker", "foot_length", 60.0),
+        ("tile", "thickness", 0.5),
+        ("tile", "print_width", 0.6),
+        ("tile", "filter_radius", 0.7),
+        ("tile", "c1", 1900.0),
+        ("tile", "strain", 0.0),
+        ("tile", "stiffness_45", 1e9),
+        ("bend", "knit_ratio", 1e6),
     ],
 )
 def test_refused(kind: str, key: str, value: float) -> None:
@@ -81,6 +116,20 @@ def test_refused(kind: str, key: str, value: float) -> None:
         doubts(scene(kind, key, value))
     assert caught.value.key == key
     assert str(caught.value).startswith(f"{key}: ")
+
+
+def test_a_length_that_is_asked_for_is_within_reach() -> None:
+    asked = KINDS["twist"].of(keep_length=True)
+    for ratio in (0.3, 1000.0):
+        with pytest.raises(ParameterError, match="^length_ratio: "):
+            doubts(asked.updated(length_ratio=ratio))
+    assert doubts(asked.updated(length_ratio=1.1)) == []
+
+
+def test_a_way_that_is_asked_for_is_within_reach() -> None:
+    asked = KINDS["walker"].of(reach=6.0)
+    with pytest.raises(ParameterError, match="^reach: "):
+        doubts(asked.updated(motion="crawl"))
 
 
 def test_steepness_is_bounded() -> None:
@@ -122,6 +171,28 @@ def test_check_refuses_without_a_probe_what_a_design_refuses(
     told = capsys.readouterr().err
     assert f"{path}, line 3: " in told
     assert line.split()[0].replace("filter_", "filter ") in told
+
+
+@pytest.mark.parametrize(
+    ("kind", "table", "line"),
+    [
+        ("twist", "lines", 'print_edge_length = "1 um"'),
+        ("tile", "skin", 'edge_length = "1 um"'),
+        ("inflate", "skin", 'edge_length = "1 um"'),
+        ("twist", "print", 'print_width = "2 mm"'),
+        ("gripper", "object", 'size = "110 mm"'),
+        ("gripper", "skin", 'finger_length = "45 mm"'),
+    ],
+)
+def test_refusals_name_the_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, table: str, line: str
+) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text(f'kind = "{kind}"\n[{table}]\n{line}\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--no-probe"]) == 2
+    told = capsys.readouterr().err
+    assert f"{path}, line 3: " in told
+    assert line.split()[0] in told
 
 
 def test_check_refuses_what_the_finest_mesh_cannot_do(

@@ -22,8 +22,8 @@ class MeshSizeError(ParameterError):
     """
 
     # Between ranks an error is made from its message alone, and then gets its attributes.
-    def __init__(self, message: str, area: float = 0.0) -> None:
-        super().__init__(message)
+    def __init__(self, message: str, area: float = 0.0, key: str | None = None) -> None:
+        super().__init__(message, key)
         self.area = area
 
 

@@ -191,9 +191,11 @@ def reading(path: Path, failure: type[TorosError], remedy: str) -> Iterator[None
     """Raise whatever a reader raises in the block as one error that names a file and a remedy.
 
     Errors of the package pass. A damaged file may raise anything: UnicodeDecodeError,
-    RecursionError, MemoryError …
+    RecursionError, MemoryError … A pipe is refused: its reader would wait for ever.
     """
     try:
+        if path.is_fifo():
+            raise ValueError("it is a pipe, and no file")
         yield
     except TorosError:
         raise

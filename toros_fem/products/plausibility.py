@@ -8,7 +8,7 @@ doubt; what no skin can do is refused. docs/reference/scene_keys.md has the tabl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from toros_fem.base.errors import ParameterError
@@ -38,6 +38,7 @@ class Range:
 
 
 # r is the radius of the skin, L its length, E h the stiffness of the fabric with its bladder.
+# A tile has its side in the place of r and of the girth.
 RANGES: Mapping[str, Range] = {
     "load": Range(
         "strain by which the pressure would widen the plain skin, p r/(E h)",
@@ -45,12 +46,12 @@ RANGES: Mapping[str, Range] = {
         "Is the pressure in the unit that was meant? Numbers without a unit are Pa.",
     ),
     "thickness": Range(
-        "thickness of a sheet over the radius, h/r",
+        "thickness of a sheet over the radius of the skin, or the side of a tile",
         (2e-4, 0.2), (1e-6, 1.0), "shells are thin up to about 0.1 (Timoshenko 1959)",
         "Is the thickness in the unit that was meant? Numbers without a unit are m.",
     ),
     "slenderness": Range(
-        "length of the tube over its diameter",
+        "length of a tube, leg or finger over its diameter",
         (1.5, 60.0), (0.2, 1e3), "7.5 for the paper's tubes",
         "Are both in the unit that was meant? Numbers without a unit are m.",
     ),
@@ -68,8 +69,13 @@ RANGES: Mapping[str, Range] = {
         (1.0, 4.0), (0.0, INFINITE), "eq. (1); 1.8 in the default materials",
         "Below 1 the bound c1 is never reached.",
     ),
+    "stretch": Range(
+        "bound c1 on a stretch of the fabric",
+        (1.02, 5.0), (1.0, 20.0), "knits tear below 4, natural rubber at 8 (Treloar 1975)",
+        "c1 is a stretch, not a strain in per cent: 1.9 for a fabric that stretches by 90 %.",
+    ),
     "width": Range(
-        "width of a line or a gap over the smallest girth of the skin",
+        "width of a line or a gap over the smallest girth of the skin, or the side of a tile",
         (1e-3, 0.25), (1e-5, 0.5), "lines that shape a tube are much thinner than its girth",
         "Is the width in the unit that was meant? Numbers without a unit are m.",
     ),
@@ -108,8 +114,49 @@ RANGES: Mapping[str, Range] = {
         "number of edges around the skin, its girth 2 π r over the mean edge length, with r twice "
         "its volume over its area",
         (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
-        "Each step of `refinements` halves the edges. `remesh` makes a new mesh, where a CAD file "
-        "has long thin triangles.",
+        "Take shorter edges. Of an own mesh each step of `refinements` halves the edges, and "
+        "`remesh` makes a new one, where a CAD file has long thin triangles.",
+    ),
+    "relaxed": Range(
+        "number of edges of the relaxed design's mesh around the skin",
+        (10.0, INFINITE), (5.0, INFINITE), "lines are laid on a finer mesh",
+        "Take shorter edges.",
+    ),
+    "length": Range(
+        "length over the girth of the skin, or over the side of the tile",
+        (0.0, 30.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
+        "Is the length in the unit that was meant? Numbers without a unit are m.",
+    ),
+    "knit": Range(
+        "modulus of the fabric along its courses over that along its wales",
+        (1.0, 20.0), (1.0, 1e4), "1 to 4 in knits (docs/materials.md)",
+    ),
+    "heavy": Range(
+        "weight of a sheet over the pressure, m g/p",
+        (0.0, 0.05), (0.0, 1.0), "1e-4 for the paper's robots; at 1 a skin does not lift itself",
+        "Is the mass in kg/m², and the pressure in the unit that was meant?",
+    ),
+    "pull": Range(
+        "strain of the pull over that at the bound c1 of the fabric",
+        (1e-3, 0.9), (1e-6, 1.0), "eq. (1): no stretch reaches c1",
+        "A strain is a part: 0.1 for 10 %.",
+    ),
+    "stiffness": Range(
+        "stiffness that is asked for, on a logarithmic scale from that of the fabric, 0, to that "
+        "of the reinforced fabric, 1",
+        (0.0, 1.0), (-0.5, 1.5), "no pattern is softer or stiffer than its sheets",
+        "Ask for a stiffness between both, in N/m.",
+    ),
+    "friction": Range(
+        "coefficient of friction",
+        (0.05, 2.0), (0.0, 10.0), "0.1 for PTFE to 2 for rubber on dry ground (Moore 1972)",
+        "Is it a coefficient, and not an angle or a part in per cent?",
+    ),
+    "weight": Range(
+        "weight of the object over the force at which inflated fingers of plain fabric would "
+        "buckle, n p π r³/L for n fingers",
+        (0.0, 10.0), (0.0, 100.0), "collapse moment p π r³ of an inflated beam (Comer & Levy 1963)",
+        "Take a lighter object, or wider fingers with more pressure.",
     ),
 }  # fmt: skip
 
@@ -151,7 +198,42 @@ class Group:
         span = f"{low:g} to {high:g}" if math.isfinite(low) else f"at most {high:g}"
         span = span if math.isfinite(high) else f"at least {low:g}"
         of = self.range
-        return f"{self.key}: the {of.words}, is {self.value:.3g}; {word} is {span}. {of.remedy}"
+        what = f"{of.words}," if "," in of.words else of.words
+        told = f"{self.key}: the {what} is {self.value:.3g}; {word} is {span}. {of.remedy}"
+        return told.rstrip()
+
+
+def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
+    """Yield the groups of the sheets of a skin with a radius, or of a tile with a side, in m."""
+    fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
+    yield Group("thickness", "thickness", fabric.thickness / size)
+    yield Group("thickness", "reinforcement_thickness", printed.thickness / size)
+    contrast = printed.membrane_stiffness / fabric.membrane_stiffness
+    yield Group("contrast", "reinforcement_young", contrast)
+    if bladder is not None:
+        yield Group("thickness", "bladder_thickness", bladder.thickness / size)
+        share = bladder.membrane_stiffness / fabric.membrane_stiffness
+        yield Group("bladder", "bladder_young", share)
+    c1, c2 = sheet.fabric_bounds
+    yield Group("stretch", "c1", c1)
+    yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
+    if sheet.knit is not None:
+        yield Group("knit", "knit_ratio", sheet.knit.ratio)
+
+
+def with_lengths(scene: Scene, size: float, groups: Iterable[Group]) -> Iterator[Group]:
+    """Yield groups of a scene, and those of the lengths that they do not tell of.
+
+    `size` is the girth of the skin, or the side of the tile, in m.
+    """
+    told = set()
+    for group in groups:
+        told.add(group.key)
+        yield group
+    for name, one in scene.described().items():
+        value = scene.value(name)
+        if one.within.unit == "m" and value is not None and name not in told:
+            yield Group("length", name, abs(value) / size)
 
 
 def doubts(scene: Scene) -> list[str]:
@@ -160,10 +242,12 @@ def doubts(scene: Scene) -> list[str]:
     Raises:
         ParameterError: A group is impossible.
     """
-    groups = list(scene.groups())
-    for group in groups:
+    found = []
+    for group in scene.groups():
         group.require_possible()
-    return [group.doubt for group in groups if group.doubt is not None]
+        if group.doubt is not None:
+            found.append(group.doubt)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,34 +258,46 @@ class Inflated:
         sheet: Fabric, print and bladder.
         pressure: Largest pressure in Pa.
         radius: Radius of the inflated skin in m where it is thinnest.
+        pressure_key: Key of the scene that holds the pressure.
     """
 
     sheet: Composite
     pressure: float
     radius: float
+    pressure_key: str = "pressure"
 
     def groups(self) -> Iterator[Group]:
         """Yield the groups of its sheets and of its pressure."""
-        fabric, printed, bladder = self.sheet.fabric, self.sheet.reinforcement, self.sheet.bladder
-        yield Group("thickness", "thickness", fabric.thickness / self.radius)
-        yield Group("thickness", "reinforcement_thickness", printed.thickness / self.radius)
-        contrast = printed.membrane_stiffness / fabric.membrane_stiffness
-        yield Group("contrast", "reinforcement_young", contrast)
-        if bladder is not None:
-            yield Group("thickness", "bladder_thickness", bladder.thickness / self.radius)
-            share = bladder.membrane_stiffness / fabric.membrane_stiffness
-            yield Group("bladder", "bladder_young", share)
-        c1, c2 = self.sheet.fabric_bounds
-        yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
-        yield Group("load", "pressure", self._widening)
+        yield from sheet_groups(self.sheet, self.radius)
+        yield self.load(self.pressure_key, self.pressure)
+
+    @property
+    def girth(self) -> float:
+        """Its girth in m."""
+        return 2 * math.pi * self.radius
+
+    def load(self, key: str, pressure: float) -> Group:
+        """Return the group of a pressure in Pa."""
+        return Group("load", key, self._widening(pressure))
 
     def width(self, key: str, width: float) -> Group:
         """Return the group of the width in m of a line or a gap."""
-        return Group("width", key, width / (2 * math.pi * self.radius))
+        return Group("width", key, width / self.girth)
+
+    def slenderness(self, key: str, length: float) -> Group:
+        """Return the group of a length in m."""
+        return Group("slenderness", key, length / (2 * self.radius))
+
+    def shortening(self, key: str, share: float) -> Iterator[Group]:
+        """Yield the groups of a part of its length by which it shortens; it may lengthen too."""
+        if share < 0:
+            yield from self.reach(key, -share)
+        else:
+            yield Group("shortening", key, share)
 
     def reach(self, key: str, strain: float) -> Iterator[Group]:
         """Yield the groups of a strain that the fabric must have for the target of a key."""
-        bound, given = self.sheet.fabric_bounds[0] - 1, self._widening / 2
+        bound, given = self.sheet.fabric_bounds[0] - 1, self._widening(self.pressure) / 2
         yield Group("bound", key, strain / bound)
         if given > 0:
             yield Group("reach", key, strain / min(given, bound))
@@ -220,9 +316,8 @@ class Inflated:
         half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
         yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
 
-    @property
-    def _widening(self) -> float:
-        return self.pressure * self.radius / self.sheet.least_stiffness
+    def _widening(self, pressure: float) -> float:
+        return pressure * self.radius / self.sheet.least_stiffness
 
 
 def _inside(value: float, ends: tuple[float, float]) -> bool:

@@ -104,7 +104,7 @@ WRONG = [
     (BEND + '[design]\nseed = 1\n[design]\n', "line 4: this key or table stands in the file"),
     (BEND + '[design]\nseed = 1' + 5000 * "0", "this is no TOML"),
     (BEND + '[design]\n\nlevels = 9', "line 4: design.levels: levels = 9 is too many"),
-    ('kind = "gripper"\n[skin]\nfinger_length = "30 mm"', "my.toml: the finger starts to bend"),
+    ('kind = "gripper"\n[skin]\nfinger_length = "30 mm"', "line 3: skin.finger_length: around an"),
     (BEND + '[files]\nmesh = "a.stl"', "line 3: files.mesh: unknown key 'mesh'; known are start"),
     ('kind = "tile-sheet"\n[files]\ntile = 3', "line 3: files.tile: tile = 3 must be a path in qu"),
     ('kind = "tile-sheet"\nfiles = "x"', r"line 2: files: must be a table: write \[files\]"),

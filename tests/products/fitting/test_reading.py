@@ -120,6 +120,17 @@ FAULTS = {
     "thousands": (f'strain,force [N]\n{BODY}0.6,"1,037.5"\n', 8, "'1,037.5' has a comma"),
     "percent": (f"strain,force [N]\n{BODY}12,8\n", 8, "the strain is 12; is it in %.*'strain .1.'"),
     "too far": (f"strain [1],force [N]\n{BODY}16,8\n", 8, "stretch is 17; is its unit right"),
+    "a stretch": (
+        f"strain,force [N]\n{rows(1 + STRAIN, FORCE)}", 1, "is it a stretch.*'stretch', or .*[1]"
+    ),
+    "a lateral stretch": (
+        "stretch,force [N],lateral strain\n" + rows(1 + STRAIN, FORCE, 1 - 0.3 * STRAIN),
+        1, "lateral strain is never below .*'lateral stretch'",
+    ),
+    "mixed units": (
+        "strain [%],force [N],lateral strain\n" + rows(100 * STRAIN, FORCE, -30 * STRAIN),
+        1, "'lateral strain' has no unit beside one in %",
+    ),
     "decimal comma": (
         f'strain,force [N]\n{BODY}0.6,"1,037"\n', 8, "force = '1,037' has a comma, .* semicolons"
     ),
@@ -133,6 +144,13 @@ FAULTS = {
     "zero byte": (f"strain,force [N]\n0.1,\0\n{BODY}", 2, "no finite number"),
     "quote": (f'strain,force [N]\n0.1,"1\n{BODY}', 2, "cannot be split"),
 }  # fmt: skip
+
+
+def test_specimens_are_not_as_large_as_a_wrong_unit_makes_them(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", f"strain,force [N]\n{BODY}")
+    for given in (Given(width=25.0, thickness=THICKNESS), Given(width=WIDTH, thickness=0.5)):
+        with pytest.raises(MeasurementError, match="line 2: the .* Is its unit right"):
+            read_tensile_tests([path], given)
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, MeshSizeError, ParameterError, SceneError
+from toros_fem.base.errors import LibraryError, ParameterError, SceneError
 from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.scene import Scene
@@ -22,6 +23,9 @@ from toros_fem.cli.scene_files.materials import KIND_OF, numbers_of
 from toros_fem.materials.library.files import named, read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
+
+# Keys that a message names: with a value, or of several words.
+KEYS_IN_MESSAGE = re.compile(r"\b(\w+(?= = )|[a-z0-9]+_\w+)")
 
 
 @dataclass(frozen=True)
@@ -66,16 +70,11 @@ class SceneFile:
 
     @contextlib.contextmanager
     def located(self) -> Iterator[None]:
-        """Tell the file, and the line of a key that an error in the block names, by a SceneError.
-
-        A MeshSizeError, whose remedy may be an option, stays itself.
-        """
+        """Tell file and line of the key that an error in the block names, by a SceneError."""
         try:
             yield
-        except MeshSizeError:
-            raise
         except ParameterError as caught:
-            line = None if caught.key is None else self.lines.get(str(caught.key))
+            line = next((self.lines[key] for key in _named(caught) if key in self.lines), None)
             message = f"{at(self.path, line)}: {caught}"
             raise SceneError(message, self.path, line, caught.key) from None
 
@@ -118,6 +117,11 @@ def read_scene(
 CHANGED = "--set"
 # Values by their keys.
 _Values = dict[str, Any]
+
+
+def _named(error: ParameterError) -> list[str]:
+    """Return the keys that an error is about: the one that it knows, then those that it names."""
+    return [str(error.key), *KEYS_IN_MESSAGE.findall(str(error))]
 
 
 class _Reader(Document):
@@ -269,7 +273,9 @@ class _Reader(Document):
             values, materials = numbers_of(default, [values for _, values in layers])
             return default.updated(**values), materials
         except ParameterError as caught:
-            tables = [table for table, values in layers if caught.key in values]
-            home = self.homes.get(str(caught.key))
-            place = () if home is None else ((tables or [""])[-1] or home, str(caught.key))
+            given = (key for key in _named(caught) if any(key in values for _, values in layers))
+            key = next(given, str(caught.key))
+            tables = [table for table, values in layers if key in values]
+            home = self.homes.get(key)
+            place = () if home is None else ((tables or [""])[-1] or home, key)
             self.fail(place, str(caught))

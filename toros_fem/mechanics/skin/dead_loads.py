@@ -13,6 +13,7 @@ from toros_fem.base.validation import checked_floats, require_between, require_k
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
 
+GRAVITY = 9.81  # m/s²
 # Largest distance of the place of a force from the skin, as a fraction of the skin's size.
 ON_SKIN = 0.01
 
@@ -29,7 +30,7 @@ class Weight:
 
     fabric: float
     reinforcement: float
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
 
     def __post_init__(self) -> None:
         require_between(0.0, np.inf, fabric=self.fabric, reinforcement=self.reinforcement)

@@ -155,7 +155,7 @@ def actuator_cost(
         parts = _density_parts(scene.updated(starts=1), finest, [scene.print_options], comm.size)
     elif scene.design.start == "relaxed":
         relaxed = 0 if made is None else len(made.pattern.panel)
-        if _edges(scene):
+        if scene.edges:
             relaxed = round(expected_triangles(area, scene.lines.relaxed_edge_length))
         parts = _line_parts(scene, relaxed, finest)
     else:
@@ -199,12 +199,12 @@ def sized(comm: MPI.Comm, scene: ActuatorScene, level: Level) -> tuple[float, Ca
         area = float(made.pattern.areas.sum())
     except MeshSizeError as error:  # raised by all ranks
         area = error.area
-    for edge in _edges(scene):
-        require_affordable(area, edge)
+    for key, edge in scene.edges.items():
+        require_affordable(area, edge, key)
     finest = finest_triangles(scene, area, made)
     largest = _largest_triangles(scene, finest)
     if largest > finest:
-        require_fewer(largest, area, "Take a smaller check_refinement")
+        require_fewer(largest, area, "Take a smaller check_refinement", "check_refinement")
     return area, made
 
 
@@ -214,7 +214,7 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
     Raises:
         MeshSizeError: One would have more triangles than `triangle_limit` allows.
     """
-    if not _edges(scene) and scene.results.check_refinement is None:
+    if not scene.edges and scene.results.check_refinement is None:
         return
     lines = scene.design.start == "relaxed"
     area, made = sized(comm, scene, scene.relaxed_level if lines else scene.levels[0])
@@ -225,8 +225,8 @@ def require_affordable_meshes(comm: MPI.Comm, scene: ActuatorScene) -> None:
 
 def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> int:
     """Return the triangles of the finest mesh, from what `sized` has found."""
-    if edges := _edges(scene):
-        return round(expected_triangles(area, min(edges)))
+    if edges := scene.edges:
+        return round(expected_triangles(area, min(edges.values())))
     return 0 if made is None else round(len(made.pattern.panel) * 4.0 ** (scene.level_count - 1))
 
 
@@ -237,16 +237,6 @@ def _largest_triangles(scene: ActuatorScene, finest: int) -> int:
         return finest
     ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
     return round(finest / ratio**2)
-
-
-def _edges(scene: ActuatorScene) -> Sequence[float]:
-    """Return the edge lengths of the finest meshes of a design; none where the mesh is given."""
-    edge = scene.edge_length
-    if edge is None:
-        return ()
-    if scene.design.start == "relaxed":
-        return (scene.lines.relaxed_edge_length, scene.lines.print_edge_length)
-    return (edge,)
 
 
 def _unknowns(scene: ActuatorScene, made: Case | None) -> float:

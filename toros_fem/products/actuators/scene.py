@@ -30,7 +30,7 @@ from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.result import ActuatorResult, Tried
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
@@ -41,6 +41,8 @@ from toros_fem.results.runs.folder import journal_of
 SOURCE = {
     "start_from": "output folder of a design, whose print the densities start from; none: `start`"
 }
+# Keys of distances about as small as the sheets are thick.
+LAYERS = ("print_height", "print_offset", "contact_distance")
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
@@ -126,6 +128,15 @@ class MeshedScene(Scene):
             self.value("edge_length") if "edge_length" in self.described() else None
         )
         return edge
+
+    @property
+    def edges(self) -> Mapping[str, float]:
+        """Edge lengths in m of the finest meshes of the design, by key; none of a given mesh."""
+        if self.edge_length is None:
+            return {}
+        relaxed = ("relaxed_edge_length", "print_edge_length")
+        used = relaxed if self.design.start == "relaxed" else ("edge_length",)
+        return {key: self.value(key) for key in used}
 
     @property
     def coarsest_edge(self) -> float | None:
@@ -256,6 +267,13 @@ class MeshedScene(Scene):
             ParameterError: A width is under `print_width`, or under the edge length of the print.
         """
         self.require_fine_print()
+        least, width = self.print.print_width, min(self.laid_widths)
+        if width < least:
+            raise ParameterError(
+                f"print_width = {least} m is over {width} m, the width of the lines that are laid "
+                "(`laid_width` and its like). Ask for wider lines.",
+                "print_width",
+            )
         return LineOptions(
             widths=self.laid_widths,
             print_width=self.print.print_width,
@@ -333,16 +351,25 @@ class ActuatorScene(MeshedScene):
         """The skin under its largest pressure; None if its radius is not known."""
         if self.radius is None:
             return None
-        pressing = self.pressure
-        largest = pressing.pressure if pressing.bounds is None else pressing.bounds[1]
-        return Inflated(self.material.composite, largest, self.radius)
+        largest = "pressure" if self.pressure.bounds is None else "pressure_max"
+        return Inflated(self.material.composite, self.value(largest), self.radius, largest)
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene that are known."""
-        skin, design = self.inflated, self.design
-        if skin is None:
-            return
+        skin = self.inflated
+        return iter(()) if skin is None else with_lengths(self, skin.girth, self.groups_of(skin))
+
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene, and of the target that a skin is to take."""
+        design, curve = self.design, self.results.curve_pressure
         yield from skin.groups()
+        if curve is not None:
+            yield skin.load("curve_pressure", curve)
+        for key, edge in self.edges.items():
+            name = "relaxed" if key == "relaxed_edge_length" else "edges"
+            yield Group(name, key, skin.girth / edge)
+        layers = [key for key in LAYERS if key in self.described() and self.value(key) is not None]
+        yield from (Group("thickness", key, self.value(key) / skin.radius) for key in layers)
         widths: dict[str, float | None] = {"print_width": self.print.print_width}
         if design.constrained_iterations:
             widths |= {"line_width": design.line_width, "gap_width": design.gap_width}
@@ -352,11 +379,6 @@ class ActuatorScene(MeshedScene):
             radius = self.finest_level.regularisation.filter_radius
             yield Group("filter", "filter_radius", radius / self.edge_length)
         yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
-        yield from self.target_groups(skin)
-
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the target, which the skin is to take."""
-        return iter(())
 
     def run_design(
         self,

@@ -174,6 +174,13 @@ def columns_of(header: Sequence[str], units: Mapping[str, str]) -> dict[int, Col
     kinds = [one.holds for one in found.values()]
     if twice := next((kind for kind in kinds if kinds.count(kind) > 1), None):
         raise ParameterError(f"two columns hold the {twice}.")
+    percent = any(one.unit == "%" and one.kind in FORMULAS["stretch"] for one in found.values())
+    for one in found.values():  # a lateral strain in % is small enough to pass as a ratio
+        if percent and one.kind == "lateral strain" and not one.unit:
+            raise ParameterError(
+                f"the column {one.kind!r} has no unit beside one in %: write '{one.kind} [%]', or "
+                f"'{one.kind} [1]' if it is a ratio."
+            )
     for what, choice in FORMULAS.items():
         same = [kind for kind in kinds if kind in choice]
         if len(same) > 1:

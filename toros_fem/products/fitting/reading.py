@@ -33,6 +33,10 @@ from toros_fem.products.fitting.tensile_test import TensileTest
 
 # No sheet is pulled further.
 LARGEST_STRETCH = 16.0
+# A strain without a unit that never comes below is most likely a stretch.
+LEAST_STRAIN = 0.5
+# No specimen is larger; in m.
+LARGEST_SIZES = {"thickness": 0.05, "width": 10.0, "gauge length": 100.0}
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,8 @@ def _points(path: Path, given: Given) -> dict[int, _Point]:
         if not places:
             raise ParameterError("the header has no rows of numbers after it.")
     found, over = {}, given.values
+    strains = ("strain", "lateral strain")
+    least = {c.kind: math.inf for c in columns.values() if c.kind in strains and not c.unit}
     for k in places:
         with _at(path, k):
             cells = _cells(lines[k], mark)
@@ -163,6 +169,16 @@ def _points(path: Path, given: Given) -> dict[int, _Point]:
             own = {c.holds: c.value(cells[at].strip(), mark) for at, c in columns.items()}
             filled = {kind: value for kind, value in own.items() if value != ""}
             found[k] = _point({**once, **filled, **over})
+            for kind in least:
+                least[kind] = min(least[kind], abs(float(own[kind])))
+    with _at(path, begin):
+        for kind, value in least.items():
+            if value > LEAST_STRAIN:
+                raise ParameterError(
+                    f"the {kind} is never below {value:.3g}: is it a stretch, which is 1 at rest? "
+                    f"Name the column '{kind.replace('strain', 'stretch')}', or give its unit, "
+                    f"'{kind} [1]'."
+                )
     return found
 
 
@@ -199,8 +215,11 @@ def _point(row: Mapping[str, Any]) -> _Point:
                 f"'# {kind} = {SIZES[kind]}', or give --{kind.replace(' ', '-')}."
             )
         found: float = row[kind]
-        if found <= 0:
-            raise ParameterError(f"the {kind} is {found:.6g}; it must be greater than 0.")
+        if not 0 < found <= LARGEST_SIZES[kind]:
+            raise ParameterError(
+                f"the {kind} is {found:.6g} m; it must be greater than 0 and at most "
+                f"{LARGEST_SIZES[kind]:g} m. Is its unit right? Numbers without a unit are m."
+            )
         return found
 
     thickness, told = size("thickness", "modulus"), {"lateral stretch": math.nan}

@@ -12,6 +12,7 @@ The printed gripper then lifts the object from a thin post, see `load.py`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -28,13 +29,15 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
-from toros_fem.products.gripper.load import GRAVITY, Lifted, lift
+from toros_fem.products.gripper.load import Lifted, lift
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Contacts, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -158,10 +161,10 @@ class GripperScene(ActuatorScene):
             )
         if self.bend_start < sizes.root_length:
             raise ParameterError(
-                f"the finger starts to bend at {self.bend_start:.3g} m, inside its mount, which "
-                f"ends at root_length = {sizes.root_length:.3g} m. Give a longer finger, a "
-                "smaller object or wrap_angle, or around a box a smaller edge_bend_radius or "
-                "tail_length."
+                f"around an object of size = {self.object.size:.3g} m the finger starts to bend "
+                f"at {self.bend_start:.3g} m, inside its mount, which ends at root_length = "
+                f"{sizes.root_length:.3g} m. Give a larger finger_length, a smaller object or "
+                "wrap_angle, or around a box a smaller edge_bend_radius or tail_length.",
             )
 
     @property
@@ -173,6 +176,18 @@ class GripperScene(ActuatorScene):
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: four edges across half a finger."""
         return self.skin.finger_width / 8
+
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
+        length = self.skin.finger_length
+        yield skin.slenderness("finger_length", length)
+        force = self.fingers * skin.pressure * np.pi * skin.radius**3 / length
+        weight = self.object.mass * GRAVITY / force
+        yield Group("weight", "mass", weight)
+        yield Group("weight", "holding_factor", self.objective.holding_factor * weight)
+        if self.contact.friction is not None:
+            yield Group("friction", "friction", self.contact.friction)
 
     @property
     def fingers(self) -> int:

@@ -26,6 +26,7 @@ from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.mechanics.paths.trace_point import until_failure
+from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
 from toros_fem.meshes.triangles import normals
@@ -36,7 +37,6 @@ from toros_fem.results.frames.record import repeated
 if TYPE_CHECKING:  # a scene is lifted here, and says so
     from toros_fem.products.gripper.gripper import GripperScene
 
-GRAVITY = 9.81  # m/s²
 # Steps of the lift while the object slides by up to the limit, and from there on.
 NEAR_STEPS, FAR_STEPS = 8, 8
 

@@ -320,11 +320,12 @@ class OwnMeshScene(ActuatorScene):
         whole = self.read.whole
         return abs(2 * volume(whole.points, whole.triangles)) / float(whole.areas.sum())
 
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the mesh, and of a target that no file holds."""
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
         read, asked = self.own_skin, self.target
         edge = read.edge_length / 2.0**self.skin.refinements
-        yield Group("edges", "refinements", 2 * np.pi * skin.radius / edge)
+        yield Group("edges", "refinements", skin.girth / edge)
         if read.target is not None:
             return
         body = asked.of_body(read.whole)
@@ -334,8 +335,8 @@ class OwnMeshScene(ActuatorScene):
             yield from skin.bend("bend", asked.bend, length, half + neutral)
         if asked.twist is not None:
             yield from skin.twist("twist", asked.twist, length)
-        if asked.shorten is not None and asked.shorten > 0:
-            yield Group("shortening", "shorten", asked.shorten / 100)
+        if asked.shorten:
+            yield from skin.shortening("shorten", asked.shorten / 100)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the case of the skin on its mesh, refined as the level says.

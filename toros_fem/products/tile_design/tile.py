@@ -14,7 +14,7 @@ the result.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -28,6 +28,7 @@ from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, probe
+from toros_fem.products.plausibility import Group, sheet_groups, with_lengths
 from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
@@ -111,6 +112,25 @@ class TileScene(TileDesignScene):
     COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7, "starts": 5 / 8,
                         "draft_iterations": 2 / 5}  # fmt: skip
     FEW: ClassVar = ("target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "seed")
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        return with_lengths(self, self.skin.size, self._groups())
+
+    def _groups(self) -> Iterator[Group]:
+        side, design, sheets = self.skin.size, self.design, self.material.composite
+        yield from sheet_groups(sheets, side)
+        yield Group("pull", "strain", abs(self.pull.strain) / (sheets.fabric_bounds[0] - 1))
+        soft, stiff = sheets.fabric.membrane_stiffness, sheets.reinforcement.membrane_stiffness
+        for name in ("stiffness_0", "stiffness_45", "stiffness_90"):
+            asked = self.value(name)
+            if asked is not None and soft != stiff:
+                share = np.log(asked / soft) / np.log(stiff / soft)
+                yield Group("stiffness", name, float(share))
+        constrained = ("line_width", "gap_width") if design.constrained else ()
+        for name in ("print_width", "filter_radius", *constrained):
+            if (width := self.value(name)) is not None:
+                yield Group("width", name, width / side)
 
     def run_design(
         self,

@@ -56,9 +56,10 @@ class BendScene(TubeScene):
     )  # fmt: skip
     MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the target."""
-        return self.target.groups(skin, self.skin.length)
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
+        yield from self.target.groups(skin, self.skin.length)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""

@@ -44,8 +44,9 @@ class BendTwistScene(SectionTubeScene):
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "laid_width": 1.0, "second_laid_width": 1.0}
     FEW: ClassVar = ("angle", "twist", "neutral", "length", "diameter", "pressure", "seed")
 
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the target."""
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
         yield from self.target.groups(skin, self.skin.length)
         yield from skin.twist("twist", self.target.twist, self.skin.length)
 

@@ -53,13 +53,10 @@ class ContractScene(SectionTubeScene):
     COARSE: ClassVar = {**SectionTubeScene.COARSE, "print_edge_length": 9 / 5}
     MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
 
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the target."""
-        share = self.target.contraction / 100
-        if share < 0:
-            yield from skin.reach("contraction", -share)
-        else:
-            yield Group("shortening", "contraction", share)
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
+        yield from skin.shortening("contraction", self.target.contraction / 100)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return half the tube, or the whole, and its target."""

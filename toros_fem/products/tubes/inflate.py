@@ -23,7 +23,7 @@ from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import mirrored, sew
 from toros_fem.meshes.triangles import expected_triangles, require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, Probe
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, with_lengths
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
@@ -78,7 +78,13 @@ class InflateScene(Scene):
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         highest = self.pressure.highest_pressure
-        return Inflated(self.material.composite, highest, self.skin.diameter / 2).groups()
+        sheet, sizes = self.material.composite, self.skin
+        skin = Inflated(sheet, highest, sizes.diameter / 2, "highest_pressure")
+        own = [
+            skin.slenderness("length", sizes.length),
+            Group("edges", "edge_length", skin.girth / sizes.edge_length),
+        ]
+        return with_lengths(self, skin.girth, [*own, *skin.groups()])
 
     @property
     def planes(self) -> tuple[int, ...]:

@@ -31,7 +31,7 @@ from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights, TipWeights
 from toros_fem.products.tables.steps import Designing
 
@@ -102,10 +102,10 @@ class TubeScene(ActuatorScene):
         """Radius in m of the tube."""
         return self.skin.diameter / 2
 
-    def groups(self) -> Iterator[Group]:
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
-        yield Group("slenderness", "length", self.skin.length / self.skin.diameter)
-        yield from super().groups()
+        yield skin.slenderness("length", self.skin.length)
+        yield from super().groups_of(skin)
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: all its vertices count, those of the tip more."""

@@ -75,9 +75,13 @@ class TwistScene(SectionTubeScene):
         thinner = HELICES if self.lines.second_laid_width is None else 1.0
         return self.lines.axial_width, thinner * self.lines.widths[1]
 
-    def target_groups(self, skin: Inflated) -> Iterator[Group]:
-        """Yield the dimensionless groups of the target."""
-        return skin.twist("twist", self.target.twist, self.skin.length)
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
+        asked = self.target
+        yield from skin.twist("twist", asked.twist, self.skin.length)
+        if asked.keep_length and asked.length_ratio != 1:
+            yield from skin.shortening("length_ratio", 1 - asked.length_ratio)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
         """Return the tube and its target."""

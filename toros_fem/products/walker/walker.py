@@ -8,7 +8,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -27,13 +27,14 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.dead_loads import GRAVITY, Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
+from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -165,6 +166,23 @@ class WalkerScene(ActuatorScene):
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: six edges across a leg."""
         return self.skin.leg_width / 6
+
+    def groups_of(self, skin: Inflated) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene."""
+        yield from super().groups_of(skin)
+        asked, sizes, feet = self.target, self.skin, self.contact
+        yield skin.slenderness("leg_length", sizes.leg_length)
+        yield Group("angle", "angle", self.leg_angle / 360)
+        if asked.motion == "crawl":
+            yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
+        for name in ("fabric_mass", "print_mass"):
+            yield Group("heavy", name, self.value(name) * GRAVITY / skin.pressure)
+        used = {"friction": feet.friction}
+        if feet.feet == "one-way":
+            used["pad_friction"] = feet.pad_friction
+        for name, value in used.items():
+            if value is not None:
+                yield Group("friction", name, value)
 
     @property
     def star(self) -> Star:

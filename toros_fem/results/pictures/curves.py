@@ -156,7 +156,8 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
         return
     right, factor = axes.twinx(), unit_of(told.unit).factor
     right.spines["right"].set_visible(True)
-    right.plot(count, [factor * row[told.key] for row in rows], color=SECOND, lw=1.4)
+    values = [factor * row.get(told.key, np.nan) for row in rows]
+    right.plot(count, values, color=SECOND, lw=1.4)
     right.set_ylabel(axis_label([told]), color=SECOND)
     if told.target is not None:
         right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)

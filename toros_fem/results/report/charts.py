@@ -41,7 +41,8 @@ def over_pressure(run: Run) -> list[Chart]:
     if len(run.curve) < 2:
         return []
     whole = run.over_pressure(run.summary.value("pressure_pa"))
-    found = metrics_of(run.summary, list(run.curve[0]))
+    known = {key for row in whole.rows for key in row}
+    found = metrics_of(run.summary, [key for key in run.curve[0] if key in known])
 
     def draw(metric: Figure, axes: Axes) -> None:
         rows = [row for row in whole.rows if metric.key in row]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -134,6 +135,7 @@ def _read_table(path: Path, needed: Collection[str] = ()) -> list[dict[str, floa
         for number, row in enumerate(rows, 2):
             if None in row.values() or None in row:
                 raise ValueError(f"line {number} has not as many cells as the first one")
-            if missing := [name for name in needed if not row.get(name)]:
-                raise ValueError(f"line {number} has no {missing[0]}")
+            for name in needed:
+                if not row.get(name) or not math.isfinite(float(row[name])):
+                    raise ValueError(f"line {number} has no {name}")
         return [{k: float(v) for k, v in row.items() if v != "" and k not in WORDS} for row in rows]

@@ -10,6 +10,7 @@ from typing import Any
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.files import read_json
+from toros_fem.base.validation import is_number
 from toros_fem.measures.figures import NONE, Figure
 from toros_fem.results.runs.files import SUMMARY
 
@@ -62,12 +63,23 @@ def read_content(folder: Path) -> dict[str, Any]:
     return content
 
 
+def _figure(row: Mapping[str, Any]) -> Figure:
+    """Return the figure of an entry; a KeyError or a TypeError says that it is none."""
+    values = [row[one.name] for one in fields(Figure)]
+    texts, numbers = values[:2], values[2:]
+    if not all(isinstance(one, str) for one in texts) or not all(
+        one is None or is_number(one) for one in numbers
+    ):
+        raise TypeError
+    return Figure(*values)
+
+
 def summary_of(folder: Path) -> Summary:
     """Return the summary of a run, as of `read_content`."""
     content = read_content(folder)
     try:
         rows = content.pop("figures", [])
-        found = [Figure(*(row[one.name] for one in fields(Figure))) for row in rows]
+        found = [_figure(row) for row in rows]
     except (KeyError, TypeError, ValueError):
         path = folder / SUMMARY
         raise OutputError(f'{path}: an entry of "figures" is no figure. Run again.') from None
