@@ -98,6 +98,8 @@ CHECKED = {
     "contract": ("print_edge_length", (0.6e-3, 0.45e-3)),
     "twist": ("print_edge_length", (0.6e-3,)),
     "bend_twist": ("print_edge_length", (0.6e-3,)),
+    "walker": ("edge_length", (1.8e-3, 1.2e-3)),
+    "walker motion=crawl": ("edge_length", (1.8e-3, 1.2e-3)),
 }
 FINER = "edges of {:.3g} mm"
 

@@ -1,6 +1,7 @@
 """From a design to what is printed: exact contours, cleaned, simulated again."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.walker.walker import WalkerScene
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +96,30 @@ def test_a_print_whose_start_is_out_of_bounds_starts_assembled(
     there, _, start = followed(problem, made.final, regions)
     assert isinstance(there, ShapeDesign)
     assert np.array_equal(start, there.solver.model.assembled)
+
+
+def test_a_flat_skin_is_inflated_from_rest(
+    short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Near the shape of its design it may have another equilibrium: a crawler had, by 13°."""
+    assert not full(short_tube, short_solver).flat_at_rest
+    scene = WalkerScene.of(edge_length=5e-3, filter_radius=8e-3)
+    level = scene.finest_level
+    problem = scene.problem(MPI.COMM_SELF, scene.case(MPI.COMM_SELF, level), level)
+    start = random_density(problem.skin, 3)
+    found = optimize(problem, DesignOptions((Stage(1),)), start=start)
+    simulate, starts = ShapeDesign.simulate_binary, list[np.ndarray]()
+
+    def seen(self: ShapeDesign, printed: Any, like: Any, *, start: Any, pressure: Any) -> Any:
+        starts.append(start - self.solver.model.assembled)
+        return simulate(self, printed, like, start=start, pressure=pressure)
+
+    monkeypatch.setattr(ShapeDesign, "simulate_binary", seen)
+    made = as_printed(problem, found)
+    assert made.evaluation is not None, made.failure
+    assert isinstance(made.evaluation.problem, ShapeDesign)
+    assert made.evaluation.problem.flat_at_rest
+    assert [float(np.abs(off).max()) for off in starts] == [0.0]
 
 
 def test_islands_are_taken_out_of_the_density(

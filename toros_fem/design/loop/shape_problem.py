@@ -21,6 +21,9 @@ from toros_fem.meshes.triangles import gradients
 METRIC_STEP = 1e-5
 # Largest move of a flat point in differences of forces, over the size of the least triangle.
 FLAT_STEP = 1e-3
+# Volume of a flat skin at rest, at most, over its area to the power of 3/2: layers lie apart by
+# about a thickness, which makes 0.003; tubes have 0.05.
+FLAT = 0.01
 TINY = float(np.finfo(float).tiny)
 
 
@@ -34,6 +37,14 @@ class ShapeProblem(DesignProblem[Equilibrium]):
     def solver(self) -> EquilibriumSolver:
         """Equilibrium solver of the skin."""
         return self.physics.solver
+
+    @property
+    def flat_at_rest(self) -> bool:
+        """Whether the skin is closed and encloses nothing at rest, as two layers do (collective)."""
+        model, area = self.solver.model, float(self.skin.pattern.areas.sum())
+        if model.pressure is None:
+            return False
+        return float(np.abs(model.volumes(model.assembled)).sum()) < FLAT * area**1.5
 
     def metrics_at(self, owned: Floats) -> dict[str, float]:
         """Return the values of all metrics for positions of the owned nodes (collective)."""

@@ -19,6 +19,7 @@ from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.physics import Pressure
 from toros_fem.design.loop.problem import DesignProblem, Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.print.cleaning import (
     CleanedRegions,
     Panels,
@@ -210,6 +211,10 @@ def printed(
 
     def simulate() -> Evaluation:
         own, begin = part[skin.owned_cells], start() if callable(start) else start
+        if isinstance(problem, ShapeProblem) and problem.flat_at_rest:
+            # Layers that fold one way or the other have several stable shapes. The skin takes the
+            # one that it is inflated to.
+            begin = problem.solver.model.assembled
         return problem.simulate_binary(own, like, start=begin, pressure=pressure)
 
     evaluation, failure = None, ""
