@@ -317,7 +317,6 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     """Everything that a density design has, with print and fabric that are prescribed."""
     skin = sew(comm, tube())
     plain = full(skin, solver_on(skin))
-    assert plain.fields.passive is not None
     given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.fields.passive)
     problem = passive_in(plain, given).changed(
         terms=[border_term(skin, 1e-3)], objective=bent(skin)
@@ -399,7 +398,6 @@ def designed(
     stage = DesignStage(1, constrained=problem.length_scale is not None)
     steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
     rows = steps.around(base, slopes)
-    assert rows.gradient is not None
     whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)
     every = [whole, rows.gradient, *rows.jacobian, *rows.residual_jacobian]
     point = variables.vector(start, pressures)

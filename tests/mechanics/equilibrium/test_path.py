@@ -89,7 +89,6 @@ def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:
     assert same == pytest.approx(x, abs=1e-7), "the factors and the tangent are of one state"
     near = arch.pushed(6.8e-3, early)
     critical = near.condition.critical_load
-    assert critical is not None
     assert 1.0 < critical < 1.05
     assert "limit point or a bifurcation" in near.reason
     # It does snap there, and not before.

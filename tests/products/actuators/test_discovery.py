@@ -96,7 +96,6 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     aim = space_mapping.Aim(1.01 * best.metrics["twist_deg"], 60.0)
     misses = replace(misses_of(made.case), aims={"twist_deg": aim}, labels=None)
     step = mending(made, best.laid, misses)
-    assert step is not None
     assert step.promised < 0.2 * step.before
     assert np.abs(step.change.widths).max() <= np.log1p(WIDER) + 1e-12
     assert np.abs(step.change.warp).max() <= farthest(best.laid) + 1e-12

@@ -104,7 +104,6 @@ def test_a_curve_begins_where_the_skin_is_filled(
     assembled = sum(model.volumes(model.assembled))
     first, unfilled_at = curve[0][0].result, curve[1].unfilled_at_pa
     assert first.volume >= assembled
-    assert unfilled_at is not None
     assert first.pressure / 2 <= unfilled_at < first.pressure
     empty = problem.solver.solve(made.projected, unfilled_at, start=first.state)
     assert empty.volume < assembled
@@ -142,7 +141,6 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
         Measurement("angle_deg", 90.0, 4e3, 70.0, "of another target"),
     ]
     entry = write_curve(problem.comm, tmp_path, printed_as(made), CONFIG, measured)
-    assert entry is not None
     with (tmp_path / "curve.csv").open(encoding="utf-8") as file:
         rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
     assert list(rows[0]) == ["pressure_pa", "volume_m3", "stretch_use", "angle_deg"]
@@ -150,7 +148,6 @@ def test_files_and_figures(tmp_path: Path, problem: ShapeProblem, made: Print) -
     assert {2e3, 3e3, 3.5e3, 4e3} <= set(at)
     assert at[3e3] == problem.metrics_of(made.equilibrium)["angle_deg"]
     assert (entry.points, entry.highest_pa) == (len(rows), 4e3)
-    assert entry.unfilled_at_pa is not None
     assert entry.lowest_pa == rows[0]["pressure_pa"] > entry.unfilled_at_pa
     found = [(m["measured"], m["simulated"]) for m in entry.measured]
     assert found == [(40.0, at[3.5e3]), (50.0, None)]
@@ -177,11 +174,9 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     made = problem.simulate_binary(np.zeros(len(skin.owned_cells)), pressure=1e3)
     config = CONFIG.updated(curve_pressure=6e3)
     entry = write_curve(problem.comm, tmp_path, printed_as(made), config)
-    assert entry is not None
     ended = re.match(
         r"the path ends between (\S+) Pa and (\S+) Pa, after", str(entry.failure_above)
     )
-    assert ended is not None
     assert 2e3 < float(ended[1]) < float(ended[2]) <= 3e3
     assert entry.failure_below is None
     assert entry.highest_pa == pytest.approx(float(ended[1]), rel=1e-5)

@@ -39,7 +39,6 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     )
     other = config.updated(whole=True).run_simulation(alone, tmp_path / "inflate")
     percent, ratio = other.value("length_percent"), found.value("length_ratio")
-    assert ratio is not None
     assert 100 * ratio == pytest.approx(percent, rel=5e-3)
     written = json.loads((tmp_path / "bend" / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
@@ -59,7 +58,6 @@ def test_a_finer_mesh_is_told(alone: MPI.Comm, tmp_path: Path) -> None:
     again = SMALL.updated(edge_length=2.25e-3, curve_steps=1)
     near = again.run_simulation(alone, tmp_path / "again").value("length_ratio")
     assert finer == pytest.approx(near, rel=1e-6)
-    assert length.interval is not None
     assert abs(length.value - finer) < length.interval < 0.1 * abs(length.value - 1)
 
 

@@ -30,7 +30,6 @@ def test_target_goes_around_the_object(alone: MPI.Comm, shape: str) -> None:
     assert gap.measure(case.pattern, case.goal) < bound
     assert gap.measure(case.pattern, case.pattern.points) > 2
     # The outer quarter of the finger has turned by a part of the whole angle.
-    assert angle.target is not None
     assert 0 < angle.target <= np.degrees(config.bend_angle) + 1e-6
     inner = case.goal[case.pattern.vertices_of("top")]
     inside, _ = config.body.distance(inner)
@@ -95,7 +94,6 @@ def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
 def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
     config = SMALL.updated(shape="box")
     _, angle = case_of(alone, config).metrics
-    assert angle.target is not None
     asked = config.asked({"angle_deg": angle.target + 8})
     case = case_of(alone, asked)
     _, further = case.metrics

@@ -83,7 +83,6 @@ def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:
     x, _, z = case_on(alone, CONFIG.updated(held=held), finger).supports.fixed.T
     np.testing.assert_array_equal(x, height < 4e-3)
     np.testing.assert_array_equal(z, (height < 4e-3) | (height > 0.08))
-    assert case.passive is not None
     x, _, z = finger.pattern.points[finger.pattern.triangles].mean(axis=1).T
     np.testing.assert_array_equal(case.passive == 1, (z < 1e-5) | (z > 0.08999))
     np.testing.assert_array_equal(case.passive == 0, (x < -7e-3) & (z > 0.03) & (z < 0.04))
