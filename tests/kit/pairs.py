@@ -9,7 +9,7 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from helpers.designs import RADIUS, border_term, full, passive_in, widths_of
+from helpers.designs import RADIUS, border_term, full, make_problem, passive_in, widths_of
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
@@ -18,6 +18,7 @@ from helpers.scenes import square
 from helpers.tiles import CONTRAST, DIRECTIONS, EDGES, SIDE
 from helpers.tiles import RADIUS as TILE_RADIUS
 from helpers.tiles import TARGET as PROFILE
+from helpers.touching import EXACT, dragged, on_pads, sheet_with_ball, tube_on_floor_and_ball
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
@@ -49,10 +50,10 @@ from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObject
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
@@ -61,8 +62,6 @@ from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileObjective, ProfileSolver
-
-EXACT = NewtonOptions(tolerance=1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,6 +323,15 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     return problem.changed(length_scale=widths_of(problem))
 
 
+def chambered(comm: MPI.Comm) -> ShapeProblem:
+    """Two chambers, of which the second has a pressure that is designed."""
+    skin = sew(comm, tube())
+    upper = skin.pattern.points[skin.pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    solver = solver_on(skin, chambers=Chambers(("lower", "upper"), upper.astype(int)))
+    physics = InflatedSkin(solver, (2e3, 5e3), (None, (1e3, 2e4)))
+    return make_problem(skin, solver).changed(physics=physics)
+
+
 def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
     """Lines that cost something, on a skin with print and fabric that are prescribed."""
     return relaxed_problem(density_problem(comm), families, 0.015, share_weight=0.05, crossing=0.3)
@@ -393,14 +401,13 @@ def designed(
     skin, variables = problem.skin, Variables(problem, DesignOptions())
     fields = len(problem.fields.bounds[0]) // len(skin.owned_cells)
     start = cells(skin, 1, low, low + 0.4, fields).ravel()
-    pressures = tuple(1.3 * p for p in problem.physics.pressures)
-    base, slopes = problem.evaluate(start, pressure=pressures or None)
+    point = variables.vector(start, [1.3 * p for p in problem.physics.pressures])
+    base, slopes = problem.evaluate(start, pressure=variables.design(point)[1] or None)
     stage = DesignStage(1, constrained=problem.length_scale is not None)
     steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
     rows = steps.around(base, slopes)
     whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)
     every = [whole, rows.gradient, *rows.jacobian, *rows.residual_jacobian]
-    point = variables.vector(start, pressures)
     size = len(variables.gather(point))
     drawn = 1e-3 * np.random.default_rng(15).uniform(-1, 1, size)
 
@@ -415,28 +422,46 @@ def designed(
     )  # fmt: skip
 
 
-def loads(comm: MPI.Comm) -> Stage:
-    """Positions after two steps of a path, by densities and, on the first rank, by pressures."""
-    skin = sew(comm, tube())
-    path, count = LoadPath(solver_on(skin), [Load(2e3), Load(5e3)]), len(skin.owned_cells)
-    weights = [vertices(skin, 10 + k, 1.0) for k in range(2)]
-    start, pressures = cells(skin, 1, 0.2, 0.8), np.array([2.0, 5.0])
+def loads(
+    make: Callable[[MPI.Comm], LoadPath],
+    densities: tuple[float, float],
+    size: float,
+    comm: MPI.Comm,
+    *,
+    last: bool = False,
+) -> Stage:
+    """Positions after the steps of a path, or after its last one.
+
+    By densities and, on the first rank, by the pressures in kPa of the steps that have one.
+    """
+    path = make(comm)
+    skin, steps, count = path.solver.skin, len(path.steps), len(path.solver.skin.owned_cells)
+    weights = [
+        None if last and k < steps - 1 else vertices(skin, 10 + k, 1.0) for k in range(steps)
+    ]
+    given = np.array([1e-3 * load.pressures[0] for load in path.steps])
+    own = given if given.any() and comm.rank == 0 else given[:0]
+    start = cells(skin, 1, *densities)
     base = path.solve(start)
     found = path.gradient(start, base, weights)
-    first = slice(2 if comm.rank == 0 else 0)
 
     def values(x: Floats) -> Floats:
-        there = path.solve(x[:count], 1e3 * comm.bcast(x[count:])[:, None], base)
-        rows = zip(weights, there, strict=True)
-        return np.array([total(comm, sum(float((w * e.positions).sum()) for w, e in rows))])
+        kilopascals = comm.bcast(x[count:])
+        pressures = 1e3 * kilopascals[:, None] if len(kilopascals) else None
+        there = zip(weights, path.solve(x[:count], pressures, base), strict=True)
+        work = sum(float((w * e.positions).sum()) for w, e in there if w is not None)
+        return np.array([total(comm, work)])
 
     def gather(owned: Floats) -> Floats:
         return np.append(skin.gather_cells(owned[:count]), comm.bcast(owned[count:]))
 
-    point = np.append(start, pressures[first])
-    step = np.append(cells(skin, 15, -3e-3, 3e-3), np.array([0.02, -0.05])[first])
-    gradient = np.append(found.density, 1e3 * found.pressures.ravel()[first])
-    return Stage(comm, values, point, step, [gradient], gather, 1e-8)
+    step = np.append(cells(skin, 15, -size, size), size * own * (-1.0) ** np.arange(len(own)))
+    gradient = np.append(found.density, 1e3 * found.pressures.ravel()[: len(own)])
+    return Stage(comm, values, np.append(start, own), step, [gradient], gather, 1e-8)
+
+
+def plain_path(comm: MPI.Comm) -> LoadPath:
+    return LoadPath(solver_on(sew(comm, tube())), [Load(2e3), Load(5e3)])
 
 
 def positions(
@@ -492,6 +517,17 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     return solver, cells(skin, 3, 0.2, 0.8), 5e3
 
 
+def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    """A free ball lies in a stretched sheet."""
+    solver = sheet_with_ball(comm, options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), 0.0
+
+
+def touching(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    solver = tube_on_floor_and_ball(sew(comm, tube()), options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), 5e3
+
+
 TILE = partial(tile_problem, PROFILE, "tetragonal")
 CHIRAL = partial(tile_problem, CONTRAST, "chiral")
 FAMILIES: dict[str, Families] = {
@@ -533,10 +569,19 @@ ROWS: dict[str, Make] = {
     "design of a tile by directions": partial(designed, partial(TILE, batched=True)),
     "contrast of a tile": partial(designed, partial(CHIRAL, batched=False)),
     "contrast of a pressed tile": partial(designed, partial(CHIRAL, batched=False, strain=-0.05)),
-    "path of loads": loads,
+    "path of loads": partial(loads, plain_path, (0.2, 0.8), 3e-3),
     "wrinkled": partial(positions, wrinkled, slice(0, 1)),
+    "sheet under a free ball": partial(positions, under_a_ball, slice(0, 1), size=1e-5),
+    "tube on floor and ball": partial(positions, touching, slice(0, 1), size=2e-4),
     "print at its bound": partial(positions, at_its_bound, slice(0, 1), size=2e-4),
     "families' density": partial(positions, two_families, slice(0, 1)),
     "families' shares": partial(positions, two_families, slice(1, 3)),
     "families' directions": partial(positions, two_families, slice(3, 7)),
 }  # fmt: skip
+# What takes long on several ranks, and has nothing of its own there.
+ON_ONE_RANK: dict[str, Make] = {
+    "design of two chambers": partial(designed, chambered),
+    "path through friction": partial(loads, dragged, (0.25, 0.35), 6e-5),
+    "path through friction to its end": partial(loads, dragged, (0.25, 0.35), 6e-5, last=True),
+    "path on pads": partial(loads, lambda comm: on_pads(sew(comm, tube())), (0.01, 0.03), 1e-5),
+}

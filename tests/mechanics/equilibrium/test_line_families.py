@@ -20,8 +20,6 @@ from toros_fem.meshes import Skin, sew
 
 PRESSURE = 5e3
 
-TWO = partial(LineDesign, families=2)
-
 
 @pytest.fixture(scope="module")
 def solver(short_tube: Skin) -> EquilibriumSolver:
