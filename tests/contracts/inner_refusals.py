@@ -585,7 +585,8 @@ DESIGNS: Table = {
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
-    "a change of other lines": lambda s: _changed(_laid(), (2, 3), 3),
+    "a change of more lines": lambda s: _changed(_laid(), (2, 289), 289),
+    "a warp of other lines": lambda s: _changed(_laid(), (1, 289), 3),
     "a change by NaN": lambda s: _changed(_laid(), (1, 289), 289, NAN),
     "a change of no line": lambda s: _changed(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), (1, 1), 1

@@ -71,16 +71,6 @@ def test_stress_formula_agrees_with_the_tables() -> None:
                 assert stress(*pair, 1.8, 2.0) == pytest.approx(float(row[column]), rel=1e-7)
 
 
-def test_limit_without_bounds(alone: MPI.Comm) -> None:
-    model = sheet_model(alone, Composite(fabric=TABLE_A, c1=1e4, c2=1e4, bending=None))
-    model.set_density(np.zeros(len(model.skin.owned_cells)))
-    F = np.array([[1.3, 0.2], [-0.1, 0.8], [0.3, 0.1]])
-    one, two = np.linalg.svd(F, compute_uv=False)
-    by_hand = 15 * ((one - 1) ** 2 + (two - 1) ** 2) + 7.5 * (one + two - 2) ** 2
-    energy = model.energy(affine(model, F))
-    assert energy == pytest.approx(by_hand * SIZE**2, rel=1e-7)
-
-
 def exact_density(stretches: tuple[float, float], c1: float, c2: float) -> float:
     """Eq. (1) for material A in N/m, with 50 digits."""
     with localcontext() as context:

@@ -149,13 +149,6 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
     assert result.final.objective == result.history[-1].objective
 
 
-def test_a_reason_counts_the_steps_of_its_stage(
-    short_tube: Skin, short_solver: EquilibriumSolver
-) -> None:
-    result = optimize(make_problem(short_tube, short_solver), [Stage(1), Stage(2)], seed=3)
-    assert result.reason == "All 2 iterations are done."
-
-
 def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     problem = make_problem(short_tube, short_solver)
     stages = [Stage(2, beta=beta) for beta in (2.0, 4.0, 8.0)]
@@ -164,4 +157,5 @@ def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSol
     assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
+    assert result.reason == "All 2 iterations are done.", "those of its last stage"
     assert problem.fields.beta == 6.0, "the problem is left as it was"

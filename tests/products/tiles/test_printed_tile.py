@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.archive import read_archive, write_archive
-from toros_fem.materials.sheet import Bladder, Composite, Knit, Material, Membrane
+from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.products.tiles.printed_tile import (
     NAME,
     print_layout,
@@ -24,22 +24,6 @@ from toros_fem.products.tiles.printed_tile import (
     write_tile,
 )
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-
-
-def test_a_tile_is_read_with_all_of_its_materials(alone: MPI.Comm, tmp_path: Path) -> None:
-    """A sheet that wrinkles stays one, and a material keeps its own bounds."""
-    wrinkled = Composite(
-        Material(0.2e6, 0.4, 3e-4, c1=1.8), c2=3.0, bending=None,
-        membrane=Membrane(wrinkling="tension-field"),
-    )  # fmt: skip
-    for composite in (wrinkled, Composite(bending=None, knit=Knit(1.5, 0.3))):
-        made = replace(printed_tile(alone), composite=composite)
-        write_tile(tmp_path, made)
-        found = read_tile(alone, tmp_path)
-        assert found.composite == composite
-        assert np.array_equal(found.printed, made.printed)
-        assert len(found.tile(alone).wraps) == len(found.printed)
-
 
 SOFT = {"young": "soft", "poisson": 0.3, "thickness": 1e-3}
 
