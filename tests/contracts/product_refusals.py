@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from helpers import surfaces
-from helpers.scenes import ROOT
+from helpers.own_skins import FINGER, OWN
 from helpers.tensile_tests import JERSEY, synthetic
 from helpers.tiles import printed_tile, solver_of, tile_of
 from mpi4py import MPI
@@ -37,7 +37,6 @@ from toros_fem.products.options import FitOptions
 from toros_fem.products.own_mesh.metrics import Measured
 from toros_fem.products.own_mesh.own_mesh import (
     Held,
-    OwnMeshScene,
     OwnSkin,
     Plain,
     Printed,
@@ -103,15 +102,6 @@ REGIONS: Table = {
 }  # fmt: skip
 
 # ---------------------------------------------------------------------- skins of your own
-
-FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
-OWN = OwnMeshScene.of(
-    held=(Held(where="z < 4 mm"),),
-    printed=(Printed(where="z < 0.01 mm or z > 89.99 mm"),),
-    plain=(Plain(where="x < -7 mm and 30 mm < z < 40 mm"),),
-    bend=60.0,
-    filter_radius=4e-3,
-)
 
 
 def _read(path: Path = FINGER, **changes: Any) -> OwnSkin:

@@ -9,7 +9,14 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from helpers.designs import RADIUS, border_term, full, make_problem, passive_in, widths_of
+from helpers.designs import (
+    border_term,
+    full,
+    make_problem,
+    passive_in,
+    widths_of,
+    with_variants,
+)  # fmt: skip
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
@@ -29,12 +36,11 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.fields import DensityFields, densities_of
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
-from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.steps import Steps
 from toros_fem.design.loop.variables import Variables
@@ -341,19 +347,12 @@ def robust(comm: MPI.Comm, *, printed: bool) -> ShapeProblem:
     """Eroded and dilated patterns too; with `printed` the spread of a print is known."""
     plain = density_problem(comm)
     skin = plain.skin
-    tolerance = WidthTolerance(0.2 * RADIUS, 1e5)
-    fields = densities_of(plain.fields)
-
-    def variant() -> InflatedSkin:
-        return dataclasses.replace(plain.physics, solver=solver_on(skin))
-
-    variants = Variants(tolerance, fields.filter, fields.projection.eta, variant)
-    problem = plain.changed(robust=variants)
+    problem = with_variants(plain, lambda: solver_on(skin), 1e5)
     if printed:
         before = problem.simulate(cells(skin, 8, 0.2, 0.8))
         away = 0.3 * (before.equilibrium.positions - skin.pattern.points[skin.owned_vertices])
         both = [variant.positions for variant in before.variants]
-        problem = problem.changed(robust=variants.corrected(away, *both))
+        problem = problem.changed(robust=problem.robust.corrected(away, *both))
     return problem
 
 

@@ -1,4 +1,4 @@
-"""A skin through a sequence of pressures."""
+"""A skin through a sequence of pressures, and where a path stops."""
 
 from dataclasses import replace
 
@@ -23,6 +23,14 @@ def test_a_path_is_followed(short_tube: Skin, short_solver: EquilibriumSolver) -
     assert [point.result.pressure for point in points] == [500.0, 1e3, 2e3]
     begun = list(trace(short_solver, density, [2e3], start=alone.positions))
     assert begun[0].result.steps <= 1
+
+
+def test_a_path_stops_at_a_point(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    density = np.zeros(len(short_tube.owned_cells))
+    path = trace(
+        short_solver, density, [1e2, 2e2, 3e2, 4e2], stop=lambda point: point.result.pressure > 150
+    )
+    assert [point.pressure for point in path] == [1e2, 2e2]
 
 
 def test_increments_shrink_where_no_stable_state_is_near(

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.designs import case_of
+from helpers.designs import DESIGN_ALONE, case_of
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -14,19 +14,7 @@ from toros_fem.products.tubes import bend, inflate
 pytestmark = pytest.mark.usefixtures("few_pictures")
 
 SMALL = bend.BendScene.of(
-    length=0.08,
-    edge_length=4.5e-3,
-    filter_radius=7e-3,
-    angle=45.0,
-    levels=1,
-    iterations=6,
-    constrained_iterations=2,
-    polish_iterations=0,
-    corrections=0,
-    estimate_error=False,
-    curve_pressure=None,
-    curve_steps=2,
-    seed=7,
+    length=0.08, edge_length=4.5e-3, filter_radius=7e-3, levels=1, curve_steps=2, **DESIGN_ALONE
 )
 
 

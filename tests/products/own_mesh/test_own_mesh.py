@@ -7,7 +7,8 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
-from helpers.scenes import ROOT
+from helpers.designs import DESIGN_ALONE
+from helpers.own_skins import FINGER, OWN
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
@@ -24,30 +25,16 @@ from toros_fem.products.own_mesh.own_mesh import (
     Held,
     OwnMeshScene,
     OwnSkin,
-    Plain,
-    Printed,
     read_skin,
 )
 from toros_fem.results.runs.summary_file import summary_of
 
 pytestmark = pytest.mark.usefixtures("few_pictures")
-FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)
-CONFIG = OwnMeshScene.of(
-    held=(Held(where="z < 4 mm"),),
-    printed=(Printed(where="z < 0.01 mm or z > 89.99 mm"),),
-    plain=(Plain(where="x < -7 mm and 30 mm < z < 40 mm"),),
-    bend=60.0,
-    pressure=8e3,
-    iterations=2,
-    constrained_iterations=1,
-    polish_iterations=0,
-    estimate_error=False,
-    curve_pressure=None,
-    curve_steps=2,
-    tip_weight=0.0,
-    orientation_length=0.0,
-)
+CONFIG = OWN.updated(
+    filter_radius=None, pressure=8e3, iterations=2, constrained_iterations=1, polish_iterations=0,
+    curve_steps=2, tip_weight=0.0, orientation_length=0.0, **DESIGN_ALONE,
+)  # fmt: skip
 SYMMETRIC = CONFIG.updated(symmetry="y")
 
 
