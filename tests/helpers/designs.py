@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from helpers.standing import solver_on_base
 from toros_fem.base.array_types import Floats
 from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -23,7 +24,6 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, bend
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tubes.bend import BendScene
@@ -117,7 +117,7 @@ def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
     """All of `full`, with variants."""
 
     def solver() -> EquilibriumSolver:
-        return EquilibriumSolver(tube, Composite(bending=None), clamp(tube.pattern, ["base"]))
+        return solver_on_base(tube, Composite(bending=None))
 
     return with_variants(full(tube, solver()), solver, weight)
 

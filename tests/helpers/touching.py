@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
 from toros_fem.mechanics.contact.solids import rigid_cylinder, rigid_sphere
@@ -16,7 +17,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import clamp, clamp_where
+from toros_fem.mechanics.skin.supports import clamp_where
 from toros_fem.meshes import Skin, sew
 
 EXACT = NewtonOptions(tolerance=1e-12)
@@ -40,8 +41,7 @@ def sheet_with_ball(comm: MPI.Comm, ground: Ground | None = None, **more: Any) -
 def tube_on_floor_and_ball(skin: Skin, **more: Any) -> EquilibriumSolver:
     """The short tube, which bulges against a floor and a ball beside it."""
     contact = Contact(ground=FLOOR, bodies=[rigid_sphere("ball", 0.01, (0.004, 0.0202, 0.035))])
-    supports = clamp(skin.pattern, ["base"])
-    return EquilibriumSolver(skin, Composite(), supports, contact=contact, **more)
+    return solver_on_base(skin, contact=contact, **more)
 
 
 def dragged(comm: MPI.Comm) -> LoadPath:
@@ -74,8 +74,6 @@ def on_pads(skin: Skin) -> LoadPath:
     """The short tube, heavy and on pads, inflated and emptied again: all that a walker has."""
     pattern = skin.pattern
     pads = Pads(pattern.points[:, 2] > 0.03, (0.0, 0.0, 1.0), 0.2, 0.7)
-    solver = EquilibriumSolver(
-        skin, Composite(), clamp(pattern, ["base"]), EXACT,
-        weight=Weight(0.3, 0.6, (-9.81, 0.0, 0.0)), contact=Contact(FLOOR, friction=0.4, pads=pads),
-    )  # fmt: skip
+    weight, contact = Weight(0.3, 0.6, (-9.81, 0.0, 0.0)), Contact(FLOOR, friction=0.4, pads=pads)
+    solver = solver_on_base(skin, options=EXACT, weight=weight, contact=contact)
     return LoadPath(solver, [Load(4e3), Load(2e3)])

@@ -22,6 +22,7 @@ from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
 from helpers.pillow import pillow
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from helpers.tiles import CONTRAST, DIRECTIONS, EDGES, SIDE
 from helpers.tiles import RADIUS as TILE_RADIUS
 from helpers.tiles import TARGET as PROFILE
@@ -63,7 +64,6 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.solver import TileSolver
@@ -310,7 +310,7 @@ def held(skin: Skin) -> Objective:
 
 
 def solver_on(skin: Skin, **more: Any) -> EquilibriumSolver:
-    return EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"]), EXACT, **more)
+    return solver_on_base(skin, options=EXACT, **more)
 
 
 def bent(skin: Skin) -> Objective:
@@ -511,8 +511,7 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     """A print that hardly stretches on a fabric that does."""
     skin = sew(comm, tube())
     soft = dataclasses.replace(Composite().reinforcement, young=2e6, c1=1.05)
-    supports = clamp(skin.pattern, ["base"])
-    solver = EquilibriumSolver(skin, Composite(reinforcement=soft), supports, EXACT)
+    solver = solver_on_base(skin, Composite(reinforcement=soft), options=EXACT)
     return solver, cells(skin, 3, 0.2, 0.8), 5e3
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.designs import full, make_problem, robust
 from helpers.loops import OneEntry, Stopped, figures
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem.base.archive import Archive
@@ -20,8 +21,6 @@ from toros_fem.design.loop.variables import Variables
 from toros_fem.design.relaxed.families import FixedDirections
 from toros_fem.design.relaxed.problem import relaxed_problem
 from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
 OPTIONS = DesignOptions((Stage(2), Stage(1, constrained=True)))
@@ -30,7 +29,7 @@ OPTIONS = DesignOptions((Stage(2), Stage(1, constrained=True)))
 def densities(tube: Skin, curvature: str = "quadratic") -> DesignProblem:
     """With all that a problem has; nothing is shared with an earlier one but the mesh."""
     composite = Composite(bending=Bending(curvature=curvature))
-    return full(tube, EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"])), beta=20.0)
+    return full(tube, solver_on_base(tube, composite), beta=20.0)
 
 
 def families(tube: Skin) -> DesignProblem:
@@ -73,9 +72,7 @@ def test_a_design_without_constraints_and_residuals_goes_on(short_tube: Skin) ->
     """MMA then has no multipliers, which is another thing than none yet."""
 
     def plain() -> DesignProblem:
-        composite = Composite(bending=None)
-        solver = EquilibriumSolver(short_tube, composite, clamp(short_tube.pattern, ["base"]))
-        return make_problem(short_tube, solver)
+        return make_problem(short_tube, solver_on_base(short_tube, Composite(bending=None)))
 
     check(plain, DesignOptions((Stage(3),)), 2, 3)
     state = stopped(plain, DesignOptions((Stage(2),)), 2)

@@ -5,19 +5,18 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.designs import full, make_problem
+from helpers.standing import solver_on_base
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
 def test_stages_switch_constraints_on_and_pressure_moves(tube: Skin) -> None:
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver = solver_on_base(tube)
     problem = full(tube, solver, beta=20.0).changed(terms=())
     stages = (Stage(6), Stage(12, constrained=True))
     result = optimize(problem, DesignOptions(stages), start=random_density(tube, 3))

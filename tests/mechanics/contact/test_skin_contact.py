@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from helpers.touching import tube_on_floor_and_ball
 from kit.slopes import slope
 from mpi4py import MPI
@@ -14,7 +15,7 @@ from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 pytestmark = pytest.mark.slow
@@ -73,7 +74,7 @@ def test_steps_stop_before_they_meet(solver: EquilibriumSolver, touching: Equili
 def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
     """By 6 mm at once, half of the tube's radius and fifty times the gap that it begins with."""
     contact = Contact(bodies=[rigid_sphere("ball", 0.006, (0.0, 0.0175, 0.035))])
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+    solver = solver_on_base(tube, contact=contact)
     density = soft(tube)
     free = solver.solve(density, 2e3)
     way = np.array([[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.standing import solver_on_base
 from helpers.warned import warned
 
 from toros_fem import errors
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 # The print reaches the bound of its stretch under the pressures of these tests.
@@ -20,7 +20,7 @@ TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
 
 @pytest.fixture(scope="module")
 def solver(short_tube: Skin) -> EquilibriumSolver:
-    return EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
+    return solver_on_base(short_tube, TIGHT)
 
 
 def print_of(skin: Skin, seed: int) -> np.ndarray:
@@ -58,7 +58,7 @@ def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) ->
 def test_bounds_that_carry_the_load(short_tube: Skin) -> None:
     """Ten times the stretch that the bound leaves: the forces keep their digits."""
     narrow = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
-    solver = EquilibriumSolver(short_tube, narrow, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, narrow)
     density = print_of(short_tube, 2)
     found = solver.solve(density, 20e3)
     assert found.residual <= solver.options.tolerance
@@ -68,7 +68,7 @@ def test_bounds_that_carry_the_load(short_tube: Skin) -> None:
 
 def test_a_start_outside_narrower_bounds_is_taken_inside(short_tube: Skin) -> None:
     """A trial too: a design step that prints stretched fabric costs no failed solve."""
-    solver = EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, TIGHT)
     plain = solver.solve(np.zeros(len(short_tube.owned_cells)), 5e3)
     density = print_of(short_tube, 1)
     trial = solver.solve(density, 5e3, start=plain.state, trial=True)
@@ -85,7 +85,7 @@ def test_a_start_outside_narrower_bounds_is_taken_inside(short_tube: Skin) -> No
 def test_a_print_that_stretches_further_is_odd(short_tube: Skin) -> None:
     wide = Composite(reinforcement=replace(SOFT, c1=2.5), bending=None)
     with warned(short_tube.comm, "stretches no further than without"):
-        EquilibriumSolver(short_tube, wide, clamp(short_tube.pattern, ["base"]))
+        solver_on_base(short_tube, wide)
 
 
 def test_failures_state_both_bounds(short_tube: Skin, solver: EquilibriumSolver) -> None:

@@ -2,22 +2,20 @@
 
 import numpy as np
 import pytest
+from helpers.standing import model_on_base
 from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
 @pytest.fixture(scope="module")
 def snes(tube: Skin) -> Newton:
     """The short tube at 1 kPa with a uniform design."""
-    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = model_on_base(tube)
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     model.set_load(Load(np.array([1e3])))
     return Newton(model, NewtonOptions())

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers.models import dense_tangent
 from helpers.scenes import TABLE_A
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -22,7 +23,7 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, limit_points
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 from toros_fem.meshes.pattern import Panel, Pattern
 
@@ -137,9 +138,7 @@ def test_a_coarse_roof_snaps_through(alone: MPI.Comm) -> None:
 def test_all_loads_are_scaled_by_one_factor(short_tube: Skin) -> None:
     """Pressure, dead forces and weight: at load factor 1 the path meets the solve at once."""
     pattern = short_tube.pattern
-    solver = EquilibriumSolver(
-        short_tube, Composite(), clamp(pattern, ["base"]), weight=Weight(0.2, 0.7)
-    )
+    solver = solver_on_base(short_tube, weight=Weight(0.2, 0.7))
     density = np.full(len(short_tube.owned_cells), 0.3)
     force = np.asarray(np.outer(pattern.vertex_areas, [30.0, 0.0, 0.0]))
     options = ArcLengthOptions(first=0.3, first_increment=0.3, largest_increment=0.4)
@@ -218,9 +217,8 @@ def test_paths_that_cannot_be_followed(pyramid: Scene, monkeypatch: pytest.Monke
 def test_a_path_on_which_contact_begins(short_tube: Skin) -> None:
     """The tube bulges onto a floor: the path ends where the pressure alone leads."""
     pytest.importorskip("ipctk")
-    supports = clamp(short_tube.pattern, ["base"])
     floor = Contact(ground=Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0)), self_contact=False)
-    solver = EquilibriumSolver(short_tube, Composite(), supports, contact=floor)
+    solver = solver_on_base(short_tube, contact=floor)
     density = np.full(len(short_tube.owned_cells), 0.02)
     options = ArcLengthOptions(first=0.1, first_increment=0.3, largest_increment=0.3)
     path = list(trace(solver, density, 5e3, by="arc-length", options=options))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from helpers.models import pressurize
 from helpers.scenes import TABLE_A
+from helpers.standing import model_on_base, solver_on_base
 from kit.slopes import slope
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.assembly.tangent import UpperTangent
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers, Fan, chambers_of_panels, find_walls
 from toros_fem.mechanics.skin.supports import Planes, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
@@ -53,9 +53,9 @@ def moved(model: SkinModel) -> np.ndarray:
 @pytest.mark.parametrize("count", [0, 2, 3, 4])
 def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
     """Energy, force and tangent to rounding, wherever the origin is."""
-    fixed, sheet = clamp(grid.pattern, ["base"]), Composite(bending=None)
+    sheet = Composite(bending=None)
     chambers = sectors(grid.pattern, count) if count else halves(grid.pattern)
-    models = [make_model(grid, sheet, fixed), make_model(grid, sheet, fixed, chambers=chambers)]
+    models = [model_on_base(grid, sheet), model_on_base(grid, sheet, chambers=chambers)]
     values = []
     for model in models:
         model.set_density(np.zeros(len(grid.owned_cells)))
@@ -115,7 +115,7 @@ def test_axial_balance_across_a_wall(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured")
     skin = sew(alone, pattern)
     composite = Composite(fabric=TABLE_A, bending=None)
-    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), chambers=halves(pattern))
+    solver = solver_on_base(skin, composite, chambers=halves(pattern))
     low, high = 1e3, 4e3
     found = solver.solve(np.zeros(len(skin.owned_cells)), (high, low))
     assert found.converged
@@ -141,8 +141,7 @@ def test_axial_balance_across_a_wall(alone: MPI.Comm) -> None:
 
 def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:
     """Three chambers side by side bend the tube; far apart, the walls give way."""
-    fixed = clamp(grid.pattern, ["base"])
-    solver = EquilibriumSolver(grid, Composite(), fixed, chambers=sectors(grid.pattern, 3))
+    solver = solver_on_base(grid, chambers=sectors(grid.pattern, 3))
     plain = np.zeros(len(grid.owned_cells))
     bent = solver.solve(plain, (3e3, 2e3, 2e3))
     assert min(bent.volumes) > 0

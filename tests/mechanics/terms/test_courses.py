@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.models import SIZE, affine, bent_tube, line_design, pressurize, relaxed_model
 from helpers.scenes import square
+from helpers.standing import model_on_base
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
@@ -98,7 +99,7 @@ def pair(short_tube: Skin) -> list[SkinModel]:
     models = []
     for knit in (Knit(RATIO, 0.4), None):
         composite = Composite(knit=knit)
-        model = make_model(short_tube, composite, clamp(short_tube.pattern, ["base"]))
+        model = model_on_base(short_tube, composite)
         pressurize(model, 2e3)
         models.append(model)
     return models

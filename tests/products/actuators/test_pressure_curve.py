@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from helpers.designs import make_problem
 from helpers.scenes import TABLE_A
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from shapely import Polygon
 
@@ -21,10 +22,8 @@ from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.products.actuators.pressure_curve import (
     HALVINGS,
@@ -55,7 +54,7 @@ def tube(alone: MPI.Comm) -> Skin:
 
 @pytest.fixture(scope="module")
 def problem(tube: Skin) -> ShapeProblem:
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver = solver_on_base(tube)
     return replace(make_problem(tube, solver), metrics=(ANGLE,))
 
 
@@ -113,8 +112,7 @@ def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:
     """Of a print at more than the largest pressure the curve leads down alone."""
     upper = tube.pattern.points[tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
-    supports = clamp(tube.pattern, ["base"])
-    solver = EquilibriumSolver(tube, Composite(), supports, chambers=chambers)
+    solver = solver_on_base(tube, chambers=chambers)
     problem = replace(make_problem(tube, solver), metrics=(ANGLE,))
     made = problem.simulate_binary(inner_side(tube), pressure=(1e3, 2e3))
     points, _ = trace_pressure_curve(problem, made, 1e3, 1)
@@ -169,7 +167,7 @@ def test_a_curve_ends_where_there_is_no_equilibrium(alone: MPI.Comm, tmp_path: P
     """Without a barrier in reach a tube has a limit pressure, and files and figures say so."""
     skin = sew(alone, cylinder(alone, 0.04, 0.02, 4e-3, mesh="structured"))
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
-    solver = EquilibriumSolver(skin, composite, clamp(skin.pattern, ["base"]))
+    solver = solver_on_base(skin, composite)
     problem = replace(make_problem(skin, solver), metrics=(ANGLE,))
     made = problem.simulate_binary(np.zeros(len(skin.owned_cells)), pressure=1e3)
     config = CONFIG.updated(curve_pressure=6e3)
