@@ -27,6 +27,7 @@ from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes.conditions import Expression
 from toros_fem.meshes.pattern_file import NAME
 from toros_fem.meshes.surfaces.remeshed import remeshed
+from toros_fem.meshes.surfaces.surface import oriented
 from toros_fem.products.fitting.reading import Given
 from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
 from toros_fem.products.fitting.strip import ClampedStrip
@@ -88,9 +89,15 @@ def _some(s: Scene, count: int = 0) -> np.ndarray:
     return here
 
 
+FIVE = "v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nv -.1 .05 0\n"
 REGIONS: Table = {
     **{f"meshed anew by {edge}": lambda s, edge=edge: remeshed(ALONE, surfaces.long_tube(), edge)
        for edge in (0.0, 1e-6)},
+    "a strip of one side": lambda s: oriented((np.arange(5)[:, None] + np.arange(3)) % 5),
+    "a face of five corners": lambda s: m.read_surface(
+        ALONE, s.file("five.obj", FIVE + "f 1 2 3 4 5\n")
+    ),
+    "a face of a line": lambda s: m.read_surface(ALONE, s.file("line.obj", FIVE + "f 1 2 2\n")),
     "the bend of a line": lambda s: bend_between(s.pattern, s.pattern.points, _some(s, 2)),
     "the twist of nothing": lambda s: twist_between(s.pattern, s.pattern.points, _some(s)),
     "the twist of indices": lambda s: twist_between(s.pattern, s.pattern.points, np.zeros(1)),

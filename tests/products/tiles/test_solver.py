@@ -8,6 +8,7 @@ from helpers.tiles import (
     SIDE,
     cell_map,
     mapped_cells,
+    owned,
     random_cells,
     smooth_cells,
     solver_of,
@@ -28,10 +29,6 @@ WIDE = (1.5, 1.0)
 SKEWED = np.array([[1.08, 0.06], [-0.03, 0.95], [0, 0]])
 PARTS = np.eye(4).reshape(4, 2, 2)
 PLANE = np.concatenate([PARTS, np.zeros((4, 1, 2))], axis=1)
-
-
-def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
-    return density[solver.skin.owned_cells]
 
 
 def central(values: list[np.ndarray], step: float) -> np.ndarray:

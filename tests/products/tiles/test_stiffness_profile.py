@@ -12,6 +12,7 @@ from helpers.tiles import (
     Laminate,
     R,
     modulus,
+    owned,
     profile_of,
     profile_solver,
     profile_table,
@@ -39,10 +40,6 @@ from toros_fem.products.tiles.stiffness_profile import (
 
 # Sides of an oblong tile.
 WIDE = (1.5, 1.0)
-
-
-def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
-    return density[solver.skin.owned_cells]
 
 
 def tensor(solver: TileSolver, density: np.ndarray) -> np.ndarray:
