@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from helpers.blank_pictures import blank_pictures
 from helpers.scenes import ROOT
+from helpers.standing import solver_on_base
 from helpers.top_level import files_on_disk
 from kit.durations import order_by_durations, write_durations
 from kit.kept_meshes import KeptMeshes, mesher
@@ -21,9 +22,7 @@ from kit.skips import unexpected_skips
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -174,10 +173,10 @@ def short_tube(alone: MPI.Comm) -> Skin:
 @pytest.fixture(scope="session")
 def short_solver(short_tube: Skin) -> EquilibriumSolver:
     """The same as `tube_solver` on one rank."""
-    return EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    return solver_on_base(short_tube)
 
 
 @pytest.fixture(scope="session")
 def tube_solver(tube: Skin) -> EquilibriumSolver:
     """The short tube with the default materials, bending included, its base clamped."""
-    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    return solver_on_base(tube)

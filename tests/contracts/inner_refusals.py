@@ -21,6 +21,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 import toros_fem as tf
+from contracts.product_refusals import PRODUCTS
 from contracts.refusals import (
     INF,
     NAN,
@@ -39,7 +40,6 @@ from toros_fem.design.density.cone import cone_filter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines import laid_lines
 from toros_fem.design.lines.field import LineField, LineOptions
@@ -85,7 +85,6 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.following import border_motion, snapped
-from toros_fem.meshes.makers.tile import check_symmetry
 from toros_fem.meshes.transfer import make_transfer
 
 ALONE = MPI.COMM_SELF
@@ -233,7 +232,6 @@ MAKERS: Table = {
     ).symmetry_maps("chiral"),
     "a tile repeated 0 times": lambda s: _tile().repeated(2, 0),
     "a sheet of 1.5 tiles": lambda s: _tile().sheet(1.5, 1),
-    "a rectangle has no chiral meshes": lambda s: check_symmetry("chiral", np.array([0.03, 0.02])),
 }  # fmt: skip
 
 
@@ -454,7 +452,6 @@ SOLVES: Table = {
         s.plain, 1e3, start=3 * s.solver.model.assembled
     ),
     "a path by volume": lambda s: tf.trace(s.solver, s.plain, 1e3, by="volume"),
-    "a path without all pressures": lambda s: tf.trace(s.solver, s.plain, 1e3),
     "an arc length by pressures": lambda s: tf.trace(
         s.solver, s.plain, [1e3], options=ArcLengthOptions()
     ),
@@ -573,7 +570,6 @@ DESIGNS: Table = {
     "a cone around a tile": lambda s: cone_filter(s.skin, 0.012, beyond=0.02 * np.eye(2)),
     "a lattice of one vector": lambda s: cone_filter(s.skin, 0.012, beyond=np.ones(2)),
     "a cone of radius -1": lambda s: cone_filter(s.skin, -1.0),
-    "a perimeter that is not sharp": lambda s: Perimeter(s.skin, 0.012, 0.0),
     **{f"{name} lines of 3 radii": lambda s, name=name: threshold_for_width(name, 3.0)
        for name in ("cone", "helmholtz")},
     **{f"{name} offsets that are too small": lambda s, name=name: offset_thresholds(name, 1e-4)
@@ -585,7 +581,8 @@ DESIGNS: Table = {
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),
-    "a change of other lines": lambda s: _changed(_laid(), (2, 3), 3),
+    "a change of more lines": lambda s: _changed(_laid(), (2, 289), 289),
+    "a warp of other lines": lambda s: _changed(_laid(), (1, 289), 3),
     "a change by NaN": lambda s: _changed(_laid(), (1, 289), 289, NAN),
     "a change of no line": lambda s: _changed(
         lay_lines(even_field(SHEET, [0.2], [90.0]), printed=np.ones(32, bool)), (1, 1), 1
@@ -651,5 +648,5 @@ MAKING: Table = {
 
 INNER: Table = (
     MATERIALS | ENTRIES | PATTERNS | SURFACES | MAKERS | OUTLINES | BODIES | SUPPORTS | SOLVES
-    | MEASURES | DESIGNS | MAKING
+    | MEASURES | DESIGNS | MAKING | PRODUCTS
 )  # fmt: skip

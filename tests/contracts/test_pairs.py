@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from kit.pairs import ROWS, Make
+from kit.pairs import ON_ONE_RANK, ROWS, Make
 from kit.slopes import slope
 from mpi4py import MPI
 
@@ -28,3 +28,8 @@ def test_forward_and_backward(make: Make, comm: MPI.Comm) -> None:
             expected = alone.gather(other)
             largest = np.abs(expected).max()
             assert stage.gather(one) == pytest.approx(expected, rel=1e-8, abs=1e-8 * largest)
+
+
+@pytest.mark.parametrize("make", ON_ONE_RANK.values(), ids=ON_ONE_RANK)
+def test_on_one_rank(make: Make, alone: MPI.Comm) -> None:
+    test_forward_and_backward(make, alone)

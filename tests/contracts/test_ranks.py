@@ -12,6 +12,7 @@ import pytest
 from helpers.designs import full, shape_design
 from helpers.pillow import pillow
 from helpers.scenes import TABLE_A
+from helpers.standing import solver_on_base
 from helpers.tiles import printed_tile
 from helpers.worn import printed_tube
 from mpi4py import MPI
@@ -105,7 +106,7 @@ def everything(comm: MPI.Comm) -> Found:
 def design(comm: MPI.Comm) -> Found:
     """Ten steps, of which four keep widths."""
     skin = sew(comm, tube())
-    solver = EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"]))
+    solver = solver_on_base(skin)
     options = DesignOptions((Stage(6), Stage(4, constrained=True)))
     result = optimize(full(skin, solver, beta=20.0), options, start=random_density(skin, 3))
     first, last = result.history[0], result.history[-1]

@@ -49,7 +49,7 @@ WARNS: dict[str, list[tuple[type[TorosWarning], Callable[[MPI.Comm], object]]]] 
         (UnitWarning, lambda c: tf.sew(c, cylinder(c, 30.0, 2.0, 0.5, mesh="structured")))
     ],
     "toros_fem/design/density/neighbours.py": [
-        (ResolutionWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 1e-3))
+        (ResolutionWarning, lambda c: make_filter("cone", tf.sew(c, tube(c)), 9e-3))
     ],
     "toros_fem/mechanics/equilibrium/solver.py": [
         (UnitWarning, lambda c: solver(c, fabric=tf.Material(1e5, 0.3, 0.5))),

@@ -10,6 +10,7 @@ from typing import Any
 import dolfinx.fem
 import numpy as np
 import pytest
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem.base import compiled_forms
@@ -19,7 +20,6 @@ from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew, tile
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tiles.solver import TileSolver
@@ -51,10 +51,9 @@ def heavy(comm: MPI.Comm) -> EquilibriumSolver:
     """Return the solver of a tube with weight and two chambers, curved when it is made."""
     pattern = cylinder(comm, 0.06, 0.02, EDGE, mesh="structured")
     upper = pattern.points[pattern.triangles, 2].mean(axis=1) > 0.03
-    return EquilibriumSolver(
+    return solver_on_base(
         sew(comm, pattern),
         Composite(bending=Bending(rest="assembled")),
-        clamp(pattern, ["base"]),
         chambers=Chambers(("lower", "upper"), upper.astype(int)),
         weight=Weight(0.2, 0.5),
     )

@@ -1,13 +1,9 @@
-"""Small models, and tangents that UFL derives."""
+"""Small models and their states."""
 
 from functools import partial
 
 import numpy as np
-import ufl
-from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
@@ -52,6 +48,16 @@ def bent_tube(model: SkinModel) -> np.ndarray:
     return state
 
 
+def spread_by_rounding(model: SkinModel, state: np.ndarray) -> float:
+    """Largest difference of the energies of 20 states that differ by rounding."""
+    rng, energies = np.random.default_rng(2), []
+    for _ in range(20):
+        signs = rng.choice([-1.0, 1.0], model.skin.pattern.points.shape)
+        noise = signs[model.skin.owned_vertices].ravel()
+        energies.append(model.energy(state * (1 + 2**-52 * noise)))
+    return max(energies) - min(energies)
+
+
 def drawn(model: SkinModel, seed: int) -> np.ndarray:
     """A direction, the same on any number of ranks."""
     rng = np.random.default_rng(seed)
@@ -62,17 +68,6 @@ def drawn(model: SkinModel, seed: int) -> np.ndarray:
     # Edges have no numbers of their own; which values they get does not matter.
     rotations[:] = np.resize(whole.ravel(), len(rotations))
     return direction * model.free
-
-
-def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
-    """The tangent by `ufl.derivative`, assembled by dolfinx, fixed rows those of the identity."""
-    trial = ufl.TrialFunction(model.space)
-    form = fem.form(ufl.derivative(model.forms.residual, model.q, trial))
-    fixed = fem.dirichletbc(fem.Function(model.space), np.flatnonzero(model.fixed).astype(np.int32))
-    model.set_state(state)
-    matrix = fem_petsc.assemble_matrix(form, bcs=[fixed])
-    matrix.assemble()
-    return matrix
 
 
 def dense_tangent(model: SkinModel, state: np.ndarray, part: Part = EXACT) -> np.ndarray:

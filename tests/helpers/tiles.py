@@ -61,6 +61,11 @@ def solver_of(
     return TileSolver(skin, composite or Composite(), Periodic(tile, prescribed, flat))
 
 
+def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
+    """The owned part of a density of all triangles."""
+    return density[solver.skin.owned_cells]
+
+
 def profile_of(
     solver: TileSolver, density: np.ndarray, strain: float, angles: np.ndarray = ANGLES
 ) -> Profile:

@@ -9,15 +9,24 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
-from helpers.designs import RADIUS, border_term, full, passive_in, widths_of
+from helpers.designs import (
+    border_term,
+    full,
+    make_problem,
+    passive_in,
+    widths_of,
+    with_variants,
+)  # fmt: skip
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
 from helpers.pillow import pillow
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from helpers.tiles import CONTRAST, DIRECTIONS, EDGES, SIDE
 from helpers.tiles import RADIUS as TILE_RADIUS
 from helpers.tiles import TARGET as PROFILE
+from helpers.touching import EXACT, dragged, on_pads, sheet_with_ball, tube_on_floor_and_ball
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
@@ -28,12 +37,11 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.linear import Filter, group_mean
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.fields import DensityFields, densities_of
+from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.options import Stage as DesignStage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.problem import DesignProblem, ObjectiveTerm
-from toros_fem.design.loop.robust import Variants, WidthTolerance
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.steps import Steps
 from toros_fem.design.loop.variables import Variables
@@ -49,20 +57,17 @@ from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObject
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, Skin, Tile, cylinder, mirrored, sew, tile
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileObjective, ProfileSolver
-
-EXACT = NewtonOptions(tolerance=1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +310,7 @@ def held(skin: Skin) -> Objective:
 
 
 def solver_on(skin: Skin, **more: Any) -> EquilibriumSolver:
-    return EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"]), EXACT, **more)
+    return solver_on_base(skin, options=EXACT, **more)
 
 
 def bent(skin: Skin) -> Objective:
@@ -317,12 +322,20 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     """Everything that a density design has, with print and fabric that are prescribed."""
     skin = sew(comm, tube())
     plain = full(skin, solver_on(skin))
-    assert plain.fields.passive is not None
     given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.fields.passive)
     problem = passive_in(plain, given).changed(
         terms=[border_term(skin, 1e-3)], objective=bent(skin)
     )
     return problem.changed(length_scale=widths_of(problem))
+
+
+def chambered(comm: MPI.Comm) -> ShapeProblem:
+    """Two chambers, of which the second has a pressure that is designed."""
+    skin = sew(comm, tube())
+    upper = skin.pattern.points[skin.pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    solver = solver_on(skin, chambers=Chambers(("lower", "upper"), upper.astype(int)))
+    physics = InflatedSkin(solver, (2e3, 5e3), (None, (1e3, 2e4)))
+    return make_problem(skin, solver).changed(physics=physics)
 
 
 def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
@@ -334,19 +347,12 @@ def robust(comm: MPI.Comm, *, printed: bool) -> ShapeProblem:
     """Eroded and dilated patterns too; with `printed` the spread of a print is known."""
     plain = density_problem(comm)
     skin = plain.skin
-    tolerance = WidthTolerance(0.2 * RADIUS, 1e5)
-    fields = densities_of(plain.fields)
-
-    def variant() -> InflatedSkin:
-        return dataclasses.replace(plain.physics, solver=solver_on(skin))
-
-    variants = Variants(tolerance, fields.filter, fields.projection.eta, variant)
-    problem = plain.changed(robust=variants)
+    problem = with_variants(plain, lambda: solver_on(skin), 1e5)
     if printed:
         before = problem.simulate(cells(skin, 8, 0.2, 0.8))
         away = 0.3 * (before.equilibrium.positions - skin.pattern.points[skin.owned_vertices])
         both = [variant.positions for variant in before.variants]
-        problem = problem.changed(robust=variants.corrected(away, *both))
+        problem = problem.changed(robust=problem.robust.corrected(away, *both))
     return problem
 
 
@@ -394,15 +400,13 @@ def designed(
     skin, variables = problem.skin, Variables(problem, DesignOptions())
     fields = len(problem.fields.bounds[0]) // len(skin.owned_cells)
     start = cells(skin, 1, low, low + 0.4, fields).ravel()
-    pressures = tuple(1.3 * p for p in problem.physics.pressures)
-    base, slopes = problem.evaluate(start, pressure=pressures or None)
+    point = variables.vector(start, [1.3 * p for p in problem.physics.pressures])
+    base, slopes = problem.evaluate(start, pressure=variables.design(point)[1] or None)
     stage = DesignStage(1, constrained=problem.length_scale is not None)
     steps = Steps(problem, variables, stage, DesignOptions(), base, slopes)
     rows = steps.around(base, slopes)
-    assert rows.gradient is not None
     whole = steps.scale * variables.gradient(base, 1.0, slopes.gradient, slopes.pressure_gradient)
     every = [whole, rows.gradient, *rows.jacobian, *rows.residual_jacobian]
-    point = variables.vector(start, pressures)
     size = len(variables.gather(point))
     drawn = 1e-3 * np.random.default_rng(15).uniform(-1, 1, size)
 
@@ -417,28 +421,46 @@ def designed(
     )  # fmt: skip
 
 
-def loads(comm: MPI.Comm) -> Stage:
-    """Positions after two steps of a path, by densities and, on the first rank, by pressures."""
-    skin = sew(comm, tube())
-    path, count = LoadPath(solver_on(skin), [Load(2e3), Load(5e3)]), len(skin.owned_cells)
-    weights = [vertices(skin, 10 + k, 1.0) for k in range(2)]
-    start, pressures = cells(skin, 1, 0.2, 0.8), np.array([2.0, 5.0])
+def loads(
+    make: Callable[[MPI.Comm], LoadPath],
+    densities: tuple[float, float],
+    size: float,
+    comm: MPI.Comm,
+    *,
+    last: bool = False,
+) -> Stage:
+    """Positions after the steps of a path, or after its last one.
+
+    By densities and, on the first rank, by the pressures in kPa of the steps that have one.
+    """
+    path = make(comm)
+    skin, steps, count = path.solver.skin, len(path.steps), len(path.solver.skin.owned_cells)
+    weights = [
+        None if last and k < steps - 1 else vertices(skin, 10 + k, 1.0) for k in range(steps)
+    ]
+    given = np.array([1e-3 * load.pressures[0] for load in path.steps])
+    own = given if given.any() and comm.rank == 0 else given[:0]
+    start = cells(skin, 1, *densities)
     base = path.solve(start)
     found = path.gradient(start, base, weights)
-    first = slice(2 if comm.rank == 0 else 0)
 
     def values(x: Floats) -> Floats:
-        there = path.solve(x[:count], 1e3 * comm.bcast(x[count:])[:, None], base)
-        rows = zip(weights, there, strict=True)
-        return np.array([total(comm, sum(float((w * e.positions).sum()) for w, e in rows))])
+        kilopascals = comm.bcast(x[count:])
+        pressures = 1e3 * kilopascals[:, None] if len(kilopascals) else None
+        there = zip(weights, path.solve(x[:count], pressures, base), strict=True)
+        work = sum(float((w * e.positions).sum()) for w, e in there if w is not None)
+        return np.array([total(comm, work)])
 
     def gather(owned: Floats) -> Floats:
         return np.append(skin.gather_cells(owned[:count]), comm.bcast(owned[count:]))
 
-    point = np.append(start, pressures[first])
-    step = np.append(cells(skin, 15, -3e-3, 3e-3), np.array([0.02, -0.05])[first])
-    gradient = np.append(found.density, 1e3 * found.pressures.ravel()[first])
-    return Stage(comm, values, point, step, [gradient], gather, 1e-8)
+    step = np.append(cells(skin, 15, -size, size), size * own * (-1.0) ** np.arange(len(own)))
+    gradient = np.append(found.density, 1e3 * found.pressures.ravel()[: len(own)])
+    return Stage(comm, values, np.append(start, own), step, [gradient], gather, 1e-8)
+
+
+def plain_path(comm: MPI.Comm) -> LoadPath:
+    return LoadPath(solver_on(sew(comm, tube())), [Load(2e3), Load(5e3)])
 
 
 def positions(
@@ -489,9 +511,19 @@ def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
     """A print that hardly stretches on a fabric that does."""
     skin = sew(comm, tube())
     soft = dataclasses.replace(Composite().reinforcement, young=2e6, c1=1.05)
-    supports = clamp(skin.pattern, ["base"])
-    solver = EquilibriumSolver(skin, Composite(reinforcement=soft), supports, EXACT)
+    solver = solver_on_base(skin, Composite(reinforcement=soft), options=EXACT)
     return solver, cells(skin, 3, 0.2, 0.8), 5e3
+
+
+def under_a_ball(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    """A free ball lies in a stretched sheet."""
+    solver = sheet_with_ball(comm, options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), 0.0
+
+
+def touching(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    solver = tube_on_floor_and_ball(sew(comm, tube()), options=EXACT)
+    return solver, cells(solver.skin, 3, 0.01, 0.03), 5e3
 
 
 TILE = partial(tile_problem, PROFILE, "tetragonal")
@@ -535,10 +567,19 @@ ROWS: dict[str, Make] = {
     "design of a tile by directions": partial(designed, partial(TILE, batched=True)),
     "contrast of a tile": partial(designed, partial(CHIRAL, batched=False)),
     "contrast of a pressed tile": partial(designed, partial(CHIRAL, batched=False, strain=-0.05)),
-    "path of loads": loads,
+    "path of loads": partial(loads, plain_path, (0.2, 0.8), 3e-3),
     "wrinkled": partial(positions, wrinkled, slice(0, 1)),
+    "sheet under a free ball": partial(positions, under_a_ball, slice(0, 1), size=1e-5),
+    "tube on floor and ball": partial(positions, touching, slice(0, 1), size=2e-4),
     "print at its bound": partial(positions, at_its_bound, slice(0, 1), size=2e-4),
     "families' density": partial(positions, two_families, slice(0, 1)),
     "families' shares": partial(positions, two_families, slice(1, 3)),
     "families' directions": partial(positions, two_families, slice(3, 7)),
 }  # fmt: skip
+# What takes long on several ranks, and has nothing of its own there.
+ON_ONE_RANK: dict[str, Make] = {
+    "design of two chambers": partial(designed, chambered),
+    "path through friction": partial(loads, dragged, (0.25, 0.35), 6e-5),
+    "path through friction to its end": partial(loads, dragged, (0.25, 0.35), 6e-5, last=True),
+    "path on pads": partial(loads, lambda comm: on_pads(sew(comm, tube())), (0.01, 0.03), 1e-5),
+}

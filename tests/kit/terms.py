@@ -276,7 +276,6 @@ def periodic(composite: Composite = SHEET) -> tuple[np.ndarray, SkinModel]:
     turns = ((False, False), (True, False), (True, True))
     tiled = Periodic(found, turns)
     model = make_model(skin, composite, Supports(fixed), periodic=tiled)
-    assert model.images is not None
     model.set_density(np.random.default_rng(5).uniform(0, 1, len(found.wraps)))
     model.images.turn(0.4)
     state, gradient = model.assembled, np.array([[1.08, 0.06], [-0.03, 0.95], [0.0, 0.0]])

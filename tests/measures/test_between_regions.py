@@ -5,7 +5,6 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.errors import MetricError, ParameterError
 from toros_fem.measures.between_regions import (
     bend_between,
     length_between,
@@ -47,14 +46,3 @@ def test_known_motion(tube: Pattern, whole: Rotation) -> None:
     assert length_between(*seen) == pytest.approx(ratio, abs=1e-12)
     far = tip_frame(tube, positions, tip)
     np.testing.assert_allclose(far.direction, (whole * turn).apply([0, 0, 1]), atol=1e-9)
-
-
-def test_a_region_without_a_turn_is_told(tube: Pattern) -> None:
-    line, one = np.zeros((2, len(tube.points)), dtype=bool)
-    line[tube.triangles[0, :2]] = True
-    with pytest.raises(MetricError, match="its 2 vertices lie on a line.* Take a larger region"):
-        bend_between(tube, tube.points, line)
-    with pytest.raises(ParameterError, match="True or False for each of the"):
-        twist_between(tube, tube.points, one)
-    with pytest.raises(MetricError, match="the two regions have one mean"):
-        length_between(tube, tube.points, line, line)

@@ -84,11 +84,6 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     assert slanted.forward(mine) == pytest.approx(straight.forward(mine), rel=1e-12)
 
 
-def test_a_radius_too_small_warns(short_tube: Skin) -> None:
-    with warned(short_tube.comm, match="under 1.5 edge lengths"):
-        cone_filter(short_tube, 3e-3)
-
-
 def test_a_filter_of_most_of_a_part_and_its_image(alone: MPI.Comm) -> None:
     """A triangle and its image are one column, although both are near."""
     half = cylinder(alone, 0.05, 0.02, 5e-3, planes=(1,))

@@ -5,17 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from helpers.scenes import square
-from mpi4py import MPI
 
-from toros_fem.base.mpi import dot
 from toros_fem.design.density.linear import product
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
-    Pairs,
-    neighbour_matrices,
 )
-from toros_fem.meshes import Skin, mirrored, sew
-from toros_fem.meshes.triangles import equilateral_edge
+from toros_fem.meshes import Skin, mirrored
 
 RADIUS = 8e-3
 
@@ -62,29 +57,6 @@ def test_a_part_has_the_neighbours_of_the_whole() -> None:
     assert cells.max() < count <= mirrors.max()
 
 
-def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
-    def weigh(pairs: Pairs) -> list[np.ndarray]:
-        return [RADIUS - pairs.distance, pairs.offset[:, 0]]
-
-    def products(skin: Skin, values: np.ndarray) -> list[np.ndarray]:
-        search = Neighbourhood(skin.pattern, RADIUS)
-        matrices = neighbour_matrices(skin, search, weigh, 2)
-        mine = values[skin.owned_cells]
-        both = [act(mine) for matrix in matrices for act in (matrix.forward, matrix.backward)]
-        return [skin.gather_cells(one) for one in both]
-
-    one, other = np.random.default_rng(0).random((2, len(tube.pattern.panel)))
-    alone = products(sew(MPI.COMM_SELF, tube.pattern), one)
-    for found, expected in zip(products(tube, one), alone, strict=True):
-        assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
-    assert alone[0] == pytest.approx(alone[1], rel=1e-12), "the distance is symmetric"
-    assert alone[2] == pytest.approx(-alone[3], abs=1e-14), "the offset is antisymmetric"
-    matrix = neighbour_matrices(tube, Neighbourhood(tube.pattern, RADIUS), weigh, 2)[1]
-    a, b = one[tube.owned_cells], other[tube.owned_cells]
-    there = dot(comm, matrix.forward(a), b)
-    assert dot(comm, a, matrix.backward(b)) == pytest.approx(there, rel=1e-12)
-
-
 def test_products_make_no_vectors() -> None:
     """Dropped ones stay in memory on several ranks: 58 MiB a rank after 400 steps of a filter."""
     made = []
@@ -103,10 +75,3 @@ def test_products_make_no_vectors() -> None:
     assert made_of.forward(np.zeros(2)).tolist() == [0.0] * 3
     assert first.tolist() == [2.0] * 3, "a result is not changed by the next product"
     assert len(made) == 1
-
-
-def test_mean_edge(alone: MPI.Comm) -> None:
-    """A right triangle of legs a has the area of an equilateral one of edge 1.075 a."""
-    skin = sew(alone, square(n=10, size=0.02))
-    edge = equilateral_edge(skin.pattern.areas.mean())
-    assert edge == pytest.approx(2e-3 * np.sqrt(2 / np.sqrt(3)))

@@ -9,7 +9,6 @@ import shapely
 from helpers.lines import even_field, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.lines.changes import (
     SmoothChanges,
     print_borders,
@@ -227,10 +226,3 @@ def test_changes_are_combined_by_their_amounts(lines: LaidLines) -> None:
     half = whole.scaled(0.5)
     assert np.allclose(2 * half.widths, whole.widths)
     assert np.allclose(2 * half.warp, whole.warp)
-
-
-def test_changes_that_do_not_fit_are_told(lines: LaidLines) -> None:
-    with pytest.raises(ParameterError, match="the change has widths of shape"):
-        changed(
-            lines, LineChange(np.zeros((2, lines.mesh.size)), np.zeros(lines.mesh.size, complex))
-        )

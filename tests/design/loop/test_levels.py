@@ -78,7 +78,6 @@ def test_a_shape_out_of_the_stretch_bounds_is_left_out(alone: MPI.Comm) -> None:
     problem = tube(alone, 1.0)
     points = problem.skin.pattern.points
     state = problem.physics.state_at(1.01 * points)
-    assert state is not None
     assert np.array_equal(state, 1.01 * points[problem.skin.owned_vertices])
     assert problem.physics.state_at(2.5 * points) is None
 
@@ -149,13 +148,11 @@ def test_refined_design(alone: MPI.Comm) -> None:
     assert fine.solver.model.composite == problem.solver.model.composite != tf.Composite()
     assert fine.physics.pressure_ranges == problem.physics.pressure_ranges
     # The target was given as positions: it is interpolated.
-    assert fine.target is not None
     assert np.allclose(fine.target, finer.at_vertices(target(pattern.points)), atol=1e-15)
     again = fine.fields.with_passive(np.full(len(fine.skin.owned_cells), np.nan))
     given = np.where(np.isin(pattern.panel, [1, 2]), 1.0, passive)
     expected = given[finer.cell][fine.skin.owned_cells]
     assert np.array_equal(again, expected, equal_nan=True)
-    assert fine.fields.centre is not None
     assert np.array_equal(fine.fields.centre, start[finer.cell])
     assert np.allclose(fine.physics.force.sum(axis=0), force.sum(axis=0), rtol=1e-12)
     assert not np.array_equal(fine.physics.force[: len(force)], force), "the force is spread"

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from helpers.designs import border_term, full, make_problem
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
 from toros_fem.design.density.field import random_density
-from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
@@ -19,7 +18,7 @@ def test_a_completed_trial_has_the_exact_gradient(
 ) -> None:
     """Trials with inexact Newton steps, completed, then differentiated."""
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube)
     problem = full(short_tube, solver).changed(terms=())
     density = random_density(short_tube, 2, spread=0.3)
     start = problem.simulate(random_density(short_tube, 2, spread=0.25)).equilibrium.state
@@ -27,9 +26,7 @@ def test_a_completed_trial_has_the_exact_gradient(
     assert any(row.kind == "cg" for row in trial.equilibrium.history)
     base = problem.finish(trial)
     slopes = problem.differentiate(base)
-    exact = make_problem(
-        short_tube, EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
-    )
+    exact = make_problem(short_tube, solver_on_base(short_tube))
     direct, expected = exact.evaluate(density, pressure=4e3)
     assert base.objective == pytest.approx(direct.objective, rel=1e-9)
     gap = norm(alone, slopes.gradient - expected.gradient)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.designs import make_problem
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -14,9 +15,6 @@ from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.design.loop.starts import best_start
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew
 
 OPTIONS = DesignOptions((Stage(3),))
@@ -24,7 +22,7 @@ OPTIONS = DesignOptions((Stage(3),))
 
 def tube(comm: MPI.Comm, edge: float = 4.5e-3) -> ShapeProblem:
     skin = sew(comm, cylinder(comm, 0.06, 0.02, edge))
-    return make_problem(skin, EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"])))
+    return make_problem(skin, solver_on_base(skin))
 
 
 def test_the_best_of_three(comm: MPI.Comm) -> None:

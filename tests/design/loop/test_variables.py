@@ -49,7 +49,6 @@ def test_scaled_functions(short_tube: Skin, short_solver: EquilibriumSolver) -> 
     here = steps.around(base, slopes)
     assert steps.mma.state.unit == 1.0
     assert here.value + np.square(here.residuals).sum() == pytest.approx(10.0)
-    assert base.length_scale is not None
     far = base.length_scale > 2 * problem.length_scale.epsilon
     assert far.any()
     np.testing.assert_allclose(np.asarray(here.values)[far], 1.0)

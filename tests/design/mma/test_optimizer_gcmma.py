@@ -121,7 +121,6 @@ def test_no_design_there_raises_all_curvatures_tenfold() -> None:
         assert not mma.conservative(x, Functions(missing, values=values))
         before = mma.state.curvature
         x = mma.retry(x, Functions(missing, values=values))
-        assert mma.state.curvature is not None
         if before.any():
             assert mma.state.curvature == pytest.approx(10 * before)
         step.append(np.abs(x - 5).max())
@@ -163,7 +162,6 @@ def test_resumes_exactly_with_curvatures() -> None:
     second.state = copy.deepcopy(first.state)
     assert np.array_equal(steps(second, half, 5), whole)
     second.state = copy.deepcopy(first.state)
-    assert second.state.curvature is not None
     second.state.curvature *= 0
     assert not np.array_equal(steps(second, half, 5), whole)
 
@@ -214,9 +212,9 @@ def test_kkt_residual(unit: float) -> None:
     assert residual([0.5, 0.3, 5.0], 0.05) == pytest.approx(0.05), "the multiplier"
 
 
-def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
-    """GCMMA on five constraints and distributed variables: the point, its residual, retries."""
-    n, m = 120, 5
+def spread(comm: MPI.Comm, m: int) -> tuple[np.ndarray, float, int]:
+    """GCMMA on m constraints and distributed variables: the point, its residual, retries."""
+    n = 120
     part = np.array_split(np.arange(n), comm.size)[comm.rank]
     rng = np.random.default_rng(11)
     A, centre = rng.random((m, n))[:, part], rng.random(n)[part]
@@ -247,9 +245,11 @@ def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
     return np.concatenate(comm.allgather(x.copy())), residual, retries
 
 
-def test_five_constraints_distributed_equal_serial(comm: MPI.Comm) -> None:
-    alone, spread_out = spread(MPI.COMM_SELF), spread(comm)
+@pytest.mark.parametrize("constraints", [0, 1, 5])
+def test_distributed_equals_serial(comm: MPI.Comm, constraints: int) -> None:
+    alone, spread_out = spread(MPI.COMM_SELF, constraints), spread(comm, constraints)
     assert spread_out[0] == pytest.approx(alone[0], abs=1e-8)
     assert spread_out[1] == pytest.approx(alone[1], abs=1e-6)
-    assert spread_out[2] == alone[2] > 0
+    assert spread_out[2] == alone[2]
+    assert alone[2] > 0 or constraints < 5
     assert alone[0][7] == 0.4

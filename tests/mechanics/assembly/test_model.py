@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 from helpers.models import bent_tube
 from helpers.scenes import square
+from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 
 def test_fixed_components_have_reactions_and_the_others_forces(short_tube: Skin) -> None:
-    model = make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    model = model_on_base(short_tube)
     model.set_density(np.full(len(short_tube.owned_cells), 0.3))
     model.set_load(Load(np.array([1e3])))
     state = bent_tube(model)
@@ -32,11 +33,7 @@ def test_mean_modulus(short_tube: Skin) -> None:
     """Of plain, reinforced and half reinforced skin, and of rubber, μ = E/3 and λ = 2 μ."""
     rubber = Bladder(0.3e6, 1e-3)
     plain, lined = (
-        make_model(
-            short_tube,
-            Composite(bladder=bladder, bending=None),
-            clamp(short_tube.pattern, ["base"]),
-        )
+        model_on_base(short_tube, Composite(bladder=bladder, bending=None))
         for bladder in (None, rubber)
     )
     values = []

@@ -2,16 +2,15 @@
 
 import numpy as np
 from helpers.models import dense_tangent
+from helpers.standing import model_on_base
 
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.assembly.tangent import EXACT, STRAINS, UpperTangent
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
 def test_rows_are_sorted_and_start_with_the_diagonal(short_tube: Skin) -> None:
-    model = make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    model = model_on_base(short_tube)
     model.set_density(np.full(len(short_tube.owned_cells), 0.3))
     assert model.entry_space.dofmap.bs == 21 * 22 // 2, "the entries that a triangle is given"
     tangent = UpperTangent(model)
@@ -29,11 +28,7 @@ def test_rows_are_sorted_and_start_with_the_diagonal(short_tube: Skin) -> None:
 
 def test_with_a_large_shift_only_stretching_softens(short_tube: Skin) -> None:
     """What bending adds is positive semidefinite then; the exact tangent of kinks is not."""
-    supports = clamp(short_tube.pattern, ["base"])
-    whole, bare = (
-        make_model(short_tube, composite, supports)
-        for composite in (Composite(), Composite(bending=None))
-    )
+    whole, bare = model_on_base(short_tube), model_on_base(short_tube, Composite(bending=None))
     kinks = 2e-4 * np.random.default_rng(4).standard_normal(whole.size_local) * whole.free
     for model in (whole, bare):
         model.set_density(np.full(len(short_tube.owned_cells), 0.3))

@@ -42,16 +42,6 @@ def test_equal_coefficients_are_coulombs() -> None:
         assert mine == pytest.approx(theirs, rel=1e-9, abs=1e-12 * np.abs(theirs).max())
 
 
-def test_energy_is_convex() -> None:
-    """Between any two motions, also across the change of direction."""
-    one, two = MOTION, MOTION[::-1]
-    same = NORMAL[:1] * np.ones((40, 1))
-    middle = LAW.at(same, (one + two) / 2).energy()
-    assert (
-        middle <= (LAW.at(same, one).energy() + LAW.at(same, two).energy()) / 2 * (1 + 1e-12)
-    ).all()
-
-
 def test_elastic_slip_keeps_the_force() -> None:
     kept = LAW.at(NORMAL, MOTION).elastic()
     assert LAW.at(NORMAL, kept).force() == pytest.approx(LAW.at(NORMAL, MOTION).force(), abs=1e-12)

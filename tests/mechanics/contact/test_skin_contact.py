@@ -3,23 +3,22 @@
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.standing import solver_on_base
+from helpers.touching import tube_on_floor_and_ball
 from kit.slopes import slope
 from mpi4py import MPI
 
-from toros_fem.base.mpi import dot, smallest, total
+from toros_fem.base.mpi import dot, smallest
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 pytestmark = pytest.mark.slow
-# The inflated tube bulges against a floor and a ball beside it.
-FLOOR = Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0))
-BALL = rigid_sphere("ball", 0.01, (0.004, 0.0202, 0.035))
 
 
 def soft(skin: Skin) -> np.ndarray:
@@ -29,8 +28,7 @@ def soft(skin: Skin) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def solver(tube: Skin) -> EquilibriumSolver:
-    contact = Contact(ground=FLOOR, bodies=[BALL])
-    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+    return tube_on_floor_and_ball(tube)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +46,6 @@ def direction(solver: EquilibriumSolver, size: float) -> np.ndarray:
 
 def test_the_skin_rests_on_floor_and_ball(solver: EquilibriumSolver, touching: Equilibrium) -> None:
     contact = solver.model.contact
-    assert touching.smallest_distance is not None
     assert 0 < touching.smallest_distance < contact.sizes.distance
     assert not contact.crossed(touching.state)
     forces = contact.forces(touching.state)
@@ -63,25 +60,6 @@ def test_the_skin_rests_on_floor_and_ball(solver: EquilibriumSolver, touching: E
     assert np.abs(balance).max() < 1e-8
 
 
-def test_gradient_with_active_pairs(
-    solver: EquilibriumSolver, touching: Equilibrium, comm: MPI.Comm
-) -> None:
-    skin, model = solver.skin, solver.model
-    density = soft(skin)
-    base = solver.solve(density, 5e3, start=touching)
-    weights = np.zeros_like(base.state)
-    model.positions(weights)[:] = np.cos(40 * skin.pattern.points[skin.owned_vertices])
-    adjoint = solver.solve_tangent(-weights, base)
-    gradient = model.density_sensitivity(base.state, adjoint)
-    change = 2e-3 * np.cos(1.0 * skin.owned_cells)
-
-    def value(step: float) -> float:
-        there = solver.solve(density + 0.1 * step * change, 5e3, start=base)
-        return total(comm, float(weights @ there.state))
-
-    assert dot(comm, gradient, change) == pytest.approx(slope(value) / 0.1, rel=1e-6)
-
-
 def test_steps_stop_before_they_meet(solver: EquilibriumSolver, touching: Equilibrium) -> None:
     model = solver.model
     along = np.zeros_like(touching.state)
@@ -90,20 +68,18 @@ def test_steps_stop_before_they_meet(solver: EquilibriumSolver, touching: Equili
     assert 0 < fraction < 0.05
     assert np.isfinite(model.energy(touching.state + fraction * along))
     gap = model.contact.gap(touching.state + fraction * along)
-    assert gap is not None
     assert smallest(solver.skin.comm, gap) > 0
 
 
 def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
     """By 6 mm at once, half of the tube's radius and fifty times the gap that it begins with."""
     contact = Contact(bodies=[rigid_sphere("ball", 0.006, (0.0, 0.0175, 0.035))])
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+    solver = solver_on_base(tube, contact=contact)
     density = soft(tube)
     free = solver.solve(density, 2e3)
     way = np.array([[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])
     pushed = solver.solve(density, Load(2e3, poses=way), start=free)
     assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
-    assert pushed.smallest_distance is not None
     assert pushed.smallest_distance > 0
     assert pushed.volume < 0.995 * free.volume
     assert not solver.model.contact.crossed(pushed.state)

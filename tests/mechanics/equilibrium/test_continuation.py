@@ -37,7 +37,6 @@ def test_increments_shrink() -> None:
 def test_the_last_good_level_is_kept() -> None:
     end, tried = continued(0.7)
     assert end.outcome < 0
-    assert end.load_factor is not None
     assert 0.7 - 0.05 <= end.load_factor <= 0.7
     assert end.state[0] == end.load_factor
     assert len(tried) < 20

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.standing import model_on_base
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -12,7 +13,7 @@ from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
 from toros_fem.mechanics.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 OUTCOMES = PETSc.SNES.ConvergedReason
@@ -22,7 +23,7 @@ USUAL = Condition()
 
 @pytest.fixture(scope="module")
 def model(short_tube: Skin) -> SkinModel:
-    return make_model(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    return model_on_base(short_tube)
 
 
 def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
@@ -41,9 +42,7 @@ def test_success_and_its_warnings(short_tube: Skin, model: SkinModel) -> None:
     assert "turned inside out" in told
     upper = short_tube.pattern.points[short_tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
-    two = make_model(
-        short_tube, Composite(bending=None), clamp(short_tube.pattern, ["base"]), chambers=chambers
-    )
+    two = model_on_base(short_tube, Composite(bending=None), chambers=chambers)
     two.set_load(Load(np.array([2e3, 2e3])))
     state = two.assembled.copy()
     points = two.positions(state)

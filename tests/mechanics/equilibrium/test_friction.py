@@ -94,21 +94,6 @@ def test_a_held_load_does_not_creep(dragged: Dragged, ahead: float) -> None:
     assert dragged.pull(at) == pytest.approx(pull, rel=1e-6)
 
 
-def test_forces_do_not_depend_on_the_number_of_steps(dragged: Dragged) -> None:
-    """Sticking by a part of the slip, then sliding, then a part of the way back."""
-    pulls = []
-    for steps in (1, 4):
-        at, begin, row = dragged(0.0), 0.0, []
-        for end in (5e-5, 4e-4, 3.5e-4):
-            for ahead in np.linspace(begin, end, steps + 1)[1:]:
-                at = dragged(float(ahead), at)
-            begin = end
-            row.append(dragged.pull(at))
-        pulls.append(row)
-    assert pulls[0] == pytest.approx(pulls[1], rel=2e-3)
-    assert pulls[0][0] < 0.9 * pulls[0][1], "it sticks at first"
-
-
 def test_a_start_is_no_begin_of_the_path(dragged: Dragged) -> None:
     """Arrays tell where the iteration starts: friction begins at the assembled positions."""
     cold = dragged(2e-4)
@@ -121,32 +106,6 @@ def test_a_trial_is_finished_from_the_same_begin(dragged: Dragged) -> None:
     whole = dragged(3e-4, before)
     finished = dragged.solver.finish(dragged(3e-4, before, trial=True))
     assert np.abs(finished.state - whole.state).max(initial=0.0) < 1e-6 * SLIP
-
-
-@pytest.mark.parametrize("steepness", [0.99, 1.01])
-def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
-    alone: MPI.Comm, steepness: float
-) -> None:
-    angle = np.arctan(steepness * FRICTION)
-    normal = (float(np.sin(angle)), 0.0, float(np.cos(angle)))
-    along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
-    flat = square(n=3).points
-    points = flat[:, :1] * along + flat[:, 1:2] * [0.0, 1.0, 0.0]
-    points += np.array(normal) * (THICKNESS / 2 + 0.9 * DISTANCE)
-    pattern = square(points, n=3)
-    skin = sew(alone, pattern)
-    free = Supports(np.zeros(points.shape, dtype=bool))
-    few = NewtonOptions(max_steps=12)
-    solver = EquilibriumSolver(skin, Composite(), free, few, contact=contact(normal))
-    force = np.tile([0.0, 0.0, -0.02], (len(points), 1))
-    found = solver.solve(
-        np.zeros(len(skin.owned_cells)), Load(0.0, force=force), raise_on_failure=False, trial=True
-    )
-    assert found.converged == (steepness < 1)
-    assert found.converged or "without converging" in found.reason
-    if found.converged:
-        moved = (found.positions - points[skin.owned_vertices]) @ along
-        assert 0.5 * SLIP < moved.min(initial=SLIP) <= moved.max(initial=0.0) < SLIP
 
 
 @pytest.mark.parametrize("steepness", [0.97, 1.03])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.models import line_design
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -15,24 +16,16 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.designs import LineDesign
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 PRESSURE = 5e3
-
-TWO = partial(LineDesign, families=2)
 
 
 @pytest.fixture(scope="module")
 def solver(short_tube: Skin) -> EquilibriumSolver:
     options = NewtonOptions(tolerance=1e-12)
-    return EquilibriumSolver(
-        short_tube,
-        Composite(),
-        clamp(short_tube.pattern, ["base"]),
-        options,
-        design=partial(LineDesign, families=2),
-    )
+    return solver_on_base(short_tube, options=options, design=partial(LineDesign, families=2))
 
 
 def test_lines_along_hold_a_strip(alone: MPI.Comm) -> None:
@@ -70,14 +63,8 @@ def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
     """Mixes of designs, multiples of one, and none at all are set on the way."""
     one, two = line_design(short_tube, 2, 5), line_design(short_tube, 2, 8)
     at_one, at_two = (solver.solve(design, PRESSURE).state for design in (one, two))
-    supports = clamp(short_tube.pattern, ["base"])
-    few = EquilibriumSolver(
-        short_tube,
-        Composite(),
-        supports,
-        NewtonOptions(max_steps=2),
-        design=partial(LineDesign, families=2),
-    )
+    design = partial(LineDesign, families=2)
+    few = solver_on_base(short_tube, options=NewtonOptions(max_steps=2), design=design)
     seen: list[Floats] = []
     set_density = few.model.set_density
 

@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.designs import make_problem
+from helpers.standing import solver_on_base
 from helpers.warned import warned
 
 from toros_fem import errors
-from toros_fem.design.loop.loop import optimize
-from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 # The print reaches the bound of its stretch under the pressures of these tests.
@@ -23,7 +20,7 @@ TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
 
 @pytest.fixture(scope="module")
 def solver(short_tube: Skin) -> EquilibriumSolver:
-    return EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
+    return solver_on_base(short_tube, TIGHT)
 
 
 def print_of(skin: Skin, seed: int) -> np.ndarray:
@@ -61,7 +58,7 @@ def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) ->
 def test_bounds_that_carry_the_load(short_tube: Skin) -> None:
     """Ten times the stretch that the bound leaves: the forces keep their digits."""
     narrow = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
-    solver = EquilibriumSolver(short_tube, narrow, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, narrow)
     density = print_of(short_tube, 2)
     found = solver.solve(density, 20e3)
     assert found.residual <= solver.options.tolerance
@@ -71,7 +68,7 @@ def test_bounds_that_carry_the_load(short_tube: Skin) -> None:
 
 def test_a_start_outside_narrower_bounds_is_taken_inside(short_tube: Skin) -> None:
     """A trial too: a design step that prints stretched fabric costs no failed solve."""
-    solver = EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, TIGHT)
     plain = solver.solve(np.zeros(len(short_tube.owned_cells)), 5e3)
     density = print_of(short_tube, 1)
     trial = solver.solve(density, 5e3, start=plain.state, trial=True)
@@ -88,7 +85,7 @@ def test_a_start_outside_narrower_bounds_is_taken_inside(short_tube: Skin) -> No
 def test_a_print_that_stretches_further_is_odd(short_tube: Skin) -> None:
     wide = Composite(reinforcement=replace(SOFT, c1=2.5), bending=None)
     with warned(short_tube.comm, "stretches no further than without"):
-        EquilibriumSolver(short_tube, wide, clamp(short_tube.pattern, ["base"]))
+        solver_on_base(short_tube, wide)
 
 
 def test_failures_state_both_bounds(short_tube: Skin, solver: EquilibriumSolver) -> None:
@@ -97,11 +94,3 @@ def test_failures_state_both_bounds(short_tube: Skin, solver: EquilibriumSolver)
     )
     assert not failed.converged
     assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
-
-
-def test_a_design_goes_on_as_densities_change(short_tube: Skin, solver: EquilibriumSolver) -> None:
-    result = optimize(make_problem(short_tube, solver), DesignOptions((Stage(4),)), seed=1)
-    values = [row.objective for row in result.history]
-    assert len(values) >= 4
-    assert values[-1] < 0.9 * values[0]
-    assert result.final.equilibrium.stretch_use < 1

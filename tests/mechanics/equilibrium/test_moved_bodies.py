@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 import toros_fem as tf
@@ -111,9 +112,8 @@ def lowest(pattern: Pattern, x: Floats) -> float:
 
 
 def test_the_error_of_a_relaxed_design(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, 0.05, 0.02, 6e-3, mesh="structured")
-    skin, clamped = sew(alone, pattern), tf.clamp(pattern, ["base"])
-    solver = EquilibriumSolver(skin, Composite(), clamped, design=partial(LineDesign, families=2))
+    skin = sew(alone, cylinder(alone, 0.05, 0.02, 6e-3, mesh="structured"))
+    solver = solver_on_base(skin, design=partial(LineDesign, families=2))
     rows = np.zeros((len(skin.owned_cells), 7))
     rows[:, 1] = 0.2
     (found,) = tf.estimate_error(solver, solver.solve(rows, 1e3), [tf.swelling])
@@ -121,9 +121,8 @@ def test_the_error_of_a_relaxed_design(alone: MPI.Comm) -> None:
 
 
 def test_a_part_of_the_weight_is_restored(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, 0.15, 0.02, 9e-3, mesh="structured")
-    given = sew(alone, pattern), Composite(), tf.clamp(pattern, ["base"])
-    solver, other = (EquilibriumSolver(*given, weight=tf.Weight(0.2, 0.6)) for _ in range(2))
+    skin = sew(alone, cylinder(alone, 0.15, 0.02, 9e-3, mesh="structured"))
+    solver, other = (solver_on_base(skin, weight=tf.Weight(0.2, 0.6)) for _ in range(2))
     density = np.zeros(len(solver.skin.owned_cells))
     found = solver.solve(density, Load(1e3, weight_fraction=0.25))
     unknowns, numbers = solver.save(found)
@@ -154,7 +153,7 @@ def test_a_path_by_arc_length_without_a_first_point_says_so(
 def test_what_one_rank_alone_has_is_refused_on_all(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.05, 0.02, 9e-3, mesh="structured")
     skin = sew(comm, pattern)
-    solver = EquilibriumSolver(skin, Composite(), tf.clamp(pattern, ["base"]))
+    solver = solver_on_base(skin)
     force = np.zeros(pattern.points.shape)
     force[3, 2] = np.nan if comm.rank == 0 else 0.0
     with pytest.raises(ParameterError, match="force"):
@@ -164,9 +163,8 @@ def test_what_one_rank_alone_has_is_refused_on_all(comm: MPI.Comm) -> None:
 def test_an_equilibrium_of_another_skin_is_refused_on_all_ranks(comm: MPI.Comm) -> None:
     made = []
     for edge in (9e-3, 6e-3):
-        pattern = cylinder(comm, 0.05, 0.02, edge, mesh="structured")
-        skin = sew(comm, pattern)
-        solver = EquilibriumSolver(skin, Composite(), tf.clamp(pattern, ["base"]))
+        skin = sew(comm, cylinder(comm, 0.05, 0.02, edge, mesh="structured"))
+        solver = solver_on_base(skin)
         made.append((solver, solver.solve(np.zeros(len(skin.owned_cells)), 1e3)))
     (solver, own), (_, foreign) = made
     with pytest.raises(ParameterError, match="no stable equilibrium of this solver"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.models import dense_tangent
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
@@ -15,7 +16,7 @@ from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, sew
 
 
@@ -39,7 +40,7 @@ def test_older_factors_take_the_place_of_factorisations(
 ) -> None:
     """On large skins; here as many iterations are allowed as there."""
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube)
     rng = np.random.default_rng(1)
     base = (0.5 + 0.3 * rng.random(len(short_tube.pattern.panel)))[short_tube.owned_cells]
     near = base + 0.1 * rng.random(len(short_tube.pattern.panel))[short_tube.owned_cells]
@@ -63,7 +64,7 @@ def test_older_factors_stop_at_a_negative_curvature(
 ) -> None:
     """Their first direction tells it: one iteration with them, and one with factors of K + τM."""
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.direction.KRYLOV_COST", 0.3)
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube)
     found = solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)
     shifted = [row.iterations for row in found.history[1:] if row.shift > 0 and row.step]
     assert shifted.count(2) >= 3
@@ -79,9 +80,7 @@ def test_swelling_at_once(short_tube: Skin, short_solver: EquilibriumSolver) -> 
 
 def test_log_shows_the_quadratic_tail(short_tube: Skin) -> None:
     logged: list[NewtonStep | str] = []
-    solver = EquilibriumSolver(
-        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), log=logged.append
-    )
+    solver = solver_on_base(short_tube, log=logged.append)
     result = solver.solve(np.full(len(short_tube.owned_cells), 0.4), 2e3)
     rows = [row for row in logged if isinstance(row, NewtonStep)]
     assert tuple(rows) == result.history

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -18,7 +19,7 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.petsc_options import given_options
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Skin, cylinder, sew
 
 Solve = Callable[..., Equilibrium]
@@ -36,7 +37,7 @@ def solve(small: Skin) -> Iterator[Solve]:
 
     def run(options: str = "", skin: Skin = small, **given: Any) -> Equilibrium:
         with given_options(options):
-            solver = EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"]))
+            solver = solver_on_base(skin)
             density = np.full(len(skin.owned_cells), 0.5)
             return solver.solve(density, 1e3, **given)
 

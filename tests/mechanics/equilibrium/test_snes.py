@@ -2,23 +2,20 @@
 
 import numpy as np
 import pytest
+from helpers.standing import model_on_base
 from petsc4py import PETSc
 
 from toros_fem.base.mpi import norm
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.newton import Attempts, Newton
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
 @pytest.fixture(scope="module")
 def snes(tube: Skin) -> Newton:
     """The short tube at 1 kPa with a uniform design."""
-    model = make_model(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model = model_on_base(tube)
     model.set_density(np.full(len(tube.owned_cells), 0.5))
     model.set_load(Load(np.array([1e3])))
     return Newton(model, NewtonOptions())
@@ -74,19 +71,3 @@ def test_attempts_add_up(snes: Newton) -> None:
     assert attempts.steps + attempts.modified_steps == sum(row.step > 0 for row in attempts.history)
     assert attempts.factorisations == snes.factor.count - before
     assert attempts.last is near.state
-
-
-def test_another_snes_finds_the_same(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    """The energy, its gradient and its tangent are the SNES's: any of its types can run on them."""
-    options = PETSc.Options()
-    options["toros_snes_type"] = "newtonls"
-    try:
-        other = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
-    finally:
-        options.delValue("toros_snes_type")
-    density = np.ones(len(tube.owned_cells))
-    own = tube_solver.solve(density, 1e3)
-    found = other.solve(density, 1e3, start=tube_solver.solve(density, 1.1e3).state)
-    assert found.factorisations > 2, "each step has a tangent of its own"
-    gap = norm(tube.comm, found.state - own.state)
-    assert gap < 1e-8 * norm(tube.comm, own.state)

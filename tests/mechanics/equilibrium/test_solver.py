@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from helpers.models import dense_tangent, pressurize
 from helpers.scenes import TABLE_A, square, table
+from helpers.standing import model_on_base, solver_on_base
 from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material, Membrane
-from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where, pin, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, clamp_where, pin, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, finger, sew, two_panels, walker
 from toros_fem.meshes.pattern import Panel
 from toros_fem.products.actuators.legs import rest_on_body
@@ -41,7 +41,7 @@ def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
     cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
     skin = sew(alone, pattern)
     composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
-    model = make_model(skin, composite, clamp(pattern, ["base"]))
+    model = model_on_base(skin, composite)
     model.set_density(fabric(skin))
     pressurize(model, pressure)
     swell, lengthen = float(row["lambda_theta"]), float(row["lambda_z"])
@@ -113,7 +113,7 @@ def test_flat_pillow_inflates(alone: MPI.Comm, seams: str) -> None:
 
 def test_a_trial_is_completed(short_tube: Skin, alone: MPI.Comm) -> None:
     """A trial costs no factorisation at its end; completed, it is the equilibrium."""
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube)
     density = fabric(short_tube) + 0.3
     base = solver.solve(density, 2e3)
     changed = density + np.where(short_tube.owned_cells % 2, 0.02, -0.02)
@@ -129,7 +129,7 @@ def test_a_trial_is_completed(short_tube: Skin, alone: MPI.Comm) -> None:
     tangent = solver.solve_tangent(found.state, found)
     assert "stable" in found.reason
     assert "stable" not in trial.reason
-    direct = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    direct = solver_on_base(short_tube)
     exact = direct.solve(changed, 2.02e3).state
     assert norm(alone, found.state - exact) < 1e-8 * norm(alone, exact)
     # Rejected trials, completed or not, do not take away the design that the next one starts from.
@@ -147,7 +147,7 @@ def test_a_trial_is_completed(short_tube: Skin, alone: MPI.Comm) -> None:
 
 def test_a_trial_that_fails_is_not_continued(short_tube: Skin) -> None:
     far = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
-    solver = EquilibriumSolver(short_tube, far, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, far)
     with pytest.raises(EquilibriumError, match="took 40 steps without converging") as caught:
         solver.solve(fabric(short_tube), 2.5e3, trial=True)
     assert caught.value.result.load_factor == 0
@@ -157,7 +157,7 @@ def test_a_trial_that_fails_is_not_continued(short_tube: Skin) -> None:
 @pytest.mark.slow
 def test_nothing_remains_of_a_failed_solve(short_tube: Skin, alone: MPI.Comm) -> None:
     density, few = fabric(short_tube), NewtonOptions(max_steps=30, min_increment=0.5)
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]), few)
+    solver = solver_on_base(short_tube, options=few)
     first = solver.solve(density, 10.0)
     tangent = solver.solve_tangent(first.state, first)
     failed = solver.solve(density, 1e13, raise_on_failure=False)
@@ -182,11 +182,10 @@ def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
     """Without a barrier in reach the tube has a limit pressure; above it nothing holds."""
     limit = float(table("stvk_limit_pressures")[0]["capped_cyl_lambda_theta_at_Pmax"])
     assert limit == pytest.approx(2.28856)
-    pattern = cylinder(alone, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
-    skin = sew(alone, pattern)
+    skin = sew(alone, cylinder(alone, 0.04, 2 * RADIUS, 5e-3, mesh="structured"))
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     few = NewtonOptions(max_steps=40)
-    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), few)
+    solver = solver_on_base(skin, composite, options=few)
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged
     with pytest.raises(EquilibriumError, match="was found at 2500 Pa, at once") as caught:
@@ -216,7 +215,7 @@ def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
 
 def test_a_dropped_solver_is_freed(alone: MPI.Comm, short_tube: Skin) -> None:
     """By its last reference alone: with some versions the collector does not see PETSc's parts."""
-    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube)
     solver.solve(np.full(len(short_tube.owned_cells), 0.5), 5e3)
     model, factor = weakref.ref(solver.model), weakref.ref(solver._factor)
     gc.disable()
@@ -255,7 +254,6 @@ def test_flat_skins_with_contact_start_apart(alone: MPI.Comm, scene: str) -> Non
         energies.append(found.energy)
         assert found.converged
         if contact is not None:
-            assert found.smallest_distance is not None
             assert found.smallest_distance > 0
             begin = solver.model.assembled
             assert solver.model.refusal(begin) is None
@@ -313,7 +311,7 @@ def outside(solver: EquilibriumSolver, use: float) -> np.ndarray:
 def test_a_start_is_judged_by_the_density_of_its_solve(short_tube: Skin) -> None:
     """Smoothed strains are weighted by stiffness, and not by that of the last solve."""
     smoothed = Composite(membrane=Membrane(strain="smoothed"))
-    solver = EquilibriumSolver(short_tube, smoothed, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, smoothed)
     random = np.random.default_rng(2).random(len(short_tube.owned_cells))
     there = solver.solve(0.1 * random, 400e3)
     solver.solve((random > 0.5).astype(float), 1e3)

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.states import find_states
-from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Skin, sew
 from toros_fem.meshes.makers.sheets import disc
 
@@ -59,7 +60,7 @@ def test_states_are_found_and_counted(alone: MPI.Comm) -> None:
 
 def test_one_state_is_one(short_tube: Skin) -> None:
     stiff = Composite(bending=None)
-    solver = EquilibriumSolver(short_tube, stiff, clamp(short_tube.pattern, ["base"]))
+    solver = solver_on_base(short_tube, stiff)
     found = find_states(solver, np.zeros(len(short_tube.owned_cells)), 2e3, tries=4)
     assert len(found.energies) == 1
     assert found.counts == (5,)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.models import dense_tangent
 from helpers.scenes import square
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 from shapely import box, intersection, unary_union
 
@@ -17,7 +18,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import LimitShape, estimate_error, half_width
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, build_in, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped
 
@@ -79,7 +80,7 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
 ) -> None:
     """The load is raised anew, with the same result; unless the estimate is to be direct."""
     pattern = cylinder(alone, 0.05, 0.02, 6e-3)
-    solver = EquilibriumSolver(sew(alone, pattern), Composite(), clamp(pattern, ["base"]))
+    solver = solver_on_base(sew(alone, pattern))
     density = spine(pattern)[solver.skin.owned_cells]
     result = solver.solve(density, 1e3)
     (at_once,) = estimate_error(solver, result, [angle], direct=True)
@@ -145,7 +146,7 @@ def test_a_soft_skin_moves_less_than_its_first_step(
     regions[wall] = intersection(regions[wall], unary_union(lines))
     pattern = snapped(alone, pattern, regions)
     composite = Composite(membrane=Membrane(strain="smoothed"))
-    solver = EquilibriumSolver(sew(alone, pattern), composite, clamp(pattern, ["base"]))
+    solver = solver_on_base(sew(alone, pattern), composite)
     result = solver.solve(printed_fractions(pattern, regions)[solver.skin.owned_cells], pressure)
     motion, model, x = solver.unsmoothed_motion(result), solver.model, result.state
     with model.sheet.unsmoothed(1.0):

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from helpers.standing import solver_on_base
 from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.mpi import total
 from toros_fem.design.density.field import random_density
-from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
@@ -19,9 +18,7 @@ HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
 
 @pytest.fixture(scope="module")
 def heavy(short_tube: Skin) -> EquilibriumSolver:
-    return EquilibriumSolver(
-        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), weight=HEAVY
-    )
+    return solver_on_base(short_tube, weight=HEAVY)
 
 
 def test_supports_bear_the_weight_and_what_is_held(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
@@ -9,7 +10,7 @@ from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import cylinder, sew
 
 FORCE = np.array([[0.0, 3.0, 4.0], [0.0, 0.0, 0.0]])
@@ -60,8 +61,7 @@ def two(alone: MPI.Comm) -> SkinModel:
     """A tube of two chambers."""
     pattern = cylinder(alone, 0.04, 0.02, 8e-3, mesh="structured")
     chambers = chambers_of_panels(pattern, {"front": ["base", "wall"], "back": ["tip"]})
-    skin, supports = sew(alone, pattern), clamp(pattern, ["base"])
-    return EquilibriumSolver(skin, Composite(), supports, chambers=chambers).model
+    return model_on_base(sew(alone, pattern), chambers=chambers)
 
 
 def test_one_pressure_counts_for_all_chambers(two: SkinModel) -> None:

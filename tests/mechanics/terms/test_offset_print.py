@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.models import bent_tube, pressurize, relaxed_model
+from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.assembly.model import SkinModel, make_model
+from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -149,7 +150,7 @@ def sides(short_tube: Skin) -> dict[str | None, SkinModel]:
     models = {}
     for side in ("outside", "inside", None):
         composite = Composite(print_side=side)
-        models[side] = make_model(short_tube, composite, clamp(short_tube.pattern, ["base"]))
+        models[side] = model_on_base(short_tube, composite)
         pressurize(models[side], 2e3)
     return models
 

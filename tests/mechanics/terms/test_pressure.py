@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.standing import model_on_base
 from mpi4py import MPI
 
 from toros_fem.materials.sheet import Composite
@@ -19,8 +20,7 @@ def grid(alone: MPI.Comm) -> Skin:
 
 
 def model_of(skin: Skin, chambers: Chambers | None) -> SkinModel:
-    fixed = clamp(skin.pattern, ["base"])
-    return make_model(skin, Composite(bending=None), fixed, chambers=chambers)
+    return model_on_base(skin, Composite(bending=None), chambers=chambers)
 
 
 def parts(skin: Skin, height: float) -> Chambers:

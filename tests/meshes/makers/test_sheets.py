@@ -15,62 +15,8 @@ from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
-from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, rectangle, sew
+from toros_fem.meshes import Pattern, cylinder, moulded, sew
 from toros_fem.meshes.transfer import refine
-
-
-def test_a_sheet_is_placed_in_space(alone: MPI.Comm) -> None:
-    pattern = rectangle(
-        alone, 0.02, 0.02, 0.01, place=lambda flat: np.column_stack([flat, flat[:, 0] ** 2])
-    )
-    assert pattern.points[:, 2] == pytest.approx(pattern.points[:, 0] ** 2)
-
-
-def volume(tube: Pattern) -> float:
-    a, b, c = np.moveaxis(tube.points[tube.triangles], 1, 0)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-@pytest.mark.parametrize("planes", [(1,), (0, 1)])
-@pytest.mark.parametrize("edge", [2.5e-3, 4.5e-3, 1.1e-2])
-def test_part_of_a_cylinder(
-    alone: MPI.Comm, mesh: str, planes: tuple[int, ...], edge: float
-) -> None:
-    """Its whole is a tube like the one made at once, with the seam at the same place."""
-    length, parts = 0.06, 2 ** len(planes)
-    part = cylinder(alone, length, 0.02, edge, mesh=mesh, planes=planes)
-    found = mirrored(part, planes)
-    whole = found.pattern
-    whole.require_closed()
-    assert whole.panel_names == ("wall", "base", "tip")
-    assert volume(whole) == pytest.approx(parts * volume(part), rel=1e-12)
-    for axis in planes:
-        assert part.points[:, axis].min() == 0, "the cut is exactly in its plane"
-    around = _around(whole)
-    assert around % parts == 0
-    assert abs(around - np.pi * 0.02 / edge) <= parts
-    width = around * 0.02 * np.sin(np.pi / around)
-    wall = whole.corners[whole.cells_of("wall")].reshape(-1, 2)
-    assert wall.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
-    assert wall.max(axis=0) == pytest.approx([width, length], rel=1e-12)
-    assert np.array_equal(part.corners, whole.corners[: len(part.panel)])
-    seam = whole.points[np.unique(whole.sewn[whole.seams])]
-    inner = seam[(seam[:, 2] > 1e-9) & (seam[:, 2] < length - 1e-9)]
-    assert len(inner) == max(2, round(length / edge)) - 1
-    assert inner[:, 0] == pytest.approx(-0.01)
-    assert np.abs(inner[:, 1]).max() == 0
-    # Rolled up as the whole tube: the angle about z follows from the flat place.
-    angle = np.pi + 2 * np.pi * whole.flat_points[:, 0] / width
-    rim = np.unique(whole.flat_triangles[whole.cells_of("wall")])
-    expected = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)[rim]
-    assert whole.points[whole.sewn[rim], :2] == pytest.approx(expected, abs=1e-12)
-
-
-def _around(tube: Pattern) -> int:
-    """Number of edges around the rim of the tip."""
-    tip = tube.vertices_of("tip")
-    return len(np.intersect1d(tip, tube.vertices_of("wall")))
 
 
 def test_diagonals_of_the_wall() -> None:

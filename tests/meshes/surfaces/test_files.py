@@ -197,17 +197,6 @@ def test_lines_of_obj_files(alone: MPI.Comm, tmp_path: Path) -> None:
         read_surface(alone, path)
 
 
-def test_files_that_cannot_be_read(alone: MPI.Comm, tmp_path: Path) -> None:
-    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-1, 0.5, 0]], dtype=float)
-    path = text(alone, tmp_path / "five.obj", "".join(f"v {x} {y} {z}\n" for x, y, z in points)
-                + "f 1 2 3 4 5\n")  # fmt: skip
-    with pytest.raises(errors.SurfaceError, match="polygon.*Triangulate"):
-        read_surface(alone, path)
-    path = write(alone, tmp_path / "line.ply", points, [("triangle", np.array([[0, 1, 1]]))])
-    with pytest.raises(errors.SurfaceError, match="no area"):
-        read_surface(alone, path)
-
-
 def test_line_elements_of_an_obj_file(tmp_path: Path) -> None:
     path = tmp_path / "lines.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nl 1/4 2/5\nv 1 1 0\nl -1 -3\n# l 1 3\n", encoding="utf-8")

@@ -9,7 +9,7 @@ from helpers import surfaces
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError, SurfaceError
+from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes import Surface, gmsh_model, remeshed
 from toros_fem.meshes.surfaces import remeshed as remeshed_module
 from toros_fem.meshes.surfaces.nearest import nearest
@@ -180,13 +180,3 @@ def test_a_sharp_edge_stays(alone: MPI.Comm) -> None:
     if np.linalg.det(turn) < 0:
         triangles = triangles[:, ::-1]
     assert remeshed(alone, Surface(points, triangles), 4e-3).surface.closed
-
-
-def test_what_is_refused(alone: MPI.Comm) -> None:
-    given = surfaces.long_tube()
-    with pytest.raises(SurfaceError, match="256 triangles cannot be meshed anew with edges of 0.0"):
-        remeshed(alone, given, 0.05)
-    with pytest.raises(ParameterError, match="edge_length = 0.0 must be"):
-        remeshed(alone, given, 0.0)
-    with pytest.raises(ParameterError, match="triangles on 0.00565 m², more than"):
-        remeshed(alone, given, 1e-6)

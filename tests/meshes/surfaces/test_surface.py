@@ -1,31 +1,10 @@
-"""Surfaces of files that are no oriented manifold; orientation, volume."""
-
-from pathlib import Path
+"""Orientation, volume and area of surfaces."""
 
 import numpy as np
 import pytest
 from helpers import surfaces
-from helpers.mesh_files import write
-from mpi4py import MPI
 
-from toros_fem import errors
-from toros_fem.meshes import read_surface
 from toros_fem.meshes.surfaces.surface import oriented, volume
-
-
-def test_surfaces_that_cannot_be_sewn(alone: MPI.Comm, tmp_path: Path) -> None:
-    points = np.vstack([np.eye(3), [[0, 0, 0], [1, 1, 1]]])
-    path = write(alone, tmp_path / "fin.ply", points,
-                 [("triangle", np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]))])  # fmt: skip
-    with pytest.raises(errors.ManifoldError, match=r"more than two triangles.*\[0, 1, 2\]"):
-        read_surface(alone, path)
-    turn = np.arange(5) * np.pi / 4
-    ring = np.column_stack([np.cos(turn), np.sin(turn), np.cos(turn / 2)])
-    # Five triangles in a ring, each sharing an edge with the next: a Möbius strip.
-    five = np.stack([np.arange(5), (np.arange(5) + 1) % 5, (np.arange(5) + 2) % 5], axis=1)
-    path = write(alone, tmp_path / "moebius.ply", ring, [("triangle", five)])
-    with pytest.raises(errors.OrientationError, match="one side only"):
-        read_surface(alone, path)
 
 
 def test_oriented_surfaces() -> None:

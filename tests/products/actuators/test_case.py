@@ -23,7 +23,7 @@ from toros_fem.measures.cross_sections import (
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Part, ShapeObjective, ShapePart
 from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, sew, stand, walker
+from toros_fem.meshes import WALKER, Pattern, Skin, bend, stand, walker
 from toros_fem.products.actuators.legs import rest_on_body
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric
@@ -34,11 +34,6 @@ LEG = ActuatorScene.of(
     pressure=4e3,
     constrained_iterations=0,
 )
-
-
-@pytest.fixture(scope="module")
-def tube(alone: MPI.Comm) -> Skin:
-    return sew(alone, cylinder(alone, 0.06, 0.02, 4.5e-3))
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +72,8 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     assert (np.abs(part - cells) > 0.5).mean() < 0.02
 
 
-def test_objective_is_the_sum_of_its_parts(tube: Skin) -> None:
-    pattern = tube.pattern
+def test_objective_is_the_sum_of_its_parts(short_tube: Skin) -> None:
+    tube, pattern = short_tube, short_tube.pattern
     target = pattern.points * [1.0, 1.0, 1.1]
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 3)
     sections = CrossSections(labels, np.ones((4, 3)), np.ones(4))

@@ -9,8 +9,11 @@ import pytest
 from toros_fem import errors
 from toros_fem.base.keys import In, Table, key
 from toros_fem.design.density.length_scale import LengthScale
-from toros_fem.materials.sheet import Bending, Bladder, Knit
+from toros_fem.design.lines.field import LineOptions
+from toros_fem.design.relaxed.find import RelaxedOptions
+from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
 from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tables.sheets import Sheets
 from toros_fem.products.tubes.tube import TubeScene
 
 
@@ -28,6 +31,32 @@ def test_composite() -> None:
     knitted = ActuatorScene.of(knit_ratio=3.0, grain_angle=90.0).material.composite
     assert knitted.knit == Knit(3.0, math.pi / 2)
     assert ActuatorScene.of(fabric_young=3e5).material.composite.fabric.young == 3e5
+
+
+def test_materials_of_the_numbers() -> None:
+    found = Sheets(
+        fabric_young=2e5, reinforcement_young=3e7, poisson=0.4, thickness=1e-3, c1=2.0, c2=3.0
+    ).composite
+    assert found == Composite(
+        Material(2e5, 0.4, 1e-3), Material(3e7, 0.4, 1e-3), c1=2.0, c2=3.0, bending=None
+    )
+    assert Sheets().composite == Composite(bending=None)
+
+
+def test_options_of_the_relaxed_design_and_its_lines() -> None:
+    config, plain = ActuatorScene(), LineOptions()
+    assert config.relaxed_options == RelaxedOptions(share_weight=0.01)
+    assert config.line_options == LineOptions(widths=(*plain.widths, *plain.widths))
+    config = ActuatorScene.of(
+        relaxed_iterations=7, directions=24, share_limit=0.5, smoothing_radius=5e-3,
+        laid_width=4e-3, second_laid_width=0.8e-3, print_width=0.5e-3,
+    )  # fmt: skip
+    found = config.relaxed_options
+    assert (found.iterations, found.directions, found.share_limit) == ((7, 7), 24, 0.5)
+    assert found.radius == 5e-3
+    assert found.width_ratio == 0.2
+    assert config.line_options == LineOptions(widths=(4e-3, 0.8e-3), print_width=0.5e-3)
+    assert config.updated(second_laid_width=None).line_options.widths == (4e-3, 4e-3)
 
 
 def test_pressure_bounds() -> None:

@@ -31,21 +31,18 @@ from toros_fem.products.tubes import bend, twist
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-TINY = twist.TwistScene().updated(
-    start="relaxed",
-    length=0.06,
-    relaxed_edge_length=6e-3,
-    relaxed_iterations=3,
-    directions=6,
-    print_edge_length=2.5e-3,
-    laid_width=2.5e-3,
-    corrections=1,
-    density_iterations=2,
-    cross_sections=4,
-    twist=60.0,
-    pressure=8e3,
+SHORT: dict[str, Any] = {
+    "start": "relaxed",
+    "length": 0.06,
+    "relaxed_edge_length": 6e-3,
+    "print_edge_length": 2.5e-3,
+    "laid_width": 2.5e-3,
     **DESIGN_ALONE,
-)
+}
+TINY = twist.TwistScene().updated(
+    relaxed_iterations=3, directions=6, corrections=1, density_iterations=2, cross_sections=4,
+    twist=60.0, pressure=8e3, **SHORT,
+)  # fmt: skip
 
 
 PROBLEMS: list[weakref.ref[ShapeDesign]] = []
@@ -96,7 +93,6 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     aim = space_mapping.Aim(1.01 * best.metrics["twist_deg"], 60.0)
     misses = replace(misses_of(made.case), aims={"twist_deg": aim}, labels=None)
     step = mending(made, best.laid, misses)
-    assert step is not None
     assert step.promised < 0.2 * step.before
     assert np.abs(step.change.widths).max() <= np.log1p(WIDER) + 1e-12
     assert np.abs(step.change.warp).max() <= farthest(best.laid) + 1e-12
@@ -132,18 +128,8 @@ def test_targets_that_cannot_be_asked_for_end_after_a_round(
     alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(discovery, "mending", lambda *_: None)
-    scene = Untold().updated(
-        start="relaxed",
-        length=0.06,
-        relaxed_edge_length=6e-3,
-        relaxed_iterations=1,
-        directions=4,
-        print_edge_length=2.5e-3,
-        laid_width=2.5e-3,
-        corrections=3,
-        angle=60.0,
-        **DESIGN_ALONE,
-    )
+    few = {"relaxed_iterations": 1, "directions": 4, "corrections": 3, "angle": 60.0}
+    scene = Untold().updated(**few, **SHORT)
     assert len(discover(Job(alone, scene)).rounds) == 1
 
 
@@ -155,7 +141,7 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
 
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     with pytest.raises(NoEquilibriumError, match=r"made to fail\. Ask for less"):
-        discover(Job(alone, TINY.updated(relaxed_iterations=1, print_edge_length=2.5e-3)))
+        discover(Job(alone, TINY.updated(relaxed_iterations=1)))
 
 
 def test_what_is_asked_next_solves_a_linear_response() -> None:

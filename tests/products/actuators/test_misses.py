@@ -43,7 +43,6 @@ def test_a_target_misses_nothing_and_a_tip_that_leans_counts() -> None:
     off = misses.rod(shape).centres - misses.rod(case.goal).centres
     rms = float(np.sqrt((off**2).sum(axis=1).mean())) / LENGTH
     assert misses.of_shape(shape) == pytest.approx(rms)
-    assert misses.labels is not None
     last = misses.labels == misses.labels.max()
     middle = misses.rod(case.goal).centres[-1]
     shape = case.goal.copy()

@@ -7,7 +7,6 @@ import pytest
 from helpers.designs import case_of
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.products.gripper import gripper as demo
 from toros_fem.products.gripper.load import Lifted, LiftFigures
 
@@ -30,7 +29,6 @@ def test_target_goes_around_the_object(alone: MPI.Comm, shape: str) -> None:
     assert gap.measure(case.pattern, case.goal) < bound
     assert gap.measure(case.pattern, case.pattern.points) > 2
     # The outer quarter of the finger has turned by a part of the whole angle.
-    assert angle.target is not None
     assert 0 < angle.target <= np.degrees(config.bend_angle) + 1e-6
     inner = case.goal[case.pattern.vertices_of("top")]
     inside, _ = config.body.distance(inner)
@@ -73,12 +71,6 @@ def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     assert np.nanmin(case.passive[top]) == 1.0
 
 
-def test_an_object_too_small_to_be_touched_is_refused(alone: MPI.Comm) -> None:
-    scene = demo.GripperScene.of(size=1e-3)
-    with pytest.raises(errors.ParameterError, match="size = 0.001 m: no vertex .* would touch"):
-        scene.case(alone, scene.finest_level)
-
-
 def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
     case = case_of(alone, SMALL)
     held = np.asarray(case.supports.fixed.all(axis=1))
@@ -88,14 +80,11 @@ def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
         SMALL.skin.stem_length, abs=SMALL.skin.edge_length
     )
     assert x[held & ~inner].max() == pytest.approx(SMALL.skin.root_length)
-    with pytest.raises(errors.ParameterError, match="stem_length = 0.01 m must be at least root"):
-        SMALL.updated(stem_length=0.01)
 
 
 def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
     config = SMALL.updated(shape="box")
     _, angle = case_of(alone, config).metrics
-    assert angle.target is not None
     asked = config.asked({"angle_deg": angle.target + 8})
     case = case_of(alone, asked)
     _, further = case.metrics

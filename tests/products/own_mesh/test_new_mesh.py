@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 import toros_fem as tf
 from toros_fem import errors
-from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, read_skin
 from toros_fem.products.plausibility import doubts
 
@@ -73,14 +72,6 @@ def test_target_of_a_file_goes_to_the_new_vertices(
     stretched = stl(tmp_path / "stretched.stl", TUBE.points * [1, 1, 1.2])
     with caplog.at_level(logging.INFO, logger="toros_fem"):
         skin = read_skin(alone, config, stl(tmp_path / "tube.stl", TUBE.points), stretched)
-    assert skin.target is not None
     assert len(skin.target) == len(skin.pattern.points) > 700
     np.testing.assert_allclose(skin.target, skin.pattern.points * [1, 1, 1.2], atol=1e-8)
     assert f"256 triangles meshed anew by {len(skin.pattern.panel)}, 0.19 mm apart" in caplog.text
-
-
-def test_flat_panels_are_not_meshed_anew(alone: MPI.Comm, tmp_path: Path) -> None:
-    pattern = read_skin(alone, CONFIG, stl(tmp_path / "tube.stl", TUBE.points)).pattern
-    write_pattern(tmp_path / NAME, pattern)
-    with pytest.raises(errors.ParameterError, match="remesh needs the mesh file"):
-        read_skin(alone, NEW, tmp_path)

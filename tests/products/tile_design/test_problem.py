@@ -15,23 +15,20 @@ from helpers.tiles import (
     SMALL,
     TARGET,
     profile_solver,
-    profile_table,
     small_case,
     solver_of,
     tile_of,
 )
+from kit.pairs import tile_problem as tile_problem_of
 from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.density.cone import cone_filter
-from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.linear import group_mean
-from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.fields import DensityFields
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
-from toros_fem.design.loop.problem import ObjectiveTerm
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.products.tile_design.problem import TileProblem, tile_problem
 from toros_fem.products.tiles.stiffness_profile import (
@@ -64,42 +61,10 @@ def make_problem(
     return TileProblem(fields, solver, objective)
 
 
-def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal") -> TileProblem:
-    """Return a problem with prescribed print, a perimeter term and width constraints."""
-    plain = make_problem(batched, objective, symmetry)
-    skin = plain.skin
-    limits = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
-    place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
-    given = np.where(place.max(axis=1) < 0.12, 1.0, np.nan)
-    perimeter = Perimeter(skin, RADIUS, 5.0, beyond=tile_of(EDGES).lattice)
-    return plain.changed(
-        fields=dataclasses.replace(plain.fields, passive=given),
-        terms=[ObjectiveTerm("perimeter", perimeter, 1.0 / skin.pattern.size)],
-        length_scale=LengthScaleConstraints(skin, plain.fields.filter, limits, plain.designed),
-    )
-
-
-def test_ranks_share_tile_or_directions(comm: MPI.Comm) -> None:
-    """Both distributions give the same problem."""
-    found = []
-    for batched in (False, True):
-        problem = full(batched, TARGET)
-        skin = problem.skin
-        e, slopes = problem.evaluate(start_of(problem))
-        parts = (slopes.gradient, *slopes.length_scale_gradients, *slopes.residuals.gradients)
-        found.append((e, slopes, np.array([skin.gather_cells(g) for g in parts])))
-    (one, one_slopes, first), (other, slopes, second) = found
-    assert profile_table(other.equilibrium) == pytest.approx(
-        profile_table(one.equilibrium), abs=1e-12
-    )
-    assert other.objective == pytest.approx(one.objective, rel=1e-12)
-    assert other.length_scale == pytest.approx(one.length_scale, rel=1e-12)
-    scale = np.abs(first).max(axis=1, keepdims=True)
-    assert second / scale == pytest.approx(first / scale, abs=1e-11)
-    assert slopes.residuals.values(other.equilibrium) == pytest.approx(
-        one_slopes.residuals.values(one.equilibrium), rel=1e-11
-    )
-    # Each rank has an MMA of its own, so these must be equal to the last digit.
+def test_ranks_that_share_directions_have_equal_gradients(comm: MPI.Comm) -> None:
+    """To the last digit, since each has an MMA of its own; contracts/test_pairs has the rest."""
+    problem = tile_problem_of(TARGET, "tetragonal", comm, batched=True)
+    _, slopes = problem.evaluate(start_of(problem))
     rows = slopes.residuals.gradients
     for theirs, others in comm.allgather((slopes.gradient, rows)):
         assert (theirs == slopes.gradient).all()
@@ -124,8 +89,8 @@ def test_objective_of_zero() -> None:
     assert np.isfinite(result.density).all()
 
 
-def test_bad_problems() -> None:
-    (term,) = full(False, CONTRAST).terms
+def test_bad_problems(alone: MPI.Comm) -> None:
+    (term,) = tile_problem_of(CONTRAST, "chiral", alone, batched=False).terms
     with pytest.raises(errors.ParameterError, match="price of perimeter = -1"):
         dataclasses.replace(term, price=-1.0)
     with pytest.raises(errors.ParameterError, match="with prescribed = UNIAXIAL"):

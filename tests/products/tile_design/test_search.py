@@ -63,7 +63,6 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.trials[0].objective == result.final.objective
     # What a print loses is asked on top: a design that meets it loses as much again.
     target, designed, first = case.target, runs[4][3].final.equilibrium, prints[0].profile
-    assert target.stiffness is not None
     asked = target.stiffness * designed.stiffness / first.stiffness
     assert runs[5][0].objective.stiffness == pytest.approx(asked)
     worst = [target.largest_deviation(made.profile) for made in prints if made.profile]
@@ -118,7 +117,6 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
     prints: list[tuple[float | None, int]] = []
     target = case.target
-    assert target.stiffness is not None
 
     def once(*args: Any, **kwargs: Any) -> Any:
         """The first run for all: only their prints differ here."""
@@ -130,7 +128,6 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
         if off is None:
             raise errors.NoEquilibriumError("made to fail")
         ones, nothing, printed = np.ones(4), (), None
-        assert target.stiffness is not None
         stress = 0.1 * (1 + off) * target.stiffness
         profile = Profile(case.angles, 0.1, stress, ones, ones, ones, nothing, nothing, 0, 0)
         made = None if np.isinf(off) else profile

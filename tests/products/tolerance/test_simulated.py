@@ -56,10 +56,8 @@ def test_signs_are_those_of_mechanics(found: Tolerances) -> None:
     for quantity, sign in (("fabric modulus", -1), ("fabric thickness", -1), ("pressure", 1)):
         (more,) = (v for v in found.variants if v.quantity == quantity and v.change > 0)
         change = found.change(more, "angle_deg")
-        assert change is not None
         assert sign * change > 0
     for variant in found.variants[:4]:
-        assert variant.areas is not None
         polygons, mesh = variant.areas
         # Triangles that a border still cuts do not follow it: 0.065 seen on this mesh.
         assert mesh == pytest.approx(polygons, rel=0.07)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.meshes import WALKER, walker
 from toros_fem.meshes.mirror import mirrored
@@ -25,8 +24,6 @@ def test_pressures_of_a_cycle() -> None:
     gait = Gait(("front", "rear"), np.array([[1.0, 0.0], [0.5, 1.0]]), 2)
     fractions = np.array([[0.5, 1.0], [0.75, 0.5], [1.0, 0.0], [0.75, 0.5], [0.5, 1.0]])
     assert gait.pressure_fractions == pytest.approx(fractions)
-    with pytest.raises(errors.ParameterError, match="phases has shape"):
-        Gait(("one",), np.zeros((2, 2)), 1)
 
 
 def test_stride_and_slip() -> None:

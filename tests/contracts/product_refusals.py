@@ -1,0 +1,291 @@
+"""Wrong words and units, and wrong input of tiles, skins of your own and tensile tests."""
+
+# The types are wrong on purpose.
+# mypy: disable-error-code="arg-type,call-overload,dict-item,list-item,misc"
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from helpers import surfaces
+from helpers.own_skins import FINGER, OWN
+from helpers.tensile_tests import JERSEY, synthetic
+from helpers.tiles import printed_tile, solver_of, tile_of
+from mpi4py import MPI
+
+import toros_fem as tf
+from contracts.refusals import INF, NAN, Scene, Table, each
+from toros_fem import meshes as m
+from toros_fem.base.units import read_quantity
+from toros_fem.base.validation import require_between, require_count, require_positive
+from toros_fem.measures.between_regions import bend_between, length_between, twist_between
+from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
+from toros_fem.meshes.conditions import Expression
+from toros_fem.meshes.pattern_file import NAME
+from toros_fem.meshes.surfaces.remeshed import remeshed
+from toros_fem.meshes.surfaces.surface import oriented
+from toros_fem.products.fitting.reading import Given
+from toros_fem.products.fitting.sheet_fit import fit_printed_sheet
+from toros_fem.products.fitting.strip import ClampedStrip
+from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.uniaxial import uniaxial_curve
+from toros_fem.products.gripper.gripper import GripperScene
+from toros_fem.products.options import FitOptions
+from toros_fem.products.own_mesh.metrics import Measured
+from toros_fem.products.own_mesh.own_mesh import (
+    Held,
+    OwnSkin,
+    Plain,
+    Printed,
+    read_skin,
+)
+from toros_fem.products.own_mesh.regions import Region
+from toros_fem.products.tiles.printed_tile import print_layout, tile_sheet
+from toros_fem.products.tiles.pull_test import PullMachine
+from toros_fem.products.tiles.stiffness_profile import (
+    ALONG,
+    Contrast,
+    Profile,
+    ProfileSolver,
+    ProfileTarget,
+)
+from toros_fem.products.tubes.bend import BendScene
+from toros_fem.products.tubes.tube import SectionTubeScene, plain_tube
+from toros_fem.products.walker.gait import Gait
+
+ALONE = MPI.COMM_SELF
+
+# ---------------------------------------------------------------------------------- words
+
+WORDS: Table = {
+    **each(require_positive, {"b": 0.0}, {"a": NAN}, {"at_most": 0.9}, a=1.0),
+    **{f"{a} between {low} and {high}": lambda s, low=low, high=high, a=a: require_between(
+        low, high, a=a) for low, high, a in ((0, 1, 1.1), (0, INF, -1.0), (0, INF, INF))},
+    **{f"a count of {a}": lambda s, a=a: require_count(2, a=a) for a in (1, 2.0)},
+    **{f"condition {text[:20]}": lambda s, text=text: Expression(text) for text in (
+        "", "z", "z < ", "z < 5 kPa", "w < 5 mm", " 1 mm < 2 mm and x", "z + (x > 0) > 1",
+        "1 < x * y + 5 mm", "sqrt(x) > 0", "hypot(x) > 0", "(z < 1 mm", "__import__('os')",
+        "x < True", "-" * 400 + "1 < 2")},
+    **{f"{text} in {unit}": lambda s, given=(text, unit): read_quantity(*given)
+       for text, unit in (
+           ("5 mm", "Pa"), ("5 kPa", None), ("5", "Pa"), ("5 furlong", "m"), ("five mm", "m"),
+           ("nan mm", "m"), ("1e999 m", "m"), ("5 %", "m"))},
+    **each(Measured.from_words, {"text": "bnd of z > 1"}, {"text": "bend z > 1"},
+           {"text": "bend of z > 1 kPa"}, {"text": "twist of z > 1 against q < 1"},
+           {"text": "length of z > 1"}),
+}  # fmt: skip
+
+# ------------------------------------------------------------------------------- regions
+
+
+def _some(s: Scene, count: int = 0) -> np.ndarray:
+    """A region of the first vertices of a triangle."""
+    here = np.zeros(len(s.pattern.points), dtype=bool)
+    here[s.pattern.triangles[0, :count]] = True
+    return here
+
+
+FIVE = "v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nv -.1 .05 0\n"
+REGIONS: Table = {
+    **{f"meshed anew by {edge}": lambda s, edge=edge: remeshed(ALONE, surfaces.long_tube(), edge)
+       for edge in (0.0, 1e-6)},
+    "a strip of one side": lambda s: oriented((np.arange(5)[:, None] + np.arange(3)) % 5),
+    "a face of five corners": lambda s: m.read_surface(
+        ALONE, s.file("five.obj", FIVE + "f 1 2 3 4 5\n")
+    ),
+    "a face of a line": lambda s: m.read_surface(ALONE, s.file("line.obj", FIVE + "f 1 2 2\n")),
+    "the bend of a line": lambda s: bend_between(s.pattern, s.pattern.points, _some(s, 2)),
+    "the twist of nothing": lambda s: twist_between(s.pattern, s.pattern.points, _some(s)),
+    "the twist of indices": lambda s: twist_between(s.pattern, s.pattern.points, np.zeros(1)),
+    "a length to itself": lambda s: length_between(
+        s.pattern, s.pattern.points, _some(s, 2), _some(s, 2)
+    ),
+    "a region of nothing": lambda s: Region(where="z < -5").vertices(s.pattern),
+    "a region of an unknown panel": lambda s: Region(panels="side").cells(s.pattern),
+}  # fmt: skip
+
+# ---------------------------------------------------------------------- skins of your own
+
+
+def _read(path: Path = FINGER, **changes: Any) -> OwnSkin:
+    return read_skin(ALONE, OWN.updated(**changes), path)
+
+
+@cache
+def _finger() -> OwnSkin:
+    return _read()
+
+
+def _own(**changes: Any) -> object:
+    scene = replace(OWN.updated(**changes), read=_finger())
+    return scene.case(ALONE, scene.finest_level)
+
+
+def _flat_panels(s: Scene) -> Path:
+    folder = s.folder / "flat"
+    folder.mkdir(exist_ok=True)
+    m.write_pattern(folder / NAME, _finger().pattern)
+    return folder
+
+
+SKINS: Table = {
+    **each(_own, {"held": ()}, {"held": (Held(where="z < 5"),)},
+           {"held": (Held(where="z < -5 mm"),)}, {"bend": None},
+           {"plain": (Plain(where="z < 5 mm"),)},
+           {"printed": (Printed(where="z < 1"),), "plain": ()}, {"begin": 0.1}, {"toward": "z"},
+           {"metrics": "angle, size"}),
+    **each(_read, {"held": (Held(where="y < 1 mm"),)}, {"twist": 40.0}, {"symmetry": "z"},
+           {"knit_ratio": 2.0, "grain_angle": 30.0}, symmetry="y"),
+    "a part of flat panels": lambda s: _read(_flat_panels(s), symmetry="y"),
+    "flat panels meshed anew": lambda s: _read(_flat_panels(s), remesh=3e-3),
+}  # fmt: skip
+
+# --------------------------------------------------------------- tubes, walkers, grippers
+
+
+def _half(planes: tuple[int, ...] = (1,), twisted: float = 0.0, **knit: float) -> object:
+    scene = SectionTubeScene.of(length=0.06, edge_length=5e-3, filter_radius=8e-3, **knit)
+    target = m.twist(twisted, 0.06)
+    return scene.tube_case(ALONE, scene.finest_level, target, [], planes)
+
+
+def _simulated(s: Scene, files: dict[str, Path], **changes: Any) -> object:
+    scene = BendScene.of(length=0.06, edge_length=5e-3, filter_radius=8e-3, **changes)
+    return scene.run_simulation(ALONE, s.folder / "simulated", files)
+
+
+ACTUATORS: Table = {
+    **each(_half, {"knit_ratio": 3.0, "grain_angle": 30.0}, {"twisted": 1.0}),
+    "a quarter of a tube with hinges": lambda s: plain_tube(
+        ALONE, BendScene().skin, (0, 1), seams="hinged"
+    ),
+    "an orientation of -1 m": lambda s: BendScene.of(orientation_length=-1.0),
+    "a simulation without pressure": lambda s: _simulated(s, {}, pressure=0.0),
+    "a simulation of no print": lambda s: _simulated(s, {"pattern": s.folder / "nothing.npz"}),
+    "phases of two legs for one": lambda s: Gait(("one",), np.zeros((2, 2)), 1),
+    "a gripper of a short stem": lambda s: GripperScene.of(stem_length=0.01),
+    "a gripper of a speck": lambda s: _gripped(GripperScene.of(size=1e-3)),
+}
+
+
+def _gripped(scene: GripperScene) -> object:
+    return scene.case(ALONE, scene.finest_level)
+
+
+# ---------------------------------------------------------------------------------- tiles
+
+ONES, SOME = np.ones(3), np.array([True, False])
+FABRIC = tf.Composite(bending=None)
+
+
+def _periodic(prescribed: Any) -> Periodic:
+    return Periodic(tile_of(3), prescribed)
+
+
+def _folding(bending: tf.Bending | None) -> object:
+    return solver_of(tile_of(3), tf.Composite(bending=bending), flat=False)
+
+
+def _stretched(angle: float = 0.0, gradient: Any = ALONG, density: float = 0.0) -> object:
+    solver = solver_of(tile_of(3))
+    return solver.solve(np.full(len(solver.skin.owned_cells), density), angle, gradient)
+
+
+def _profiled(angles: Any = (0.0,), strain: float = 0.1) -> ProfileSolver:
+    return ProfileSolver(solver_of(tile_of(3)), angles, strain)
+
+
+def _profile() -> Profile:
+    """A profile of two directions, without states."""
+    two = np.ones(2)
+    return Profile(0 * two, 0.1, two, two, two, two, (None,) * 2, (None,) * 2, 0, 0)
+
+
+def _pulled(axis: int = 0, gauge: float = 0.01, strains: Any = (0.1,)) -> object:
+    skin = tf.sew(ALONE, m.rectangle(ALONE, 0.01, 0.01, 2e-3, "crossed"))
+    machine = PullMachine(skin, FABRIC, axis, gauge)
+    return machine.pull(np.zeros(len(skin.owned_cells)), strains)
+
+
+TILES: Table = {
+    **each(_periodic, {"prescribed": UNIAXIAL[:2]}, {"prescribed": ((True,), (True,), (True,))},
+           {"prescribed": ((1, 0), (1, 0), (1, 1))},
+           {"prescribed": ((True, False), (True,), (True, True))},
+           {"prescribed": ((True, False), (False, True), (True, True))},
+           {"prescribed": ((True, False), (True, False), (True, False))}),
+    **each(_folding, {"bending": None}, {"bending": tf.Bending(seams="hinged")},
+           {"bending": tf.Bending(rest="assembled")}),
+    **each(_stretched, {"angle": INF}, {"density": -0.1}, {"gradient": 1.1}),
+    **{f"a tile by {name}": lambda s, given=given: _stretched(gradient=given)
+       for name, given in {"2 × 2": np.eye(2), "3 × 3": np.eye(3), "NaN": NAN * ALONG}.items()},
+    **each(_profiled, {"strain": 0.0}, {"strain": -1.0}, {"strain": NAN}, {"strain": INF},
+           {"angles": []}, {"angles": [[0.0]]}, {"angles": [NAN]}),
+    **each(_pulled, {"strains": []}, {"strains": [0.0]}, {"strains": [0.1, -1.0]},
+           {"strains": [NAN]}, {"gauge": 0.02}, {"axis": 2}),
+    "a torus is pulled": lambda s: PullMachine(
+        tf.sew(ALONE, m.tile(ALONE, 0.01, 2e-3).pattern), FABRIC, 0, 0.01
+    ),
+    "a printed tile bends": lambda s: replace(printed_tile(ALONE), composite=tf.Composite()),
+    "a printed tile has a bladder": lambda s: replace(printed_tile(ALONE), composite=tf.Composite(
+        bending=None, bladder=tf.Bladder(1e6, 1e-4))),
+    **{f"a sheet of tiles: {given}": lambda s, given=given: tile_sheet(tile_of(3), *given)
+       for given in (("z", 1, 1), ("x", 0, 1))},
+    "a print with a negative margin": lambda s: print_layout(
+        [tile_sheet(tile_of(3), "x", 1, 1)], np.ones(len(tile_of(3).wraps), bool), -0.01
+    ),
+    "no target of a profile": lambda s: ProfileTarget(),
+    "targets of other shapes": lambda s: ProfileTarget(ONES, ONES[:2]),
+    "stiffnesses of no direction": lambda s: ProfileTarget(NAN * ONES),
+    "contractions of no direction": lambda s: ProfileTarget(contraction=NAN * ONES),
+    **{f"a target stiffness of {value}": lambda s, value=value: ProfileTarget(
+        np.array([1.0, value, NAN])) for value in (0.0, -2.0)},
+    **{f"the {name} of 3 directions of 2": lambda s, name=name: getattr(
+        ProfileTarget(ONES), name)(_profile()) for name in ("forward", "backward")},
+    "contractions of 3 directions of 2": lambda s: ProfileTarget(contraction=ONES).forward(
+        _profile()
+    ),
+    **{f"{name} of a contrast": lambda s, given=given: Contrast(*given) for name, given in {
+        "no stiff direction": (SOME, ~SOME & SOME), "no soft direction": (~SOME & SOME, SOME),
+        "other numbers of directions": (SOME, ONES > 0)}.items()},
+}  # fmt: skip
+
+# ----------------------------------------------------------------------------------- fits
+
+PULL = np.linspace(0, 1, 6)
+
+
+def _test(direction: str = "", **changes: Any) -> TensileTest:
+    given = {"stretch": 1 + PULL / 2, "stress": PULL, "thickness": 1e-3, "direction": direction}
+    return TensileTest(**{**given, **changes})
+
+
+def _curve(stretch: object = 1.1, sheet: tf.Material = JERSEY, **changes: Any) -> object:
+    return uniaxial_curve(sheet, [stretch], **changes)
+
+
+FITS: Table = {
+    "three points of a test": lambda s: _test(stretch=np.ones(3)),
+    "stresses of other points": lambda s: _test(stress=np.ones(4)),
+    "a stretch below 0": lambda s: _test(stretch=np.linspace(-1, 1, 6)),
+    "stresses that are NaN": lambda s: _test(stress=np.full(6, NAN)),
+    "a second branch": lambda s: _test().branch("second"),
+    **each(Given, {"units": {"force": "lb"}}, {"units": {"time": "s"}}),
+    **each(_curve, {"stretch": 0.9}, {"stretch": 1.9}, {"stretch": [1.1]}, {"knit_ratio": 0.5},
+           {"direction": "up"}),
+    "a curve without c2": lambda s: _curve(sheet=tf.Material(1e5, 0.3, 5e-4, 1.9)),
+    "a fit of no test": lambda s: tf.fit_material([]),
+    "a fit of two points": lambda s: tf.fit_material([synthetic()], FitOptions(up_to=1.05)),
+    "a fit of skew tests": lambda s: tf.fit_material([_test("0"), _test("45")]),
+    "a fit of a pushed strip": lambda s: tf.fit_material([_test(stress=-PULL)]),
+    **each(ClampedStrip, {"edges": 1}, {"gauge": 0.2}, {"length": 100.0},
+           comm=ALONE, length=0.1, width=0.02),
+    "a printed sheet of wales": lambda s: fit_printed_sheet(
+        ALONE, [_test("wale")], printed_tile(ALONE), 2, 1
+    ),
+}  # fmt: skip
+
+PRODUCTS: Table = WORDS | REGIONS | SKINS | ACTUATORS | TILES | FITS

@@ -1,0 +1,79 @@
+"""Skins that touch bodies and the ground."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from helpers.scenes import square
+from helpers.standing import solver_on_base
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.contact.solids import rigid_cylinder, rigid_sphere
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.paths.load_path import LoadPath
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.load import Load
+from toros_fem.mechanics.skin.supports import clamp_where
+from toros_fem.meshes import Skin, sew
+
+EXACT = NewtonOptions(tolerance=1e-12)
+MASS, SIZE, STRETCH = 0.05, 0.08, 1.05
+MIDDLE = STRETCH * SIZE / 2
+# The inflated short tube bulges against a floor.
+FLOOR = Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0))
+
+
+def sheet_with_ball(comm: MPI.Comm, ground: Ground | None = None, **more: Any) -> EquilibriumSolver:
+    """A sheet stretched over a frame by 5 %, and a ball just above it, beside the middle."""
+    flat = square(n=8, size=SIZE).flat_points
+    pattern = square(np.pad(STRETCH * flat, ((0, 0), (0, 1))), n=8, size=SIZE)
+    frame = clamp_where(pattern, lambda x: np.abs(x[:, :2] - MIDDLE).max(axis=1) > 0.999 * MIDDLE)
+    centre = (MIDDLE + 0.003, MIDDLE + 0.001, 0.0201 + Composite().fabric.thickness / 2)
+    ball = rigid_sphere("ball", 0.02, centre, mass=MASS, edge_length=3e-3)
+    contact = Contact(ground=ground, bodies=[ball])
+    return EquilibriumSolver(sew(comm, pattern), Composite(), frame, contact=contact, **more)
+
+
+def tube_on_floor_and_ball(skin: Skin, **more: Any) -> EquilibriumSolver:
+    """The short tube, which bulges against a floor and a ball beside it."""
+    contact = Contact(ground=FLOOR, bodies=[rigid_sphere("ball", 0.01, (0.004, 0.0202, 0.035))])
+    return solver_on_base(skin, contact=contact, **more)
+
+
+def dragged(comm: MPI.Comm) -> LoadPath:
+    """A sheet over a cylinder and the ground, dragged by one edge, and partly back.
+
+    Vertices stick and slide on both.
+    """
+    points = square(n=5).points.copy()
+    points[:, 2] = 3e-4
+    pattern = square(points, n=5)
+    roll = rigid_cylinder(
+        "roll", 4e-3, 0.03, (0.0, 1.0, 0.0), (0.012, 0.01, -4.6e-3), edge_length=2e-3
+    )
+    touched = Contact(
+        Ground((0.0, 0.0, -1e-4), (0.3, 0.1, 1.0)), [roll], self_contact=False, friction=0.5,
+        thickness=5e-4, distance=1e-4, slip=1e-4,
+    )  # fmt: skip
+    edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, EXACT, contact=touched)
+    down = np.tile([0.0, 0.01, -0.05], (len(points), 1))
+    steps = []
+    for ahead, turn in ((0.0, 0.0), (2e-5, 5e-3), (3e-4, 5e-3), (2.5e-4, 2e-2)):
+        moved = np.tile([-ahead, 0.3 * ahead, 0.0], (len(points), 1))
+        pose = np.array([[0.0, 0.0, 0.0, 0.0, turn, 0.0]])
+        steps.append(Load(0.0, force=down * (1 + 1e3 * ahead), displacement=moved, poses=pose))
+    return LoadPath(solver, steps)
+
+
+def on_pads(skin: Skin) -> LoadPath:
+    """The short tube, heavy and on pads, inflated and emptied again: all that a walker has."""
+    pattern = skin.pattern
+    pads = Pads(pattern.points[:, 2] > 0.03, (0.0, 0.0, 1.0), 0.2, 0.7)
+    weight, contact = Weight(0.3, 0.6, (-9.81, 0.0, 0.0)), Contact(FLOOR, friction=0.4, pads=pads)
+    solver = solver_on_base(skin, options=EXACT, weight=weight, contact=contact)
+    return LoadPath(solver, [Load(4e3), Load(2e3)])
