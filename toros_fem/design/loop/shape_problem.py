@@ -40,7 +40,7 @@ class ShapeProblem(DesignProblem[Equilibrium]):
 
     @property
     def flat_at_rest(self) -> bool:
-        """Whether the skin is closed and encloses nothing at rest, as two layers do (collective)."""
+        """Whether a closed skin encloses nothing at rest, as two layers do (collective)."""
         model, area = self.solver.model, float(self.skin.pattern.areas.sum())
         if model.pressure is None:
             return False
