@@ -13,14 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
-from toros_fem.results.pictures.style import (
-    ACCENT,
-    DARK,
-    INK,
-    SECOND,
-    SOFT,
-    write_title,
-)
+from toros_fem.results.pictures import style
 from toros_fem.results.pictures.words import Word, write_words
 from toros_fem.results.runs.run_folder import Curve, Measured
 
@@ -57,7 +50,9 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
     axes.grid(axis="y")
     words: list[Word] = []
     lines: list[Floats] = []
-    for told, colour in zip(figures, (DARK, SECOND, SOFT, INK) * len(figures), strict=False):
+    for told, colour in zip(
+        figures, (style.DARK, style.SECOND, style.SOFT, style.INK) * len(figures), strict=False
+    ):
         values = [factor * row.get(told.key, np.nan) for row in rows]
         axes.plot(at, values, "-", color=colour, lw=1.6)
         lines.append(np.column_stack([at, values]))
@@ -68,18 +63,18 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
         _beside(axes, told, [m for m in curve.measured if m.key == told.key], factor, words, lines)
         for k, side, is_broken in zip((0, -1), ("below", "beyond"), curve.broken, strict=True):
             if is_broken:
-                axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
-                words.append(Word(f"no equilibrium {side}", (at[k], values[k]), ACCENT, 8.0))
+                axes.plot(at[k], values[k], "x", color=style.ACCENT, ms=8, mew=2)
+                words.append(Word(f"no equilibrium {side}", (at[k], values[k]), style.ACCENT, 8.0))
     asked = [told for told in figures if told.target is not None]
     targets = [factor * told.target for told in asked if told.target is not None]
     for height in targets:
-        axes.axhline(height, color=ACCENT, ls="--", lw=1.2, zorder=1)
+        axes.axhline(height, color=style.ACCENT, ls="--", lw=1.2, zorder=1)
     axes.autoscale_view(scalex=False)  # a target within the limits leaves them without margin
     left, right = axes.get_xlim()
     lines += [np.array([(left, height), (right, height)]) for height in targets]
     # Targets are named first: they have one place, where the axis of pressures begins.
     named = [
-        Word(f"target {formatted(told.target, told.unit)}", (left, height), ACCENT, 8.0)
+        Word(f"target {formatted(told.target, told.unit)}", (left, height), style.ACCENT, 8.0)
         for told, height in zip(asked, targets, strict=True)
     ]
     write_words(axes, [*named, *words], lines)
@@ -87,8 +82,8 @@ def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> Non
 
 
 def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
-    axes.annotate(name, at, (6, 0), textcoords="offset points", color=colour, va="center",
-                  fontweight="bold", annotation_clip=False)  # fmt: skip
+    look = {"va": "center", "fontweight": "bold", "annotation_clip": False}
+    style.note(axes, name, at, (6, 0), colour, style.TEXT, **look)
 
 
 def _design(
@@ -122,13 +117,13 @@ def _beside(
     """Draw measured values, and add words with what ours is at the same pressure."""
     for one in measured:
         x, y = 1e-3 * one.pressure, factor * one.value
-        axes.plot(x, y, "D", color=INK, mfc="none", ms=7, zorder=5)
+        axes.plot(x, y, "D", color=style.INK, mfc="none", ms=7, zorder=5)
         text = f"{formatted(one.value, told.unit, 3)} ({one.source})"
         if one.simulated is not None:
             text += f",\n{formatted(one.simulated, told.unit, 3)} ours"
-            axes.plot([x, x], [y, factor * one.simulated], color=SOFT, lw=0.8, ls=":")
+            axes.plot([x, x], [y, factor * one.simulated], color=style.SOFT, lw=0.8, ls=":")
             lines.append(np.array([(x, y), (x, factor * one.simulated)]))
-        words.append(Word(text, (x, y), INK, 8.0))
+        words.append(Word(text, (x, y), style.INK, 8.0))
 
 
 def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None = None) -> None:
@@ -137,29 +132,26 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
     Dotted lines mark where the next mesh begins.
     """
     count, objective = zip(*((row["iteration"], row["objective"]) for row in rows), strict=True)
-    axes.plot(count, objective, color=DARK, lw=1.4)
+    axes.plot(count, objective, color=style.DARK, lw=1.4)
     if positive := [value for value in objective if value > 0]:
         least, most = np.floor(np.log10(min(positive))), np.ceil(np.log10(max(positive)))
         axes.set(yscale="log", ylim=(10.0**least, 10.0 ** max(most, least + 1)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter("")
-    axes.set_ylabel("objective T", color=DARK)
+    axes.set_ylabel("objective T", color=style.DARK)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("iteration")
     for begin in (b["iteration"] for a, b in pairwise(rows) if b.get("level") != a.get("level")):
-        axes.axvline(begin, color=SOFT, ls=":", lw=0.8)
-        axes.annotate(
-            "finer mesh", (begin, 1), (3, -9), xycoords=("data", "axes fraction"),
-            textcoords="offset points", color=SOFT, fontsize=8,
-        )  # fmt: skip
+        axes.axvline(begin, color=style.SOFT, ls=":", lw=0.8)
+        style.note(axes, "finer mesh", (begin, 1), (3, -9), xycoords=("data", "axes fraction"))
     if told is None or told.key not in rows[-1]:
         return
     right, factor = axes.twinx(), unit_of(told.unit).factor
     right.spines["right"].set_visible(True)
-    right.plot(count, [factor * row[told.key] for row in rows], color=SECOND, lw=1.4)
-    right.set_ylabel(axis_label([told]), color=SECOND)
+    right.plot(count, [factor * row[told.key] for row in rows], color=style.SECOND, lw=1.4)
+    right.set_ylabel(axis_label([told]), color=style.SECOND)
     if told.target is not None:
-        right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
+        right.axhline(factor * told.target, color=style.ACCENT, ls="--", lw=1)
 
 
 def cycle_title(stride: float | None, otherwise: str) -> str:
@@ -179,7 +171,7 @@ def draw_tracks(
     Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
     in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
     """
-    write_title(figure, cycle_title(stride, "Paths of the feet"))
+    style.write_title(figure, cycle_title(stride, "Paths of the feet"))
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
     for k in range(feet.shape[1]):
@@ -187,7 +179,7 @@ def draw_tracks(
         place = float(x.max()), float(z[x.argmax()])
         near = SAME * 1e3 * float(np.ptp(feet))
         place = next((at for at in named if np.abs(np.subtract(at, place)).max() < near), place)
-        colour = (DARK, SECOND, SOFT, ACCENT)[len(named) % 4]
+        colour = (style.DARK, style.SECOND, style.SOFT, style.ACCENT)[len(named) % 4]
         of_place, colour = named.setdefault(place, ([], colour))
         of_place.append(f"{k}")
         axes.plot(x, z, color=colour)
@@ -196,16 +188,16 @@ def draw_tracks(
     for place, (feet_there, colour) in named.items():  # those of a mirror image coincide
         word = "feet" if len(feet_there) > 1 else "foot"
         _name(axes, place, f"{word} {', '.join(feet_there)}", colour)
-    bars = [] if stride is None else [("simulated", stride, DARK)]
-    bars += [] if measured is None else [(*measured, ACCENT)]
+    bars = [] if stride is None else [("simulated", stride, style.DARK)]
+    bars += [] if measured is None else [(*measured, style.ACCENT)]
     low, high = axes.get_ylim()
     begin = 1e3 * float(feet[:, :, 0].mean())
     for k, (name, length, colour) in enumerate(bars):
         height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
         axes.annotate("", (end, height), (begin, height), zorder=4,
                       arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
-        axes.annotate(f"{name}: {1e3 * length:.3g} mm", (min(begin, end), height), (0, 5),
-                      textcoords="offset points", color=colour)  # fmt: skip
+        words = f"{name}: {1e3 * length:.3g} mm"
+        style.note(axes, words, (min(begin, end), height), (0, 5), colour, style.TEXT)
     if bars:
         axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
     axes.set_xlabel("x (mm); a square is the start")

@@ -17,7 +17,6 @@ from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.pictures.view import views_of
 from toros_fem.results.report.tables import as_shown
 from toros_fem.results.runs.run_folder import Run
 
@@ -190,8 +189,9 @@ class FlatPatterns:
 
 def eye(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
     """Return the unit vector to the eye of the oblique view, which pictures and films have too."""
-    share = skin.print_share(density)
-    _, oblique = views_of(skin.pattern.triangles, positions, share, skin.target)
+    from toros_fem.results.pictures.shown import DrawnSkin  # loaded on use: it needs matplotlib
+
+    _, oblique = DrawnSkin(skin, density).views(positions)
     return [float(x) for x in oblique.directions[2]]
 
 
