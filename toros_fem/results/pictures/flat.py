@@ -154,7 +154,7 @@ def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
     for kind, narrow in (("line", found.lines.narrow), ("gap", found.gaps.narrow)):
         for place in narrow:
             line = shapely.LineString(place.ends)
-            faults.append(_Fault(kind, place.panel, np.array(place.centre), place.width, line))
+            faults.append(_Fault(kind, place.panel, place.centre, place.width, line))
     for hole in found.holes:
         if hole.area < limits.hole_area:
             at = shapely.get_coordinates(hole.polygon.centroid)[0]
