@@ -121,10 +121,6 @@ class Packed:
         self._size += raw.size
         return entry
 
-    def add_numbers(self, numbers: npt.NDArray, count: int) -> Mapping[str, Any]:
-        """Add numbers of things of which there are so many."""
-        return self.add(numbers.astype(np.uint16 if count <= STEPS else np.uint32))
-
     def add_changes(self, arrays: Sequence[npt.NDArray]) -> list[Mapping[str, Any]]:
         """Add arrays of one shape and type as their changes from one to the next."""
         before = [np.zeros_like(array) for array in arrays[:1]] + [*arrays[:-1]]
@@ -208,14 +204,13 @@ def _packed_skin(
     packed: Packed, skin: ShownSkin, target: Floats | None, patterns: FlatPatterns
 ) -> dict[str, Any]:
     pattern = skin.pattern
-    count = len(pattern.points)
     edges = np.concatenate([pattern.sewn[pattern.seams[:, 0]], pattern.free_edges])
     found: dict[str, Any] = {
-        "vertices": count,
+        "vertices": len(pattern.points),
         "closed": len(pattern.free_edges) == 0,
-        "triangles": packed.add_numbers(pattern.flat_triangles, len(pattern.sewn)),
-        "sewn": packed.add_numbers(pattern.sewn, count),
-        "seams": packed.add_numbers(edges, count),
+        "triangles": packed.add(pattern.flat_triangles.astype(np.uint32)),
+        "sewn": packed.add(pattern.sewn.astype(np.uint32)),
+        "seams": packed.add(edges.astype(np.uint32)),
         "grounds": [] if skin.grounds is None else _squares(packed, skin.grounds),
     }
     if target is not None:
@@ -227,7 +222,7 @@ def _packed_skin(
         points, triangles = skin.body
         found["body"] = {
             "points": packed.add(packed.places(points)),
-            "triangles": packed.add_numbers(triangles, len(points)),
+            "triangles": packed.add(triangles.astype(np.uint32)),
         }
     return found
 
