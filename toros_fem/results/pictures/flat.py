@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
@@ -251,16 +253,7 @@ def draw_density(figure: Figure, box: style.Box, pattern: Pattern, density: Floa
     """Draw a density on the flat panels, from fabric at 0 to print at 1, in a part of a page."""
     axes, places = draw_panels(figure, box, pattern, None, names=False)
     mix = np.clip(np.nan_to_num(density), 0, 1)[:, None]
-    colours = (1 - mix) * style.FABRIC + mix * style.PRINT
-    axes.add_collection(
-        PolyCollection(
-            list(1e3 * _placed(pattern, pattern.corners, places)),
-            facecolors=colours,
-            edgecolors="face",
-            lw=0.2,
-        ),
-        autolim=False,
-    )
+    _fill_cells(axes, pattern, places, (1 - mix) * style.FABRIC + mix * style.PRINT)
     return axes
 
 
@@ -303,9 +296,7 @@ def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None
     style.write_title(figure, "Wrinkles run along the strokes, the direction of tension")
     axes, places = draw_panels(figure, PANELS_BOX, pattern, None)
     colours = np.array([STATES[state] for state in Tension])[field.state]
-    corners = 1e3 * _placed(pattern, pattern.corners, places)
-    cells = PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
-    axes.add_collection(cells, autolim=False)
+    _fill_cells(axes, pattern, places, colours)
     length = np.sqrt(2 * pattern.areas)
     along = 0.3 * length[:, None] * field.flat
     axes.add_collection(_strokes(pattern, along, style.INK, 0.7, places), autolim=False)
@@ -314,6 +305,14 @@ def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None
         figure.text(0.71, height, "■", color=STATES[state], fontsize=14, va="center")
         share = field.share(state, pattern.areas)
         figure.text(0.74, height, f"{state.name.lower()} {share:.0%}", va="center")
+
+
+def _fill_cells(
+    axes: Axes, pattern: Pattern, places: Sequence[Affine], colours: npt.NDArray[Any]
+) -> None:
+    corners = list(1e3 * _placed(pattern, pattern.corners, places))
+    cells = PolyCollection(corners, facecolors=colours, edgecolors="face", lw=0.2)
+    axes.add_collection(cells, autolim=False)
 
 
 def _strokes(

@@ -115,15 +115,12 @@ def fill(
     axes: Axes, shape: BaseGeometry, colour: Floats | str, edge: str = "none", width: float = 0.8
 ) -> None:
     """Fill a region given in m on axes in mm; the width of its border is in points."""
-    outlines = []
-    for polygon in get_parts(shape):
-        if polygon.is_empty:
-            continue
-        rings = (1e3 * get_coordinates(ring) for ring in get_rings(polygon))
-        outlines.append(Outline.make_compound_path(*(Outline(r, closed=True) for r in rings)))
-    if outlines:
-        patches = PathCollection(outlines, facecolors=[colour], edgecolors=edge, linewidths=width)
-        axes.add_collection(patches)
+    rings = [1e3 * get_coordinates(ring) for ring in get_rings(get_parts(shape))]
+    if rings:
+        path = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in rings))
+        axes.add_collection(
+            PathCollection([path], facecolors=[colour], edgecolors=edge, linewidths=width)
+        )
 
 
 def note(
