@@ -23,8 +23,15 @@ from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
-# Layers from the lowest to the highest: the order in which most machines work, the cut at last.
-LAYERS = ("print", "seam", "marks", "labels", "cut")
+# Layers from the lowest to the highest: the order in which most machines work, the cut at last. By
+# their colours, in SVG and by number in DXF, cutters tell them apart.
+LAYERS = {
+    "print": ("#808080", 8),
+    "seam": ("#0000ff", 5),
+    "marks": ("#00a000", 3),
+    "labels": ("#000000", 7),
+    "cut": ("#ff0000", 1),
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,8 @@ PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
 CLOSE = 4.0
 # Rows of faults that find room.
 MOST_ROWS = 14
-# Colours of line families, in turn, and their names.
-FAMILIES = (style.ACCENT, style.SECOND, "#009E73", "#CC79A7")
+# Colours of line families, in turn.
+FAMILIES = style.SERIES[1:5]
 # Length of the mark of the largest share, over the mean edge length.
 MARK = 1.1
 # Colours of slack, wrinkled and taut triangles.

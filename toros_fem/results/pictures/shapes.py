@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -251,9 +250,8 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     assert miss is not None
     assert target is not None
     most = max(float(miss.each.max()), 1e-6)
-    colours = matplotlib.colormaps[style.SEQUENTIAL](miss.each / most)[:, :3][
-        drawn.pattern.triangles
-    ]
+    scale = ScalarMappable(Normalize(0, 1e3 * most), style.SEQUENTIAL)
+    colours = scale.to_rgba(1e3 * miss.each)[:, :3][drawn.pattern.triangles]
     of = "12 cross-sections" if miss.by_sections else "all points"
     style.write_title(
         figure,
@@ -267,7 +265,6 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
         stage.outline(drawn, target)
         if view == side:
             stage.bar()
-    scale = ScalarMappable(Normalize(0, 1e3 * most), style.SEQUENTIAL)
     bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
     axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
     along = "" if all(drawn.skin.compared) else f" along {axes_named}"

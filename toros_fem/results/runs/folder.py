@@ -11,7 +11,7 @@ import signal
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self, TypeVar
@@ -98,13 +98,12 @@ class OpenRun:
         self.comm, self.folder, self.every = comm, folder, every
         self.record, self._closing, self._again = record, closing, again
         self.signals = Signals(comm, self.stop)
-        self._journals: dict[str, RunJournal] = {}
+        self._journal = RunJournal(self)
 
     def journal(self, folder: str | Path) -> RunJournal:
         """Return the journal of what is designed into this folder, or into one inside it."""
         inside = Path(folder).resolve().relative_to(self.folder.resolve())
-        name = "".join(f"{part}." for part in inside.parts)
-        return self._journals.setdefault(name, RunJournal(self, name))
+        return reduce(RunJournal.branch, inside.parts, self._journal)
 
     def check(self) -> None:
         """End the run here by a RunStoppedError if a signal asks for it (collective)."""
