@@ -14,6 +14,7 @@ from shapely.affinity import scale
 from toros_fem.base.array_types import Floats
 from toros_fem.making.panels.svg import region_data
 from toros_fem.meshes.panels import panel_places
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
@@ -156,15 +157,13 @@ class FlatPatterns:
             for k, (known, _) in enumerate(self._known)
             if known * (len(regions) // len(known)) == regions
         ]
-        number = numbers[0] if numbers else self._draw(skin, regions)
+        number = numbers[0] if numbers else self._draw(skin.pattern, skin.regions, regions)
         drawn, origins = self.shown[number], self._known[number][1]
         panel = skin.pattern.panel_of_point % len(origins)
         places = origins[panel] + 1e3 * skin.pattern.flat_points
         return number, places / [drawn["width"], drawn["height"]]
 
-    def _draw(self, skin: ShownSkin, regions: list[bytes]) -> int:
-        assert skin.regions is not None
-        pattern = skin.pattern
+    def _draw(self, pattern: Pattern, regions: Regions, known: list[bytes]) -> int:
         origins = np.array([1e3 * p.offset + MARGIN for p in panel_places(pattern, 1e-3 * GAP)])
         width, height = (origins[pattern.panel, None] + 1e3 * pattern.corners).max(axis=(0, 1))
         width, height = float(width) + MARGIN, float(height) + MARGIN
@@ -174,12 +173,12 @@ class FlatPatterns:
                 "x": float(x),
                 "y": height - float(y),
                 "cut": region_data(scale(pattern.outline(k), 1e3, 1e3, origin=(0, 0))),
-                "print": region_data(scale(skin.regions[k], 1e3, 1e3, origin=(0, 0))),
+                "print": region_data(scale(regions[k], 1e3, 1e3, origin=(0, 0))),
             }
             for k, (name, (x, y)) in enumerate(zip(pattern.panel_names, origins, strict=True))
         ]
         self.shown.append({"width": width, "height": height, "panels": panels})
-        self._known.append((regions, origins))
+        self._known.append((known, origins))
         return len(self.shown) - 1
 
 
