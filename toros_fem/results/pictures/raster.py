@@ -293,7 +293,8 @@ def _reduced(colours: npt.NDArray[np.float32], covered: Bools) -> npt.NDArray[np
     """Return pixels, (h, w, 4), of the mean of their samples."""
     height, width = np.array(covered.shape) // SAMPLES
     samples = np.dstack([colours * covered[..., None], covered])
-    found = samples.reshape(height, SAMPLES, width, SAMPLES, 4).sum(axis=(1, 3))
+    rows = samples.reshape(height, SAMPLES, -1).sum(axis=1)  # first: they are whole in memory
+    found = rows.reshape(height, width, SAMPLES, 4).sum(axis=2)
     found[..., :3] /= np.maximum(found[..., 3:], 1)
     found[..., 3] /= SAMPLES**2
     return np.asarray((255 * np.clip(found, 0, 1)).round(), dtype=np.uint8)
