@@ -364,7 +364,7 @@ def draw_empty(path: Path) -> None:
     shown = read_skin(BEND / FOLDER / frame.skin)
     pattern = shown.pattern
     skin, drawn = sew(MPI.COMM_SELF, pattern), DrawnSkin(shown)
-    density = np.round(shown.print_share())[skin.owned_cells]
+    density = np.round(drawn.print_share)[skin.owned_cells]
     states, told = [], []
     for rest, pressure in (("flat", 0.0), ("assembled", 0.0), ("flat", FILLED)):
         composite = Composite(bending=Bending(rest=rest))

@@ -14,8 +14,7 @@ from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.design.relaxed.find import RelaxedOptions, find_lines
-from toros_fem.making.as_printed.as_printed import as_printed
-from toros_fem.making.as_printed.printed_lines import printed_lines
+from toros_fem.making.as_printed.as_printed import as_printed, printed_lines
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.measures.between_regions import (

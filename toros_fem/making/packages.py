@@ -1,4 +1,4 @@
-"""Packages that the machine files need, and that come with an extra."""
+"""Packages that come with an extra, and the templates of pages that one of them fills."""
 
 from __future__ import annotations
 
@@ -8,11 +8,21 @@ from typing import Any
 from toros_fem.base.errors import MissingPackageError
 
 
-def required(name: str) -> Any:
-    """Return a package of the extra `manufacture`, or raise a MissingPackageError."""
+def required(name: str, extra: str = "manufacture") -> Any:
+    """Return a package of an extra, or raise a MissingPackageError."""
     try:
         return import_module(name)
     except ImportError as missing:
-        raise MissingPackageError(
-            f"machine files need {name} ({missing}); in the checkout: pip install '.[manufacture]'"
-        ) from None
+        what = f"{name} is needed ({missing})"
+        raise MissingPackageError(f"{what}; in the checkout: pip install '.[{extra}]'") from None
+
+
+def template(package: str, name: str, extra: str = "manufacture") -> Any:
+    """Return a file of a package as a template, which escapes all that it is given."""
+    jinja2 = required("jinja2", extra)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader(package, ""), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # tables have an order
+    return environment.get_template(name)

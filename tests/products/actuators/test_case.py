@@ -13,8 +13,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.making.as_printed.as_printed import as_printed
-from toros_fem.making.as_printed.printed_lines import printed_lines
+from toros_fem.making.as_printed.as_printed import as_printed, printed_lines
 from toros_fem.measures.cross_sections import (
     CrossSectionObjective,
     CrossSections,

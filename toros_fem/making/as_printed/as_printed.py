@@ -1,4 +1,4 @@
-"""The printed design: thresholded, cleaned, measured, and simulated again."""
+"""The printed design, of a density or of lines: cleaned, measured, and simulated again."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from toros_fem.making.print.printability import (
     printed_cells,
     printed_fractions,
 )
-from toros_fem.making.print.regions import part_regions
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import equilateral_edge
@@ -140,6 +140,48 @@ def as_printed(
     return printed(problem, cleaning, limits, like=result.final, journal=journal)
 
 
+@collective("problem.comm", owned=("journal",))
+def printed_lines(
+    problem: DesignProblem,
+    pattern: Pattern,
+    regions: Regions,
+    limits: PrintLimits = DEFAULT_LIMITS,
+    *,
+    island_area: float = 0.0,
+    near: tuple[Pattern, Floats] | None = None,
+    pressure: Pressure | None = None,
+    journal: Journal | None = None,
+) -> PrintedDesign:
+    """Clean, measure and simulate lines that come as polygons (collective).
+
+    A mesh whose edges follow the lines, by `Case.following`, sees them as they are. On others lines
+    come out too stiff or with steps in their borders (docs/manufacture.md).
+
+    Args:
+        problem: It is on the mesh that the print is simulated on.
+        pattern: The pattern that the polygons belong to: the same panels on any mesh.
+        island_area: As of `as_printed`.
+        near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
+            start from: those of the relaxed design, or of the print on a coarser mesh. None starts
+            from the assembled shape.
+
+    Raises:
+        PanelError: The panels are others, or the number of regions is not theirs.
+        ParameterError: The area is negative, or not below the pattern's.
+    """
+    require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
+    require_printable(problem, limits, island_area)
+    part, whole = problem.skin.pattern, problem.whole
+    start = None if near is None else state_near(problem, *near)
+
+    def cleaning() -> CleanedRegions:
+        panels = panels_of(part, whole)
+        found = panels.whole(regions_on(pattern, regions, part))
+        return clean(panels, found, limits, island_area)
+
+    return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
+
+
 @collective("problem.comm")
 def followed(
     problem: DesignProblem, like: Evaluation, regions: Regions
@@ -154,11 +196,18 @@ def followed(
     fields = (like.density, like.filtered, like.projected)
     density, filtered, projected = (skin.gather_cells(v)[other.owned_cells] for v in fields)
     moved = replace(like, density=density, filtered=filtered, projected=projected)
-    near = make_transfer(skin.pattern, other.pattern).positions(
-        skin.gather_vertices(like.equilibrium.positions)
-    )
-    start = there.physics.state_at(near)
+    start = state_near(there, skin.pattern, skin.gather_vertices(like.equilibrium.positions))
     return there, moved, there.solver.model.assembled if start is None else start
+
+
+@collective("problem.comm")
+def state_near(problem: DesignProblem, pattern: Pattern, positions: Floats) -> Any:
+    """Return the state of a problem with the shape of another mesh of its panels (collective).
+
+    Positions, (n, 3), in m, are those of all of its vertices.
+    """
+    there = make_transfer(pattern, problem.skin.pattern).positions(positions)
+    return problem.physics.state_at(there)
 
 
 @collective("problem.comm")

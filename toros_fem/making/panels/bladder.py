@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -39,22 +40,16 @@ class BladderSheets:
     tab_seam: int | None
 
 
-@dataclass(frozen=True, eq=False)
-class _Sheets:
-    """Sheets of film before they have a tab.
+class _Sheets(NamedTuple):
+    """Sheets of film before they have a tab: their weld lines, and what is welded to what.
 
-    Attributes:
-        outlines: Their weld lines.
-        welds: Which edges are welded to which.
-        tab: The weld with the tab, and the arc length in m of its middle.
-        of_skin: Whether the welds are the seams of the skin.
+    The weld with the tab is given with the arc length in m of the tab's middle.
     """
 
-    names: list[str]
-    outlines: list[BaseGeometry]
-    welds: list[SewnSeam]
+    names: Sequence[str]
+    outlines: Sequence[BaseGeometry]
+    welds: Sequence[SewnSeam]
     tab: tuple[SewnSeam, float]
-    of_skin: bool
 
 
 def bladder_sheets(
@@ -96,7 +91,7 @@ def bladder_sheets(
     size = options.connector_width, options.connector_length
     for side, k in enumerate(weld.panels):
         drawings[k] = _with_tab(drawings[k], weld, side, arc, allowance, size)
-    return BladderSheets(drawings, weld.number if sheets.of_skin else None)
+    return BladderSheets(drawings, weld.number if weld in seams else None)
 
 
 def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
@@ -118,7 +113,7 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
     weld = SewnSeam(1, (0, 1), np.stack([corners, corners * [-1, 1]]), (0, 0))
     box = shapely.Polygon(corners)
     names = ["bladder front", "bladder back"]
-    return _Sheets(names, [box, box], [weld], (weld, float(weld.arc[4])), of_skin=False)
+    return _Sheets(names, [box, box], [weld], (weld, float(weld.arc[4])))
 
 
 def _panels(
@@ -145,7 +140,7 @@ def _panels(
     places = [(weld, *_best_place(weld, side, point, reach)) for weld, side in edges]
     weld, arc, _ = min(places, key=lambda place: place[2])
     names = [f"bladder {name}" for name in pattern.panel_names]
-    return _Sheets(names, outlines, seams, (weld, arc), of_skin=True)
+    return _Sheets(names, outlines, seams, (weld, arc))
 
 
 def _best_place(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -118,25 +117,12 @@ def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
     return [np.stack([tail, tip]), np.stack([head[0], tip, head[1]])]
 
 
-@dataclass(frozen=True, eq=False)
-class Ruler:
-    """A ruler of 100 mm, to check the scale of a drawing by.
+def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats], Label]:
+    """Return the lines of a ruler of 100 mm, to check the scale of a sheet by, and its text.
 
-    Attributes:
-        lines: Lines, (n, 2) in m each: the first is 100 mm long, the others are ticks every 10 mm.
-        label: Its text.
-        inside: Whether it lies on the sheet, and not below.
-    """
-
-    lines: list[Floats]
-    label: Label
-    inside: bool
-
-
-def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> Ruler:
-    """Return the ruler of a sheet at the lowest place that is not taken, in m.
-
-    It is upright where no level one is free, and lies below the sheet without any place.
+    The first line, (n, 2) in m each, is 100 mm long, the others are ticks every 10 mm. They are at
+    the lowest place that is not taken, upright where no level one is free, and below the sheet
+    without any place.
     """
     free = shapely.box(2 * CLEAR, 2 * CLEAR, sheet[0] - 2 * CLEAR, sheet[1] - 2 * CLEAR)
     free = free.difference(taken.buffer(2 * CLEAR)).buffer(1e-6)
@@ -150,16 +136,16 @@ def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> Ruler:
         centres = np.column_stack([x.ravel(), y.ravel()])
         found = first_fit(free, centres, angle, [size])
         if found is not None:
-            return _ruler_at(Affine.turn(angle, centres[found[0]]), inside=True)
+            return _ruler_at(Affine.turn(angle, centres[found[0]]))
     below = [2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]
-    return _ruler_at(Affine.shift(below), inside=False)
+    return _ruler_at(Affine.shift(below))
 
 
-def _ruler_at(place: Affine, *, inside: bool) -> Ruler:
+def _ruler_at(place: Affine) -> tuple[list[Floats], Label]:
     base = -HEIGHT / 2 + CLEAR
     ticks = np.arange(0, RULER + STEP / 2, STEP) - RULER / 2
     lines = [np.array([[-RULER / 2, base], [RULER / 2, base]])]
     lines += [np.array([[x, base], [x, base + TICK]]) for x in ticks]
     middle = place.points([0.0, base + TICK + CLEAR + TEXT / 2])
     label = Label(f"{1e3 * RULER:.0f} mm", middle, place.angle, TEXT)
-    return Ruler([place.points(line) for line in lines], label, inside)
+    return [place.points(line) for line in lines], label

@@ -122,15 +122,13 @@ def _even(line: Floats, length: float) -> Floats:
 
 def _averaged(points: Floats, *, closed: bool) -> Floats:
     """Return evenly spaced points (n, 2), averaged along a ring or between fixed ends."""
-    sigma, mode, n = 1 / STEP, "wrap", len(points)
+    ends, beyond = points[[0, -1]], 0 if closed else len(points) - 1
+    mode = "wrap" if closed else "nearest"
+    # An odd continuation at both ends keeps them.
+    longer = np.pad(points, ((beyond, beyond), (0, 0)), "reflect", reflect_type="odd")
+    once = gaussian_filter1d(longer, 1 / STEP, axis=0, mode=mode)
+    twice = np.asarray(2 * once - gaussian_filter1d(once, 1 / STEP, axis=0, mode=mode))
+    found = twice[beyond : beyond + len(points)]
     if not closed:
-        # An odd continuation at both ends keeps them.
-        back, on = 2 * points[0] - points[:0:-1], 2 * points[-1] - points[-2::-1]
-        points, mode = np.concatenate([back, points, on]), "nearest"
-    once = gaussian_filter1d(points, sigma, axis=0, mode=mode)
-    twice = np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode=mode))
-    if closed:
-        return twice
-    inner = twice[n - 1 : 2 * n - 1]
-    inner[0], inner[-1] = points[n - 1], points[2 * n - 2]
-    return inner
+        found[[0, -1]] = ends
+    return found

@@ -90,21 +90,15 @@ def _across_seams(
 ) -> Ints:
     """Return pairs of parts, (k, 2), that meet over a length where edges are sewn together."""
     fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
-    reach = TOUCHING * pattern.size
-    shapely.prepare(parts)
-    boxes = shapely.box(*(shapely.bounds(parts) + [-reach, -reach, reach, reach]).T)
     sides = []
     for edge in np.moveaxis(pattern.seams, 1, 0):
         start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
         points = shapely.points((1 - fraction) * start + fraction * end).ravel()
-        of_edge = np.repeat(pattern.panel_of_point[edge[:, 0]], SEAM_POINTS)
+        near = TOUCHING * pattern.size
+        part, at = shapely.STRtree(points).query(parts, predicate="dwithin", distance=near)
+        own = panel[part] == np.repeat(pattern.panel_of_point[edge[:, 0]], SEAM_POINTS)[at]
         found = np.full(len(points), -1)
-        for number in np.unique(panel):
-            here, mine = np.flatnonzero(of_edge == number), np.flatnonzero(panel == number)
-            # A prepared part has an index of its border; the tree alone would prepare the points.
-            which, at = shapely.STRtree(points[here]).query(boxes[mine])
-            near = shapely.dwithin(parts[mine[which]], points[here[at]], reach)
-            found[here[at[near]]] = mine[which[near]]
+        found[at[own]] = part[own]
         sides.append(found)
     pairs = np.sort(np.stack(sides, axis=1), axis=1)
     met = pairs[:, 0] >= 0

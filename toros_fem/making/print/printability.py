@@ -94,7 +94,7 @@ class Printability:
             for what, found in (
                 ("mm", place and 1e3 * place.width),
                 ("panel", place and place.panel),
-                ("ends_mm", place and [[1e3 * x, 1e3 * y] for x, y in place.ends]),
+                ("ends_mm", place and (1e3 * place.ends).tolist()),
             )
         }
         return {

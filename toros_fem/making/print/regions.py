@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.design.loop.case import Case
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import scaled_points
@@ -41,3 +44,32 @@ def with_more(
     """Return a region with what only its image has inside an outline, but for narrow pieces."""
     more = (other & outline).difference(own).buffer(-detail / 2).buffer(detail)
     return own if more.is_empty else own.union(more & other) & outline
+
+
+@collective("comm")
+def case_of_print(
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
+) -> tuple[Case, list[BaseGeometry]]:
+    """Return a case that follows a print, with smoothed strains, and `print_on` it (collective)."""
+    own = print_on(comm, case, pattern, regions)
+    return case.following(comm, own).smoothed(), own
+
+
+@collective("comm")
+def print_on(
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, any_size: bool = False
+) -> list[BaseGeometry]:
+    """Return a print on the pattern of a case (collective).
+
+    The print's own pattern is another mesh of the whole skin, perhaps of another size.
+
+    Raises:
+        PanelError: The panels or, unless they may, their sizes are others, or the number of
+            regions is not theirs.
+    """
+
+    def laid() -> list[BaseGeometry]:
+        there = regions_on(pattern, regions, case.whole.pattern, any_size=any_size)
+        return part_regions(case.pattern, there)
+
+    return on_first_rank(comm, laid)

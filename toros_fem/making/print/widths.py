@@ -30,25 +30,24 @@ STRETCH = 1 / 4
 SIMPLEX = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LocalWidth:
     """Width of a line or a gap at a place where it is locally thinnest.
 
     Attributes:
         width: Diameter in m of the largest disc that fits between the two sides.
-        ends: The two points where the disc touches the sides, in m on the flat panel.
+        ends: The two points where the disc touches the sides, (2, 2), in m on the flat panel.
         panel: Number of the panel.
     """
 
     width: float
-    ends: tuple[tuple[float, float], tuple[float, float]]
+    ends: Floats
     panel: int
 
     @property
-    def centre(self) -> tuple[float, float]:
-        """Point half way between the ends, in m."""
-        (ax, ay), (bx, by) = self.ends
-        return (ax + bx) / 2, (ay + by) / 2
+    def centre(self) -> Floats:
+        """Point half way between the ends, (2,), in m."""
+        return np.asarray(self.ends.mean(axis=0))
 
 
 _width = attrgetter("width")
@@ -119,7 +118,7 @@ def measure_widths(
             pairs = pairs.select(shapely.contains_xy(within, pairs.centre))
         least = limit - TOUCHING * resolution  # a width equal to the limit is not narrow
         places = [
-            _place(border.points[ends[0]], border.points[ends[1]], width, panel)
+            LocalWidth(width, border.points[ends], panel)
             for ends, width in border.thinnest(pairs, least)
         ]
         for dot, cut in border.lone(facing):
@@ -153,12 +152,10 @@ def narrow_discs(
         for dot, at_cut in border.lone(pairs)
         if dot.buffer(-resolution - limit / 2).is_empty  # else a larger disc fits in
     ]
-    small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
-    at_cut = ~border.free[thin.ends].all(axis=1)
-    return (
-        np.concatenate([thin.centre, np.reshape([centre for centre, _ in small], (-1, 2))]),
-        np.concatenate([at_cut, np.array([cut_ for _, cut_ in small], dtype=bool)]),
-    )
+    small = [(place, at_cut) for place, at_cut in places if place.width < limit]
+    at_cut = [*~border.free[thin.ends].all(axis=1), *(at_cut for _, at_cut in small)]
+    centres = np.concatenate([thin.centre, *(place.centre[None] for place, _ in small)])
+    return centres, np.array(at_cut, dtype=bool)
 
 
 class _Border:
@@ -332,10 +329,4 @@ def _largest_disc(dot: BaseGeometry, panel: int, resolution: float) -> LocalWidt
     """Return the diameter of the largest disc in a polygon."""
     radius = shapely.maximum_inscribed_circle(dot, tolerance=resolution / 4)
     centre, border = shapely.get_coordinates(radius)
-    return _place(2 * centre - border, border, 2 * radius.length, panel)
-
-
-def _place(one: Floats, two: Floats, width: float, panel: int) -> LocalWidth:
-    return LocalWidth(
-        float(width), ((float(one[0]), float(one[1])), (float(two[0]), float(two[1]))), panel
-    )
+    return LocalWidth(2 * radius.length, np.stack([2 * centre - border, border]), panel)

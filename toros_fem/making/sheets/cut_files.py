@@ -13,14 +13,6 @@ from toros_fem.making.packages import required
 from toros_fem.making.panels.svg import Svg, open_line
 from toros_fem.making.sheets.layout import LAYERS, Sheet
 
-# Colours of the layers as cutters tell them apart: in SVG, and by number in DXF.
-COLOURS = {
-    "print": ("#808080", 8),
-    "seam": ("#0000ff", 5),
-    "marks": ("#00a000", 3),
-    "labels": ("#000000", 7),
-    "cut": ("#ff0000", 1),
-}
 # Width of lines in mm.
 LINE = 0.1
 INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
@@ -36,7 +28,7 @@ def cut_svg(sheet: Sheet) -> bytes:
     ET.register_namespace("inkscape", INKSCAPE)
     svg = Svg(sheet.box, sheet.size[1])
     for name, layers in sheet.layers.items():
-        colour = COLOURS[name][0]
+        colour, _ = LAYERS[name]
         look = {"fill": "none", "stroke": colour, "stroke-width": f"{LINE}"}
         if name == "print":
             look = {"fill": colour, "fill-rule": "evenodd", "stroke": "none"}
@@ -58,8 +50,8 @@ def cut_dxf(sheet: Sheet) -> bytes:
     document = ezdxf.new("R2010", setup=True)
     document.units = MILLIMETRES
     document.header["$MEASUREMENT"] = 1
-    for name in LAYERS:
-        document.layers.add(name, color=COLOURS[name][1])
+    for name, (_, colour) in LAYERS.items():
+        document.layers.add(name, color=colour)
         _draw(document.modelspace(), name, sheet)
     # They are a set, whose order differs between processes.
     for kind in sorted(document.entitydb.dxf_types_in_use()):

@@ -10,10 +10,12 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.base.array_types import Floats
 from toros_fem.making.options import DEFAULT, ManufactureOptions
 from toros_fem.making.panels.bladder import bladder_sheets
-from toros_fem.making.panels.marks import CLEAR, HEIGHT, Ruler, ruler
+from toros_fem.making.panels.marks import CLEAR, HEIGHT, ruler
 from toros_fem.making.panels.panel_drawing import PanelDrawing, panel_drawings, printed_face
+from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
 from toros_fem.making.panels.svg import Box, Layer
 from toros_fem.making.sheets.placement import Placement, nest
@@ -21,8 +23,15 @@ from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
-# Layers from the lowest to the highest: the order in which most machines work, the cut at last.
-LAYERS = ("print", "seam", "marks", "labels", "cut")
+# Layers from the lowest to the highest: the order in which most machines work, the cut at last. By
+# their colours, in SVG and by number in DXF, cutters tell them apart.
+LAYERS = {
+    "print": ("#808080", 8),
+    "seam": ("#0000ff", 5),
+    "marks": ("#00a000", 3),
+    "labels": ("#000000", 7),
+    "cut": ("#ff0000", 1),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,15 +42,15 @@ class Sheet:
     drawings: Sequence[PanelDrawing]
 
     @cached_property
-    def ruler(self) -> Ruler:
-        """The ruler that shows the scale."""
+    def ruler(self) -> tuple[list[Floats], Label]:
+        """Lines and text of the ruler that shows the scale, in m."""
         return ruler(shapely.union_all([one.footprint for one in self.drawings]), self.size)
 
     @property
     def box(self) -> Box:
         """What a drawing shows: the sheet, and below it the ruler if that has no room on it."""
-        below = 0.0 if self.ruler.inside else HEIGHT + 4 * CLEAR
-        return 0.0, -below, *self.size
+        (base, *_), _ = self.ruler
+        return 0.0, 0.0 if base[0, 1] > 0 else -HEIGHT - 4 * CLEAR, *self.size
 
     @cached_property
     def layers(self) -> dict[str, list[Layer]]:
@@ -53,8 +62,9 @@ class Sheet:
             layers["marks"].append(Layer(one.name, lines=one.marks))
             layers["labels"].append(Layer(one.name, labels=one.labels))
             layers["cut"].append(Layer(one.name, one.cut, lines=list(one.notches)))
-        layers["marks"].append(Layer("sheet", lines=self.ruler.lines))
-        layers["labels"].append(Layer("sheet", labels=[self.ruler.label]))
+        lines, label = self.ruler
+        layers["marks"].append(Layer("sheet", lines=lines))
+        layers["labels"].append(Layer("sheet", labels=[label]))
         return layers
 
 

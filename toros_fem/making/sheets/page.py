@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
-from importlib import resources
 from typing import Any
 
 import numpy as np
 import shapely
 
-from toros_fem.making.packages import required
+from toros_fem.making.packages import required, template
 from toros_fem.making.panels.panel_labels import Label
 from toros_fem.making.panels.svg import Svg
 from toros_fem.making.sheets.layout import Manufacture, Sheet
@@ -44,17 +43,12 @@ def page(
     summary: Mapping[str, Any] | None = None,
 ) -> str:
     """Return the page, with a title, as HTML that needs no other file."""
-    jinja2, safe = required("jinja2"), required("markupsafe").Markup
-    text = resources.files("toros_fem.making.sheets").joinpath(NAME).read_text("utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    places, film = made.layout, made.film
+    safe, places, film = required("markupsafe").Markup, made.layout, made.film
 
     def drawn(draw: Callable[[Sheet, str], str], sheets: Sequence[Sheet], what: str) -> list[str]:
         return [safe(draw(sheet, f"{what} {k}")) for k, sheet in enumerate(sheets, 1)]
 
-    shown: str = environment.from_string(text).render(
+    shown: str = template("toros_fem.making.sheets", NAME).render(
         title=title,
         made=manifest,
         corners=[places.bed_on_sheet(k)[1] for k in range(len(places.beds))],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -79,8 +80,10 @@ def nest(
     turns = {name: _turns(shape, grain) for name, shape in outlines.items()}
     for name, shape in outlines.items():
         _require_fit(name, shape, turns[name], usable, size)
-    placed = _kept(outlines, turns, usable, gap) or _nested(outlines, turns, usable, gap)
-    _check(outlines, placed, usable, gap)
+    placed = _kept(outlines, turns, usable, gap)
+    if not placed:
+        placed = _nested(outlines, turns, usable, gap)
+        _require_apart(outlines, placed, usable, gap)
     return [replace(p, offset=(p.offset[0] + margin, p.offset[1] + margin)) for p in placed]
 
 
@@ -202,23 +205,19 @@ def _hull(shape: BaseGeometry) -> BaseGeometry:
     return shapely.remove_repeated_points(inner, 1e-3 * ROUNDING)
 
 
-def _check(
-    outlines: Mapping[str, BaseGeometry],
-    placed: Sequence[Placement],
-    usable: Floats,
-    gap: float,
+def _require_apart(
+    outlines: Mapping[str, BaseGeometry], placed: Sequence[Placement], usable: Floats, gap: float
 ) -> None:
-    """Check the places against the outlines themselves."""
-    regions = {place.panel: place.to_sheet.region(outlines[place.panel]) for place in placed}
-    for name, region in regions.items():
-        low, high = np.reshape(region.bounds, (2, 2))
-        if np.any(low < -2 * ROUNDING) or np.any(high > usable + 2 * ROUNDING):
-            raise SheetError(f"panel {name!r} was nested beyond its sheet. Give a larger margin.")
-    for one, other in combinations(placed, 2):
-        if one.sheet == other.sheet:
-            distance = regions[one.panel].distance(regions[other.panel])
-            if distance < gap - 2 * ROUNDING:
-                raise SheetError(
-                    f"panels {one.panel!r} and {other.panel!r} were nested {MM * distance:.2f} mm "
-                    f"apart, less than {MM * gap:g} mm. Give a larger gap."
-                )
+    """Check what was nested against the outlines themselves."""
+    sheet = shapely.box(0, 0, *usable).buffer(2 * ROUNDING, join_style="mitre")
+    before: dict[int, list[BaseGeometry]] = defaultdict(list)
+    for place in placed:
+        region, others = place.to_sheet.region(outlines[place.panel]), before[place.sheet]
+        if not sheet.covers(region) or any(
+            region.distance(other) < gap - 2 * ROUNDING for other in others
+        ):
+            raise SheetError(
+                f"panel {place.panel!r} was nested beyond its sheet, or less than {MM * gap:g} mm "
+                "from another one. Give a larger margin or gap."
+            )
+        others.append(region)

@@ -18,9 +18,9 @@ from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.as_printed.printed_lines import print_on
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes

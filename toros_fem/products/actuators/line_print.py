@@ -10,8 +10,7 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign, printed
-from toros_fem.making.as_printed.printed_lines import state_near
+from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, state_near
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape

@@ -13,8 +13,9 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.making.as_printed.printed_lines import case_of_print, state_near
+from toros_fem.making.as_printed.as_printed import state_near
 from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.products.actuators.job import Job

@@ -14,10 +14,10 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.design.loop.case import Case
-from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace

@@ -20,23 +20,10 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.tiles.printed_tile import region_of_triangles
 from toros_fem.products.tiles.pull_test import PulledSheet
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
-from toros_fem.results.pictures.style import (
-    ACCENT,
-    DARK,
-    EDGE,
-    FABRIC,
-    PRINT,
-    SECOND,
-    SEQUENTIAL,
-    SOFT,
-    TALL,
-    bar_below,
-    fill,
-    page,
-)
+from toros_fem.results.pictures import style
 
 # Colour, line width and marker of each direction; both lines show where they cover each other.
-LINE_STYLES = ((SECOND, 3.0, "o"), (ACCENT, 1.4, "s"))
+LINE_STYLES = ((style.SECOND, 3.0, "o"), (style.ACCENT, 1.4, "s"))
 # Directions that differ by less than a part of this, in rad, are the same.
 ROUND = 1e9
 # Most circles of a polar chart, so that their numbers stay apart.
@@ -76,35 +63,41 @@ def plot_profile(
     wanted = None if goals[1] is None else full_circle(angles, goals[1], symmetry)
     every = np.concatenate([contraction[1], [0.0] if wanted is None else wanted[1]])
     low, high = float(np.nanmin(every)), float(np.nanmax(every))
-    with page(path, f"Stiffness and contraction at {100 * profile.strain:g} % of strain") as figure:
+    with style.page(
+        path, f"Stiffness and contraction at {100 * profile.strain:g} % of strain"
+    ) as figure:
         left = figure.add_axes((0.06, 0.10, 0.38, 0.66), projection="polar")
-        left.plot(*full_circle(profile.angles, profile.stiffness, symmetry), color=DARK)
+        left.plot(*full_circle(profile.angles, profile.stiffness, symmetry), color=style.DARK)
         turn = np.linspace(0, 2 * np.pi, 100)
-        left.plot(turn, np.full(100, fabric_stiffness), "--", color=SOFT)
+        left.plot(turn, np.full(100, fabric_stiffness), "--", color=style.SOFT)
         if goals[0] is not None:
-            left.plot(*full_circle(angles, goals[0], symmetry), "o", ms=5, mfc="none", color=ACCENT)
+            left.plot(
+                *full_circle(angles, goals[0], symmetry), "o", ms=5, mfc="none", color=style.ACCENT
+            )
         left.set_ylim(0)
         left.set_title("secant stiffness (N/m)", pad=14)
         if low < 0:
             right = figure.add_axes((0.58, 0.16, 0.38, 0.58))
-            right.plot(np.degrees(contraction[0]), contraction[1], color=DARK)
+            right.plot(np.degrees(contraction[0]), contraction[1], color=style.DARK)
             if wanted is not None:
-                right.plot(np.degrees(wanted[0]), wanted[1], "o", ms=5, mfc="none", color=ACCENT)
-            right.axhline(0, color=SOFT, lw=0.8)
+                right.plot(
+                    np.degrees(wanted[0]), wanted[1], "o", ms=5, mfc="none", color=style.ACCENT
+                )
+            right.axhline(0, color=style.SOFT, lw=0.8)
             right.set(xlabel="direction (°)", xticks=range(0, 361, 90))
             right.grid(axis="y")
         else:
             right = figure.add_axes((0.56, 0.10, 0.38, 0.66), projection="polar")
-            right.plot(*contraction, color=DARK)
+            right.plot(*contraction, color=style.DARK)
             if wanted is not None:
-                right.plot(*wanted, "o", ms=5, mfc="none", color=ACCENT)
+                right.plot(*wanted, "o", ms=5, mfc="none", color=style.ACCENT)
             right.set_ylim(0, 1.1 * max(0.1, high))
         for axes in figure.axes:
             if axes.name == "polar":
                 axes.yaxis.set_major_locator(MaxNLocator(RINGS))
         right.set_title("lateral contraction", pad=14)
-        words = [("— printed", DARK), ("- - fabric without print", SOFT)]
-        words += [("○ target", ACCENT)] if target is not None else []
+        words = [("— printed", style.DARK), ("- - fabric without print", style.SOFT)]
+        words += [("○ target", style.ACCENT)] if target is not None else []
         for k, (text, colour) in enumerate(words):
             figure.text(0.01, 0.10 - 0.04 * k, text, color=colour)
 
@@ -112,38 +105,37 @@ def plot_profile(
 def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
     """Draw stress and contraction of profiles at increasing strains, a line for each direction."""
     strain = [100 * profile.strain for profile in curves]
-    with page(path, "Each direction of the tile over the strain") as figure:
+    with style.page(path, "Each direction of the tile over the strain") as figure:
         left, right = _over_strain(figure, "nominal stress (N/m)", "lateral contraction")
         count = len(curves[0].angles)
         for k, angle in enumerate(curves[0].angles):
-            colour = colormaps[SEQUENTIAL](0.85 * k / max(1, count - 1))
+            colour = colormaps[style.SEQUENTIAL](0.85 * k / max(1, count - 1))
             stress = [profile.stress[k] for profile in curves]
             left.plot([0.0, *strain], [0.0, *stress], ".-", color=colour)
             right.plot(strain, [profile.contraction[k] for profile in curves], ".-", color=colour)
             name = f"{np.degrees(angle):.4g}°"
-            left.annotate(name, (strain[-1], stress[-1]), (4, 0), textcoords="offset points",
-                          color=colour, fontsize=8, va="center")  # fmt: skip
+            style.note(left, name, (strain[-1], stress[-1]), (4, 0), colour, va="center")
 
 
 def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
     """Draw stress and contraction over strain, of sheets and of the periodic tile."""
-    with page(path, "Pulled sheets, and what their tile predicts", TALL) as figure:
+    with style.page(path, "Pulled sheets, and what their tile predicts", style.TALL) as figure:
         left, right = _over_strain(figure, "force over width (N/m)", "lateral contraction", 0.20)
         handles: dict[str, Any] = {}
         for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
             test, predicted, name = one.test, one.predicted, one.sheet.direction
             strain = 100 * test.strain
-            style: dict[str, Any] = {"color": colour, "lw": lw}
+            look: dict[str, Any] = {"color": colour, "lw": lw}
             sheet: dict[str, Any] = {"marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
-            left.plot([0, *strain], [0, *test.stress], **style, **sheet)
-            left.plot([0, *strain], [0, *predicted.stress], **style, ls="--")
+            left.plot([0, *strain], [0, *test.stress], **look, **sheet)
+            left.plot([0, *strain], [0, *predicted.stress], **look, ls="--")
             for text, values, how in (
                 (f"along {name}: sheet", test.contraction, sheet),
                 (f"along {name}: predicted", predicted.contraction, {"ls": "--"}),
                 (f"along {name}: sheet, by its middle", test.middle_contraction, {"ls": ":"}),
             ):
-                (handles[text],) = right.plot(strain, values, **style, **how)
-        right.axhline(0.0, color=SOFT, lw=0.8)
+                (handles[text],) = right.plot(strain, values, **look, **how)
+        right.axhline(0.0, color=style.SOFT, lw=0.8)
         for axes in (left, right):
             axes.set_xlim(left=0)
         figure.legend(handles.values(), handles.keys(), frameon=False, ncols=2, loc="lower center")
@@ -151,15 +143,16 @@ def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
 
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
     """Draw the print `region` in m on count × count tiles and the border of one."""
-    with page(path, f"{count} × {count} tiles; the framed one is repeated", TALL) as figure:
+    title = f"{count} × {count} tiles; the framed one is repeated"
+    with style.page(path, title, style.TALL) as figure:
         axes = figure.add_axes((0.02, 0.03, 0.96, 0.86))
         corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
-        axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
-        fill(axes, region, PRINT)
+        axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[style.FABRIC]))
+        style.fill(axes, region, style.PRINT)
         border = corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3
-        axes.plot(*border.T, color=ACCENT, lw=1.2)
+        axes.plot(*border.T, color=style.ACCENT, lw=1.2)
         _to_scale(axes)
-        bar_below(axes)
+        style.bar_below(axes)
 
 
 def plot_deformed(
@@ -182,18 +175,18 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
     """Draw a sheet before and after the pull to `positions` (n, 3) in m, to scale."""
     size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
     grid = (1, 2) if size[1] > size[0] else (2, 1)
-    with page(path, title[:1].upper() + title[1:], TALL) as figure:
+    with style.page(path, title[:1].upper() + title[1:], style.TALL) as figure:
         where = {"left": 0.02, "right": 0.98, "bottom": 0.03, "top": 0.86, "hspace": 0.15}
         row = figure.subplots(*grid, sharex=True, sharey=True, gridspec_kw=where)
         for axes, name, points in zip(
             row, ("before", "pulled"), (pattern.points, positions), strict=True
         ):
             corners = points[pattern.triangles, :2]
-            fill(axes, region_of_triangles(corners), FABRIC, edge=EDGE)
-            fill(axes, region_of_triangles(corners[printed]), PRINT)
-            axes.set_title(name, color=SOFT)
+            style.fill(axes, region_of_triangles(corners), style.FABRIC, edge=style.EDGE)
+            style.fill(axes, region_of_triangles(corners[printed]), style.PRINT)
+            axes.set_title(name, color=style.SOFT)
             _to_scale(axes)
-        bar_below(row[-1])
+        style.bar_below(row[-1])
 
 
 def _over_strain(figure: Figure, left: str, right: str, bottom: float = 0.12) -> tuple[Axes, Axes]:

@@ -11,8 +11,8 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, NoRunError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.making.as_printed.printed_lines import case_of_print
 from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.regions import case_of_print
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.products.actuators.scene import ActuatorScene

@@ -52,7 +52,7 @@ def by_size(found: Tolerances) -> list[list[Variant]]:
 
 def plot_tolerances(path: Path, found: Tolerances) -> None:
     """Write a picture of how each metric moves, a bar for each variant (one rank)."""
-    from toros_fem.results.pictures.style import ACCENT, DARK, INK, page
+    from toros_fem.results.pictures.style import ACCENT, DARK, INK, note, page
 
     pairs = by_size(found)
     bars = [(k, v) for k, pair in enumerate(pairs) for v in pair]
@@ -77,10 +77,8 @@ def plot_tolerances(path: Path, found: Tolerances) -> None:
             axes.axvline(nominal, color=INK, lw=0.8)
             if metric.target is not None:
                 axes.axvline(metric.target, color=ACCENT, linestyle="--", lw=1)
-                axes.annotate(
-                    "target", (metric.target, 1), (3, 2), xycoords=("data", "axes fraction"),
-                    textcoords="offset points", color=ACCENT, fontsize=8,
-                )  # fmt: skip
+                above = ("data", "axes fraction")
+                note(axes, "target", (metric.target, 1), (3, 2), ACCENT, xycoords=above)
             axes.set_xlabel(metric.label)
             axes.grid(axis="x")
         names = [f"{pair[0].quantity} ± {pair[0].amount}" for pair in pairs]

@@ -141,19 +141,17 @@ def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None
 
 def repeated(pattern: Pattern, regions: Regions, count: int) -> tuple[Pattern, list[BaseGeometry]]:
     """Return copies of a skin as one pattern, all at the same positions, and their print."""
-    copy = np.arange(count)[:, None]
 
     def numbered(values: Ints, size: int) -> Ints:
         return np.concatenate([values + k * size for k in range(count)])
 
-    panels = len(pattern.panel_names)
-    return Pattern(
+    copies = replace(
+        pattern,
         flat_points=np.tile(pattern.flat_points, (count, 1)),
         flat_triangles=numbered(pattern.flat_triangles, len(pattern.flat_points)),
-        panel=(pattern.panel + panels * copy).ravel(),
-        sewn=(pattern.sewn + len(pattern.points) * copy).ravel(),
+        panel=numbered(pattern.panel, len(pattern.panel_names)),
+        sewn=numbered(pattern.sewn, len(pattern.points)),
         points=np.tile(pattern.points, (count, 1)),
         panel_names=tuple(f"{name} {k + 1}" for k in range(count) for name in pattern.panel_names),
-        seam_tolerance=pattern.seam_tolerance,
-        moulded=pattern.moulded,
-    ), [*regions] * count
+    )
+    return copies, [*regions] * count

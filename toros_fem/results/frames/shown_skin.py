@@ -12,7 +12,6 @@ from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import OutputError
 from toros_fem.making.print.print_file import REGIONS, packed_regions, regions_of
-from toros_fem.making.print.printability import printed_fractions
 from toros_fem.measures.miss import Miss, miss_of
 from toros_fem.measures.rotation import polar_rotation
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -77,14 +76,6 @@ class ShownSkin:
             miss = self.miss(placed)
             return self.target if miss is None else miss.asked
         return self.target
-
-    def print_share(self, density: Floats | None = None) -> Floats:
-        """Return the printed fraction of each triangle, (t,); without a print it is the density."""
-        if self.regions is not None:
-            return printed_fractions(self.pattern, self.regions)
-        if density is None:
-            return np.zeros(len(self.pattern.triangles))
-        return np.clip(np.nan_to_num(density), 0, 1)
 
 
 def write_skin(folder: Path, skin: ShownSkin) -> str:

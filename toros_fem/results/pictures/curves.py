@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,20 +13,15 @@ from matplotlib.ticker import MaxNLocator
 from toros_fem.base.array_types import Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.figures import axis_label, formatted, unit_of
-from toros_fem.results.pictures.style import (
-    ACCENT,
-    DARK,
-    INK,
-    SECOND,
-    SOFT,
-    write_title,
-)
+from toros_fem.results.pictures import style
 from toros_fem.results.pictures.words import Word, write_words
-from toros_fem.results.runs.run_folder import Curve, Measured
+from toros_fem.results.runs.run_folder import Curve
 
 PRESSURE = "pressure (kPa)"
 # Feet whose paths end nearer than this, over the extent of all, have one name.
 SAME = 0.01
+# Of curves on the same axes, in turn.
+COLOURS = (style.DARK, style.SECOND, style.SOFT, style.INK)
 
 
 def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
@@ -51,84 +46,70 @@ def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
 
 def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> None:
     """Draw figures of one unit over the pressure in kPa, on the axes of a page."""
-    rows, pressure = curve.rows, curve.pressure
+    rows = curve.rows
     at = [1e-3 * row["pressure_pa"] for row in rows]
     factor = unit_of(figures[0].unit).factor
     axes.grid(axis="y")
-    words: list[Word] = []
-    lines: list[Floats] = []
-    for told, colour in zip(figures, (DARK, SECOND, SOFT, INK) * len(figures), strict=False):
+    words, lines = list[Word](), list[Floats]()
+    for told, colour in zip(figures, cycle(COLOURS), strict=False):
         values = [factor * row.get(told.key, np.nan) for row in rows]
         axes.plot(at, values, "-", color=colour, lw=1.6)
         lines.append(np.column_stack([at, values]))
         if len(figures) > 1:
             _name(axes, (at[-1], values[-1]), told.name.replace("_", " "), colour)
-        if pressure is not None and at[0] <= 1e-3 * pressure <= at[-1]:
-            _design(axes, told, pressure, colour, factor, words, lines)
-        _beside(axes, told, [m for m in curve.measured if m.key == told.key], factor, words, lines)
+        of_marks, beside = _marks(axes, told, curve, colour, factor)
+        words, lines = words + of_marks, lines + beside
         for k, side, is_broken in zip((0, -1), ("below", "beyond"), curve.broken, strict=True):
             if is_broken:
-                axes.plot(at[k], values[k], "x", color=ACCENT, ms=8, mew=2)
-                words.append(Word(f"no equilibrium {side}", (at[k], values[k]), ACCENT, 8.0))
-    asked = [told for told in figures if told.target is not None]
-    targets = [factor * told.target for told in asked if told.target is not None]
-    for height in targets:
-        axes.axhline(height, color=ACCENT, ls="--", lw=1.2, zorder=1)
+                axes.plot(at[k], values[k], "x", color=style.ACCENT, ms=8, mew=2)
+                words.append(Word(f"no equilibrium {side}", (at[k], values[k]), style.ACCENT, 8.0))
+    targets = [(told, factor * told.target) for told in figures if told.target is not None]
+    for _, height in targets:
+        axes.axhline(height, color=style.ACCENT, ls="--", lw=1.2, zorder=1)
     axes.autoscale_view(scalex=False)  # a target within the limits leaves them without margin
     left, right = axes.get_xlim()
-    lines += [np.array([(left, height), (right, height)]) for height in targets]
+    lines += [np.array([(left, height), (right, height)]) for _, height in targets]
     # Targets are named first: they have one place, where the axis of pressures begins.
     named = [
-        Word(f"target {formatted(told.target, told.unit)}", (left, height), ACCENT, 8.0)
-        for told, height in zip(asked, targets, strict=True)
+        Word(f"target {formatted(told.target, told.unit)}", (left, height), style.ACCENT, 8.0)
+        for told, height in targets
     ]
     write_words(axes, [*named, *words], lines)
     axes.set_ylabel(axis_label(figures))
 
 
 def _name(axes: Axes, at: tuple[float, float], name: str, colour: str) -> None:
-    axes.annotate(name, at, (6, 0), textcoords="offset points", color=colour, va="center",
-                  fontweight="bold", annotation_clip=False)  # fmt: skip
+    look = {"va": "center", "fontweight": "bold", "annotation_clip": False}
+    style.note(axes, name, at, (6, 0), colour, style.TEXT, **look)
 
 
-def _design(
-    axes: Axes,
-    told: Told,
-    pressure: float,
-    colour: str,
-    factor: float,
-    words: list[Word],
-    lines: list[Floats],
-) -> None:
-    """Draw the figure at the pressure of the design with its error, and add its words."""
-    if told.value is None:
-        return
-    x, y = 1e-3 * pressure, factor * told.value
-    if told.interval is not None:
-        axes.errorbar(x, y, factor * told.interval, color=colour, capsize=4, lw=1.2, zorder=4)
-        lines.append(np.array([(x, y - factor * told.interval), (x, y + factor * told.interval)]))
-    axes.plot(x, y, "o", color=colour, ms=6, zorder=5)
-    words.append(Word(told.shown, (x, y), colour))
+def _marks(
+    axes: Axes, told: Told, curve: Curve, colour: str, factor: float
+) -> tuple[list[Word], list[Floats]]:
+    """Draw a figure at the pressure of the design with its error, and values that were measured.
 
-
-def _beside(
-    axes: Axes,
-    told: Told,
-    measured: Sequence[Measured],
-    factor: float,
-    words: list[Word],
-    lines: list[Floats],
-) -> None:
-    """Draw measured values, and add words with what ours is at the same pressure."""
-    for one in measured:
+    Returned are the words on them, and lines that these should not cover.
+    """
+    words, lines = list[Word](), list[Floats]()
+    low, high = (curve.rows[k]["pressure_pa"] for k in (0, -1))
+    if told.value is not None and curve.pressure is not None and low <= curve.pressure <= high:
+        x, y = 1e-3 * curve.pressure, factor * told.value
+        if told.interval is not None:
+            half = factor * told.interval
+            axes.errorbar(x, y, half, color=colour, capsize=4, lw=1.2, zorder=4)
+            lines.append(np.array([(x, y - half), (x, y + half)]))
+        axes.plot(x, y, "o", color=colour, ms=6, zorder=5)
+        words.append(Word(told.shown, (x, y), colour))
+    for one in (one for one in curve.measured if one.key == told.key):
         x, y = 1e-3 * one.pressure, factor * one.value
-        axes.plot(x, y, "D", color=INK, mfc="none", ms=7, zorder=5)
+        axes.plot(x, y, "D", color=style.INK, mfc="none", ms=7, zorder=5)
         text = f"{formatted(one.value, told.unit, 3)} ({one.source})"
-        if one.simulated is not None:
+        if one.simulated is not None:  # ours at the same pressure
             text += f",\n{formatted(one.simulated, told.unit, 3)} ours"
-            axes.plot([x, x], [y, factor * one.simulated], color=SOFT, lw=0.8, ls=":")
+            axes.plot([x, x], [y, factor * one.simulated], color=style.SOFT, lw=0.8, ls=":")
             lines.append(np.array([(x, y), (x, factor * one.simulated)]))
-        words.append(Word(text, (x, y), INK, 8.0))
+        words.append(Word(text, (x, y), style.INK, 8.0))
+    return words, lines
 
 
 def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | None = None) -> None:
@@ -137,30 +118,27 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
     Dotted lines mark where the next mesh begins.
     """
     count, objective = zip(*((row["iteration"], row["objective"]) for row in rows), strict=True)
-    axes.plot(count, objective, color=DARK, lw=1.4)
+    axes.plot(count, objective, color=style.DARK, lw=1.4)
     if positive := [value for value in objective if value > 0]:
         least, most = np.floor(np.log10(min(positive))), np.ceil(np.log10(max(positive)))
         axes.set(yscale="log", ylim=(10.0**least, 10.0 ** max(most, least + 1)))
         axes.yaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_minor_formatter("")
-    axes.set_ylabel("objective T", color=DARK)
+    axes.set_ylabel("objective T", color=style.DARK)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("iteration")
     for begin in (b["iteration"] for a, b in pairwise(rows) if b.get("level") != a.get("level")):
-        axes.axvline(begin, color=SOFT, ls=":", lw=0.8)
-        axes.annotate(
-            "finer mesh", (begin, 1), (3, -9), xycoords=("data", "axes fraction"),
-            textcoords="offset points", color=SOFT, fontsize=8,
-        )  # fmt: skip
+        axes.axvline(begin, color=style.SOFT, ls=":", lw=0.8)
+        style.note(axes, "finer mesh", (begin, 1), (3, -9), xycoords=("data", "axes fraction"))
     if told is None or told.key not in rows[-1]:
         return
     right, factor = axes.twinx(), unit_of(told.unit).factor
     right.spines["right"].set_visible(True)
     values = [factor * row.get(told.key, np.nan) for row in rows]
-    right.plot(count, values, color=SECOND, lw=1.4)
-    right.set_ylabel(axis_label([told]), color=SECOND)
+    right.plot(count, values, color=style.SECOND, lw=1.4)
+    right.set_ylabel(axis_label([told]), color=style.SECOND)
     if told.target is not None:
-        right.axhline(factor * told.target, color=ACCENT, ls="--", lw=1)
+        right.axhline(factor * told.target, color=style.ACCENT, ls="--", lw=1)
 
 
 def cycle_title(stride: float | None, otherwise: str) -> str:
@@ -180,7 +158,7 @@ def draw_tracks(
     Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
     in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
     """
-    write_title(figure, cycle_title(stride, "Paths of the feet"))
+    style.write_title(figure, cycle_title(stride, "Paths of the feet"))
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
     named: dict[tuple[float, float], tuple[list[str], str]] = {}
     for k in range(feet.shape[1]):
@@ -188,7 +166,7 @@ def draw_tracks(
         place = float(x.max()), float(z[x.argmax()])
         near = SAME * 1e3 * float(np.ptp(feet))
         place = next((at for at in named if np.abs(np.subtract(at, place)).max() < near), place)
-        colour = (DARK, SECOND, SOFT, ACCENT)[len(named) % 4]
+        colour = (style.DARK, style.SECOND, style.SOFT, style.ACCENT)[len(named) % 4]
         of_place, colour = named.setdefault(place, ([], colour))
         of_place.append(f"{k}")
         axes.plot(x, z, color=colour)
@@ -197,16 +175,16 @@ def draw_tracks(
     for place, (feet_there, colour) in named.items():  # those of a mirror image coincide
         word = "feet" if len(feet_there) > 1 else "foot"
         _name(axes, place, f"{word} {', '.join(feet_there)}", colour)
-    bars = [] if stride is None else [("simulated", stride, DARK)]
-    bars += [] if measured is None else [(*measured, ACCENT)]
+    bars = [] if stride is None else [("simulated", stride, style.DARK)]
+    bars += [] if measured is None else [(*measured, style.ACCENT)]
     low, high = axes.get_ylim()
     begin = 1e3 * float(feet[:, :, 0].mean())
     for k, (name, length, colour) in enumerate(bars):
         height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
         axes.annotate("", (end, height), (begin, height), zorder=4,
                       arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
-        axes.annotate(f"{name}: {1e3 * length:.3g} mm", (min(begin, end), height), (0, 5),
-                      textcoords="offset points", color=colour)  # fmt: skip
+        words = f"{name}: {1e3 * length:.3g} mm"
+        style.note(axes, words, (min(begin, end), height), (0, 5), colour, style.TEXT)
     if bars:
         axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
     axes.set_xlabel("x (mm); a square is the start")

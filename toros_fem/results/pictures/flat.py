@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
@@ -20,20 +22,7 @@ from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.panels import panel_places
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.results.pictures.style import (
-    ACCENT,
-    EDGE,
-    FABRIC,
-    INK,
-    PRINT,
-    SECOND,
-    SOFT,
-    Box,
-    bar_length,
-    fill,
-    scale_bar,
-    write_title,
-)
+from toros_fem.results.pictures import style
 from toros_fem.results.pictures.words import Word
 
 # Space between panels over the size of the pattern.
@@ -50,8 +39,8 @@ PANELS_BOX, TOLD_BOX = (0.02, 0.03, 0.66, 0.86), (0.70, 0.05, 0.29, 0.82)
 CLOSE = 4.0
 # Rows of faults that find room.
 MOST_ROWS = 14
-# Colours of line families, in turn, and their names.
-FAMILIES = (ACCENT, SECOND, "#009E73", "#CC79A7")
+# Colours of line families, in turn.
+FAMILIES = style.SERIES[1:5]
 # Length of the mark of the largest share, over the mean edge length.
 MARK = 1.1
 # Colours of slack, wrinkled and taut triangles.
@@ -60,7 +49,7 @@ STATES = {Tension.SLACK: "#E5E7EB", Tension.WRINKLED: "#F2C078", Tension.TAUT: "
 
 def draw_panels(
     figure: Figure,
-    box: Box,
+    box: style.Box,
     pattern: Pattern,
     regions: Regions | None,
     *,
@@ -78,9 +67,9 @@ def draw_panels(
     places = panel_places(pattern, gap, tuple(page_size))
     shapes = [place.region(one) for place, one in zip(places, pattern.outlines, strict=True)]
     for panel, place in enumerate(places):
-        fill(axes, shapes[panel], FABRIC, EDGE)
+        style.fill(axes, shapes[panel], style.FABRIC, style.EDGE)
         if regions is not None:
-            fill(axes, place.region(regions[panel]), PRINT)
+            style.fill(axes, place.region(regions[panel]), style.PRINT)
     low, high = np.split(1e3 * shapely.total_bounds(shapes), 2)
     below, above, beside = ROOM if names else BARE_ROOM
     # One point of the page in mm, as large as the panels then are.
@@ -91,7 +80,7 @@ def draw_panels(
     axes.set_aspect("equal")
     if names:
         _write_names(axes, pattern.panel_names, 1e3 * shapely.bounds(shapes), point)
-        scale_bar(axes, bar_length(float((high - low).max())), (0.0, 0.01))
+        style.scale_bar(axes, style.bar_length(float((high - low).max())), (0.0, 0.01))
     return axes, places
 
 
@@ -102,14 +91,12 @@ def _write_names(axes: Axes, names: Sequence[str], bounds: Floats, point: float)
     """
     taken: list[BaseGeometry] = []
     for name, (left, low, _, top) in zip(names, bounds, strict=True):
-        across, up = point * Word(name, (left, top), SOFT, NAME_SIZE).extent
+        across, up = point * Word(name, (left, top), style.SOFT, NAME_SIZE).extent
         words = shapely.box(left, top, left + across, top + up)
         above = not any(words.intersects(other) for other in taken)
         taken += [words] if above else []
-        axes.annotate(
-            name, (left, top if above else low), (0, 3 if above else -3), fontsize=NAME_SIZE,
-            textcoords="offset points", color=SOFT, va="baseline" if above else "top",
-        )  # fmt: skip
+        at, shift, edge = (top, 3, "baseline") if above else (low, -3, "top")
+        style.note(axes, name, (left, at), (0, shift), size=NAME_SIZE, va=edge)
 
 
 def draw_pattern(
@@ -129,7 +116,7 @@ def draw_pattern(
         0: "Printable: print the dark areas, sew along equal numbers",
         1: "1 place cannot be printed as it is drawn",
     }.get(len(faults), f"{len(faults)} places cannot be printed as they are drawn")
-    write_title(figure, words)
+    style.write_title(figure, words)
     axes, places = draw_panels(figure, PANELS_BOX, pattern, regions)
     if not pattern.moulded:
         _number_seams(axes, pattern, places)
@@ -139,11 +126,11 @@ def draw_pattern(
         for fault in group:
             _mark(axes, fault, places[fault.panel])
         at = 1e3 * places[group[0].panel].points(group[0].at)
-        axes.annotate(
-            f"{number}", tuple(at), (9, 9), textcoords="offset points", color="white",
-            fontsize=8, fontweight="bold", ha="center", va="center", zorder=6,
-            bbox={"boxstyle": "circle,pad=0.25", "fc": ACCENT, "ec": "white", "lw": 0.8},
-            arrowprops={"arrowstyle": "-", "color": ACCENT, "lw": 0.8, "shrinkB": 0},
+        style.note(
+            axes, f"{number}", at, (9, 9), "white", fontweight="bold", ha="center", va="center",
+            zorder=6,
+            bbox={"boxstyle": "circle,pad=0.25", "fc": style.ACCENT, "ec": "white", "lw": 0.8},
+            arrowprops={"arrowstyle": "-", "color": style.ACCENT, "lw": 0.8, "shrinkB": 0},
         )  # fmt: skip
     _list(figure, groups, printability, limits)
 
@@ -169,7 +156,7 @@ def _faults(found: Printability, limits: PrintLimits) -> list[_Fault]:
     for kind, narrow in (("line", found.lines.narrow), ("gap", found.gaps.narrow)):
         for place in narrow:
             line = shapely.LineString(place.ends)
-            faults.append(_Fault(kind, place.panel, np.array(place.centre), place.width, line))
+            faults.append(_Fault(kind, place.panel, place.centre, place.width, line))
     for hole in found.holes:
         if hole.area < limits.hole_area:
             at = shapely.get_coordinates(hole.polygon.centroid)[0]
@@ -196,12 +183,12 @@ def _grouped(faults: Sequence[_Fault], places: Sequence[Affine], near: float) ->
 def _mark(axes: Axes, fault: _Fault, place: Affine) -> None:
     shape = place.region(fault.shape)
     if shape.geom_type == "LineString":
-        axes.plot(*(1e3 * shapely.get_coordinates(shape).T), color=ACCENT, lw=2, zorder=5)
+        axes.plot(*(1e3 * shapely.get_coordinates(shape).T), color=style.ACCENT, lw=2, zorder=5)
     elif fault.kind == "hole":
         ring = 1e3 * shapely.get_coordinates(shape.exterior)
-        axes.plot(*ring.T, color=ACCENT, lw=1.5, zorder=5)
+        axes.plot(*ring.T, color=style.ACCENT, lw=1.5, zorder=5)
     else:
-        fill(axes, shape, ACCENT)
+        style.fill(axes, shape, style.ACCENT)
 
 
 def _list(
@@ -220,23 +207,26 @@ def _list(
             told = f"{many}{1e3 * size:.2f} of {1e3 * bounds[kind]:.2g} mm"
         else:
             told = f"{many}{1e6 * size:.2g} mm²"
-        rows.append((f"{number}", told, ACCENT))
+        rows.append((f"{number}", told, style.ACCENT))
     if len(rows) > MOST_ROWS:
-        rows = [*rows[: MOST_ROWS - 1], ("…", f"and {len(rows) - MOST_ROWS + 1} more", ACCENT)]
+        rows = [
+            *rows[: MOST_ROWS - 1],
+            ("…", f"and {len(rows) - MOST_ROWS + 1} more", style.ACCENT),
+        ]
     for name, smallest, limit in (
         ("thinnest line", found.lines.smallest, limits.width),
         ("thinnest gap", found.gaps.smallest, limits.gap),
     ):
         if smallest is not None:
-            rows.append(("", f"{name} {1e3 * smallest.width:.2g} mm", INK))
-            rows.append(("", f"(at least {1e3 * limit:.2g} mm)", SOFT))
-    rows.append(("", f"{len(found.pieces)} printed pieces", INK))
+            rows.append(("", f"{name} {1e3 * smallest.width:.2g} mm", style.INK))
+            rows.append(("", f"(at least {1e3 * limit:.2g} mm)", style.SOFT))
+    rows.append(("", f"{len(found.pieces)} printed pieces", style.INK))
     axes = figure.add_axes(TOLD_BOX)
     axes.set_axis_off()
     for k, (mark, told, colour) in enumerate(rows):
         height = 1 - 0.058 * k
         axes.text(0.0, height, mark, color=colour, fontweight="bold", va="top")
-        axes.text(0.08, height, told, color=INK if mark else colour, va="top")
+        axes.text(0.08, height, told, color=style.INK if mark else colour, va="top")
 
 
 def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Affine]) -> None:
@@ -248,10 +238,7 @@ def _number_seams(axes: Axes, pattern: Pattern, places: Sequence[Affine]) -> Non
             place = places[seam.panels[side]]
             at = place.points(seam.at(side, half))[0]
             out = place.matrix @ seam.outward(side, half, reach)[0]
-            axes.annotate(
-                f"{seam.number}", tuple(1e3 * at), tuple(8 * out), textcoords="offset points",
-                fontsize=8, color=SOFT, ha="center", va="center",
-            )  # fmt: skip
+            style.note(axes, f"{seam.number}", 1e3 * at, 8 * out, ha="center", va="center")
 
 
 def _mm_of_page(axes: Axes) -> float:
@@ -262,20 +249,11 @@ def _mm_of_page(axes: Axes) -> float:
     return min(width / np.ptp(axes.get_xlim()), height / np.ptp(axes.get_ylim()))
 
 
-def draw_density(figure: Figure, box: Box, pattern: Pattern, density: Floats) -> Axes:
+def draw_density(figure: Figure, box: style.Box, pattern: Pattern, density: Floats) -> Axes:
     """Draw a density on the flat panels, from fabric at 0 to print at 1, in a part of a page."""
     axes, places = draw_panels(figure, box, pattern, None, names=False)
     mix = np.clip(np.nan_to_num(density), 0, 1)[:, None]
-    colours = (1 - mix) * FABRIC + mix * PRINT
-    axes.add_collection(
-        PolyCollection(
-            list(1e3 * _placed(pattern, pattern.corners, places)),
-            facecolors=colours,
-            edgecolors="face",
-            lw=0.2,
-        ),
-        autolim=False,
-    )
+    _fill_cells(axes, pattern, places, (1 - mix) * style.FABRIC + mix * style.PRINT)
     return axes
 
 
@@ -285,7 +263,7 @@ def draw_lines(figure: Figure, field: LineField, pattern: Pattern, regions: Regi
     Each mark has the direction of the lines in its triangle; its length grows with the share. The
     families may be those of a part that is cut at symmetry planes, beside the print of the whole.
     """
-    write_title(figure, f"{field.families} families of lines, and the print that they became")
+    style.write_title(figure, f"{field.families} families of lines, and the print that they became")
     axes, places = draw_panels(figure, (0.02, 0.10, 0.47, 0.79), field.pattern, None)
     area = field.pattern.areas
     shown = np.argsort(-(area @ field.shares), kind="stable")
@@ -315,20 +293,26 @@ def draw_wrinkles(figure: Figure, pattern: Pattern, field: WrinkleField) -> None
     The colour is the state of each triangle; strokes have the direction of the tension, along which
     wrinkles run.
     """
-    write_title(figure, "Wrinkles run along the strokes, the direction of tension")
+    style.write_title(figure, "Wrinkles run along the strokes, the direction of tension")
     axes, places = draw_panels(figure, PANELS_BOX, pattern, None)
     colours = np.array([STATES[state] for state in Tension])[field.state]
-    corners = 1e3 * _placed(pattern, pattern.corners, places)
-    cells = PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
-    axes.add_collection(cells, autolim=False)
+    _fill_cells(axes, pattern, places, colours)
     length = np.sqrt(2 * pattern.areas)
     along = 0.3 * length[:, None] * field.flat
-    axes.add_collection(_strokes(pattern, along, INK, 0.7, places), autolim=False)
+    axes.add_collection(_strokes(pattern, along, style.INK, 0.7, places), autolim=False)
     for k, state in enumerate(Tension):
         height = 0.85 - 0.06 * k
         figure.text(0.71, height, "■", color=STATES[state], fontsize=14, va="center")
         share = field.share(state, pattern.areas)
         figure.text(0.74, height, f"{state.name.lower()} {share:.0%}", va="center")
+
+
+def _fill_cells(
+    axes: Axes, pattern: Pattern, places: Sequence[Affine], colours: npt.NDArray[Any]
+) -> None:
+    corners = list(1e3 * _placed(pattern, pattern.corners, places))
+    cells = PolyCollection(corners, facecolors=colours, edgecolors="face", lw=0.2)
+    axes.add_collection(cells, autolim=False)
 
 
 def _strokes(

@@ -13,7 +13,7 @@ from toros_fem.results.pictures.flat import draw_panels
 from toros_fem.results.pictures.raster import MARGIN, Surface, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
-from toros_fem.results.pictures.style import BAR_ROOM, INK, SOFT, TITLE, Box
+from toros_fem.results.pictures.style import BAR_ROOM, INK, SOFT, TEXT, TITLE, Box, note
 from toros_fem.results.pictures.view import View
 from toros_fem.results.pictures.words import Word, write_words
 
@@ -127,10 +127,9 @@ def _draw_in_rows(
         if last and target is not None:
             stage.outline(drawn, target + move)
         (left, _), (right, top) = 1e3 * (extents[k] + rows.moves[k])
-        stage.axes.annotate(
-            name, ((left + right) / 2, top), (0, NAME_OFF), textcoords="offset points",
-            ha="center", va="bottom", color=INK if last else SOFT, zorder=5,
-            fontweight="bold" if last else "normal",
+        note(
+            stage.axes, name, ((left + right) / 2, top), (0, NAME_OFF), INK if last else SOFT, TEXT,
+            ha="center", va="bottom", zorder=5, fontweight="bold" if last else "normal",
         )  # fmt: skip
     stage.bar()
 

@@ -291,13 +291,10 @@ def silhouettes(depth: npt.NDArray[np.float32], step: float) -> Bools:
 
 def _reduced(colours: npt.NDArray[np.float32], covered: Bools) -> npt.NDArray[np.uint8]:
     """Return pixels, (h, w, 4), of the mean of their samples."""
-    height, width = covered.shape
-    found = np.zeros((height // SAMPLES, width // SAMPLES, 4), dtype=np.float32)
-    for row in range(SAMPLES):
-        for column in range(SAMPLES):
-            part = slice(row, None, SAMPLES), slice(column, None, SAMPLES)
-            found[..., :3] += colours[part] * covered[part][..., None]
-            found[..., 3] += covered[part]
+    height, width = np.array(covered.shape) // SAMPLES
+    samples = np.dstack([colours * covered[..., None], covered])
+    rows = samples.reshape(height, SAMPLES, -1).sum(axis=1)  # first: they are whole in memory
+    found = rows.reshape(height, width, SAMPLES, 4).sum(axis=2)
     found[..., :3] /= np.maximum(found[..., 3:], 1)
     found[..., 3] /= SAMPLES**2
     return np.asarray((255 * np.clip(found, 0, 1)).round(), dtype=np.uint8)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
 
-import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -17,31 +16,10 @@ from matplotlib.patheffects import withStroke
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
 from toros_fem.measures.miss import Miss, Tip
+from toros_fem.results.pictures import style, verdicts
 from toros_fem.results.pictures.raster import Surface
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage
-from toros_fem.results.pictures.style import (
-    ACCENT,
-    EDGE,
-    INK,
-    LETTER,
-    SEQUENTIAL,
-    SIZE,
-    SOFT,
-    TEXT,
-    Box,
-    page,
-    write_title,
-)
-from toros_fem.results.pictures.verdicts import (
-    notes_of,
-    verdict,
-    with_shape,
-    write_legend,
-    write_notes,
-    write_rows,
-    write_verdict,
-)
 from toros_fem.results.pictures.view import View
 
 # Inches: what the verdict takes at the top, the words at the right, and the border.
@@ -102,14 +80,14 @@ class Scenery:
             return np.empty((0, 3))
         return tip.at + RAY * self.miss.length * np.stack([tip.along, tip.asked_along])
 
-    def show(self, figure: Figure, box: Box, view: View, framed: Floats) -> Stage:
+    def show(self, figure: Figure, box: style.Box, view: View, framed: Floats) -> Stage:
         """Draw it in a box in inches, so that points (m, 3), in m, are seen."""
         size = np.tile(figure.get_size_inches(), 2)
         left, bottom, width, height = (np.array(box) / size).tolist()
         stage = Stage(figure, (left, bottom, width, height), view, framed, ROOM)
         image = stage.draw(self.drawn.surfaces(self.positions))
         if self.target is not None:
-            stage.lines(self.drawn, self.positions, image, EDGE)
+            stage.lines(self.drawn, self.positions, image, style.EDGE)
             stage.outline(self.drawn, self.target)
         return stage
 
@@ -137,19 +115,19 @@ def draw_shape(
     a reader of the figures must know, and `warning` what is not as usual.
     """
     shown = scenery(drawn, positions)
-    told = with_shape(figures, shown.miss) or list(figures)
-    write_verdict(figure, verdict(figures, shown.miss), state, title)
+    told = verdicts.with_shape(figures, shown.miss) or list(figures)
+    verdicts.write_verdict(figure, verdicts.verdict(figures, shown.miss), state, title)
     width, height = figure.get_size_inches()
     top = height - HEAD - BORDER
     axes = figure.add_axes((1 - WORDS / width, 0, (WORDS - BORDER) / width, top / height))
     axes.set_axis_off()
     axes.set_xlim(0, WORDS - BORDER)
     axes.set_ylim(0, top)
-    said = [*notes_of(told, shown.miss, drawn.skin), *notes]
-    end = write_notes(axes, said, write_rows(axes, told, shown.miss, top) - 0.04)
-    end = write_notes(axes, [warning] if warning else [], end, ACCENT)
+    said = [*verdicts.notes_of(told, shown.miss, drawn.skin), *notes]
+    end = verdicts.write_notes(axes, said, verdicts.write_rows(axes, told, shown.miss, top) - 0.04)
+    end = verdicts.write_notes(axes, [warning] if warning else [], end, style.ACCENT)
     if shown.target is not None:
-        end = write_legend(axes, bool(drawn.lines), end)
+        end = verdicts.write_legend(axes, bool(drawn.lines), end)
     main, beside, labelled = _views(figure, shown, end)
     main.bar()
     if shown.miss is not None and shown.miss.tip is not None:
@@ -183,10 +161,7 @@ def _views(figure: Figure, shown: Scenery, free: float) -> tuple[Stage, Stage, S
     across, top = (WORDS, free) if below else (width - first, BORDER + height)
     deep = min(across / _aspect(view, framed), top - BORDER - CAPTION)
     beside = shown.show(figure, (left, top - deep, across, deep), view, framed)
-    beside.axes.annotate(
-        words, (0.5, 0), (0, -3), xycoords="axes fraction", textcoords="offset points",
-        ha="center", va="top", fontsize=8, color=SOFT,
-    )  # fmt: skip
+    beside.caption(words, 0, -3)
     return main, beside, beside if slender else main
 
 
@@ -211,8 +186,8 @@ def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
     at, goal = 1e3 * stage.view.project(np.array([tip.at, tip.asked]))
     rays = stage.view.project(np.array([tip.along, tip.asked_along]))
     if tip.distance > ARROW * miss.length:
-        style = {"arrowstyle": "-|>", "color": ACCENT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-        stage.axes.annotate("", at, goal, zorder=6, arrowprops=style)
+        look = {"arrowstyle": "-|>", "color": style.ACCENT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        stage.axes.annotate("", at, goal, zorder=6, arrowprops=look)
         if labelled:  # on the other side of the tip than the directions
             up = -13.0 if rays[0, 1] > 0 else 6.0
             _label(stage, (at + goal) / 2, f"tip {_short(1e3 * tip.distance)} mm off", up)
@@ -220,7 +195,7 @@ def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
     seen = np.arccos(np.clip(rays[0] @ rays[1] / max(lengths.prod(), 1e-12), -1, 1))
     if lengths.min() < 0.5 or seen < max(np.radians(SEEN), 0.5 * tip.direction):
         return
-    for ray, colour, line in zip(rays, (INK, ACCENT), ("-", "--"), strict=True):
+    for ray, colour, line in zip(rays, (style.INK, style.ACCENT), ("-", "--"), strict=True):
         end = at + 1e3 * RAY * miss.length * ray
         stage.axes.plot(*np.array([at, end]).T, color=colour, ls=line, lw=1.2, zorder=6)
     if labelled:
@@ -241,12 +216,9 @@ def _label(stage: Stage, at: Floats, words: str, up: float) -> None:
     (left, right), axes = stage.axes.get_xlim(), stage.axes
     across = 72 * axes.bbox.width / axes.figure.dpi
     room = (right - at[0]) / (right - left) * across
-    side = ("left", 5) if LETTER * TEXT * len(words) < room else ("right", -5)
-    text = stage.axes.annotate(
-        words, (at[0], at[1]), (side[1], up), textcoords="offset points", color=ACCENT,
-        fontweight="bold",
-        fontsize=TEXT, ha=side[0], zorder=7,
-    )  # fmt: skip
+    side = ("left", 5) if style.LETTER * style.TEXT * len(words) < room else ("right", -5)
+    look = {"fontweight": "bold", "ha": side[0], "zorder": 7}
+    text = style.note(axes, words, at, (side[1], up), style.ACCENT, style.TEXT, **look)
     text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
 
 
@@ -261,13 +233,11 @@ def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:
     low, high = flat.min(axis=0), flat.max(axis=0)
     if high[1] - low[1] > FLAT * 1e3 * size:
         return
-    stage.axes.plot([low[0], high[0]], [low[1], low[1]], color=INK, lw=2.5, zorder=5)
+    stage.axes.plot([low[0], high[0]], [low[1], low[1]], color=style.INK, lw=2.5, zorder=5)
     for x in np.linspace(low[0], high[0], 7):
-        stage.axes.annotate("", (x, low[1]), (-5, -6), textcoords="offset points",
-                            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.8,
-                                        "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-    stage.axes.annotate("held", (high[0], low[1]), (5, -7), textcoords="offset points",
-                        color=INK, fontsize=8)  # fmt: skip
+        look = {"arrowstyle": "-", "color": style.INK, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
+        style.note(stage.axes, "", (x, low[1]), (-5, -6), arrowprops=look)
+    style.note(stage.axes, "held", (high[0], low[1]), (5, -7), style.INK)
 
 
 def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
@@ -280,9 +250,10 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     assert miss is not None
     assert target is not None
     most = max(float(miss.each.max()), 1e-6)
-    colours = matplotlib.colormaps[SEQUENTIAL](miss.each / most)[:, :3][drawn.pattern.triangles]
+    scale = ScalarMappable(Normalize(0, 1e3 * most), style.SEQUENTIAL)
+    colours = scale.to_rgba(1e3 * miss.each)[:, :3][drawn.pattern.triangles]
     of = "12 cross-sections" if miss.by_sections else "all points"
-    write_title(
+    style.write_title(
         figure,
         f"{1e3 * miss.rms:.2g} mm from the target, {100 * miss.rms / miss.length:.1f} % of the "
         f"length: root mean square of {of}",
@@ -294,7 +265,6 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
         stage.outline(drawn, target)
         if view == side:
             stage.bar()
-    scale = ScalarMappable(Normalize(0, 1e3 * most), SEQUENTIAL)
     bar = figure.colorbar(scale, cax=figure.add_axes(SCALE_BOX), orientation="horizontal")
     axes_named = " and ".join(np.array(list("xyz"))[list(drawn.skin.compared)])
     along = "" if all(drawn.skin.compared) else f" along {axes_named}"
@@ -316,9 +286,9 @@ def plot_states(
     across, down = max(map(len, rows)), len(rows)
     extent = np.ptp(view.project(every), axis=0)
     # As high as the states need, between a strip and a square.
-    height = float(np.clip(SIZE[0] / across * extent[1] / extent[0] * down + 0.8, 2.2, 8.0))
+    height = float(np.clip(style.SIZE[0] / across * extent[1] / extent[0] * down + 0.8, 2.2, 8.0))
     top = 1 - (0.45 if title else 0.08) / height
-    with page(path, title, (SIZE[0], height)) as figure:
+    with style.page(path, title, (style.SIZE[0], height)) as figure:
         for j, row in enumerate(rows):
             for i, (name, surfaces) in enumerate(row):
                 box = (i / across, top - (j + 1) * top / down, 1 / across, top / down)
@@ -326,8 +296,6 @@ def plot_states(
                 if ground is not None:
                     stage.ground(ground, every)
                 stage.draw(surfaces)
-                stage.axes.annotate(name, (0.5, 1.0), (0, -4), xycoords="axes fraction",
-                                    textcoords="offset points", ha="center", va="top",
-                                    fontsize=8, color=SOFT)  # fmt: skip
+                stage.caption(name, 1, -4)
                 if i == 0 and j == down - 1:
                     stage.bar()

@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.meshes.triangles import equilateral_edge
 from toros_fem.results.frames.shown_skin import ShownSkin
 from toros_fem.results.pictures.raster import Image, Ink, Surface, ink_of
 from toros_fem.results.pictures.style import BODY, FABRIC, PRINT
-from toros_fem.results.pictures.view import View, views_of
+from toros_fem.results.pictures.view import View, oblique_view, side_view
 
 # Lines on a skin: fractions of the width of its largest panel.
 LINES = (0.25, 0.5, 0.75)
@@ -55,8 +56,12 @@ class DrawnSkin:
 
     @cached_property
     def print_share(self) -> Floats:
-        """Printed fraction of each triangle, (t,)."""
-        return self.skin.print_share(self._density)
+        """Printed fraction of each triangle, (t,); without a print it is the density."""
+        if self.skin.regions is not None:
+            return printed_fractions(self.pattern, self.skin.regions)
+        if self._density is None:
+            return np.zeros(len(self.pattern.triangles))
+        return np.clip(np.nan_to_num(self._density), 0, 1)
 
     @cached_property
     def lines(self) -> Sequence[MaterialLine]:
@@ -96,21 +101,20 @@ class DrawnSkin:
         return drawn
 
     def views(self, positions: Floats) -> tuple[View, View]:
-        """Return the side view and the oblique view of a state."""
-        return views_of(self.pattern.triangles, positions, self.print_share, self.skin.target)
+        """Return the side view and the oblique view of a state, by its target if it has one."""
+        target = self.skin.target
+        side = side_view(positions if target is None else target)
+        return side, oblique_view(self.pattern.triangles, positions, self.print_share, side)
 
 
 def _crossings(values: Floats) -> tuple[Ints, Floats]:
     """Return triangle and barycentric coordinates of zeros on edges, of values (t, 3)."""
-    triangles, weights = [], []
-    for first, second in ((0, 1), (1, 2), (2, 0)):
-        crossed = np.flatnonzero(values[:, first] * values[:, second] < 0)
-        part = values[crossed, first] / (values[crossed, first] - values[crossed, second])
-        found = np.zeros((len(crossed), 3))
-        found[:, first], found[:, second] = 1 - part, part
-        triangles.append(crossed)
-        weights.append(found)
-    return np.concatenate(triangles), np.concatenate(weights)
+    following = np.roll(values, -1, axis=1)
+    triangle, first = np.nonzero(values * following < 0)
+    here, there = values[triangle, first], following[triangle, first]
+    part = (here / (here - there))[:, None]
+    corner = np.eye(3)
+    return triangle, (1 - part) * corner[first] + part * corner[(first + 1) % 3]
 
 
 def visible(points: Floats, view: View, image: Image, size: float) -> Bools:

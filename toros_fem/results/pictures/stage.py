@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from toros_fem.base.array_types import Floats
 from toros_fem.results.pictures.raster import Image, Surface, Window, render, window_of
 from toros_fem.results.pictures.shown import DrawnSkin, visible
-from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_length, scale_bar
+from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_length, note, scale_bar
 from toros_fem.results.pictures.view import View
 
 
@@ -96,6 +96,10 @@ class Stage:
     def bar(self) -> None:
         """Draw a bar that shows the scale."""
         scale_bar(self.axes, bar_length(self._extent[1] - self._extent[0]), (0.02, 0.03))
+
+    def caption(self, words: str, at: float, up: float) -> None:
+        """Write words below a height, over that of the axes, which is moved by some points."""
+        note(self.axes, words, (0.5, at), (0, up), xycoords="axes fraction", ha="center", va="top")
 
     def _limit(self) -> None:
         self.axes.set_xlim(self._extent[:2])

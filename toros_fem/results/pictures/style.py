@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from textwrap import wrap
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -15,6 +16,8 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.path import Path as Outline
+from matplotlib.text import Annotation
+from numpy.typing import ArrayLike
 from shapely import get_coordinates, get_parts, get_rings
 from shapely.geometry.base import BaseGeometry
 
@@ -112,15 +115,28 @@ def fill(
     axes: Axes, shape: BaseGeometry, colour: Floats | str, edge: str = "none", width: float = 0.8
 ) -> None:
     """Fill a region given in m on axes in mm; the width of its border is in points."""
-    outlines = []
-    for polygon in get_parts(shape):
-        if polygon.is_empty:
-            continue
-        rings = (1e3 * get_coordinates(ring) for ring in get_rings(polygon))
-        outlines.append(Outline.make_compound_path(*(Outline(r, closed=True) for r in rings)))
-    if outlines:
-        patches = PathCollection(outlines, facecolors=[colour], edgecolors=edge, linewidths=width)
-        axes.add_collection(patches)
+    rings = [1e3 * get_coordinates(ring) for ring in get_rings(get_parts(shape))]
+    if rings:
+        path = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in rings))
+        axes.add_collection(
+            PathCollection([path], facecolors=[colour], edgecolors=edge, linewidths=width)
+        )
+
+
+def note(
+    axes: Axes,
+    words: str,
+    at: ArrayLike,
+    offset: ArrayLike,
+    colour: Any = SOFT,
+    size: float = 8.0,
+    **look: Any,
+) -> Annotation:
+    """Write words at an offset in points from a point of axes; `look` is as of `Axes.annotate`."""
+    (x, y), (right, up) = np.asarray(at), np.asarray(offset)
+    return axes.annotate(
+        words, (x, y), (right, up), textcoords="offset points", color=colour, fontsize=size, **look
+    )
 
 
 def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
@@ -133,9 +149,7 @@ def scale_bar(axes: Axes, length: float, at: tuple[float, float]) -> None:
     low, high = axes.get_ylim()
     height = low + at[1] * (high - low)
     axes.plot([start, start + length], [height] * 2, color=INK, lw=2, solid_capstyle="butt")
-    axes.annotate(
-        f"{length:g} mm", (start, height), (0, 4), textcoords="offset points", color=INK, fontsize=8
-    )
+    note(axes, f"{length:g} mm", (start, height), (0, 4), INK)
 
 
 def bar_below(axes: Axes) -> None:

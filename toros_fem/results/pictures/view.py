@@ -61,14 +61,6 @@ def side_view(points: Floats) -> View:
     return views[best] if widths[best] > WIDER * widths[0] else views[0]
 
 
-def views_of(
-    triangles: Ints, points: Floats, print_share: Floats, target: Floats | None = None
-) -> tuple[View, View]:
-    """Return the side view and the oblique view of a skin, by its target if it has one."""
-    side = side_view(points if target is None else target)
-    return side, oblique_view(triangles, points, print_share, side)
-
-
 def oblique_view(triangles: Ints, points: Floats, print_share: Floats, side: View) -> View:
     """Return the view from above that shows most of the shape and of its print.
 

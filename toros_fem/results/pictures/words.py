@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from toros_fem.base.array_types import Floats
-from toros_fem.results.pictures.style import TEXT
+from toros_fem.results.pictures.style import TEXT, note
 
 # Where words are tried, from their point: at the left above first, and further away in turn.
 SIDES = ((-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (0, -1), (1, 0), (-1, 0))
@@ -75,10 +75,8 @@ def write_words(
                 places.append((hits, corner))
         _, corner = min(places, key=lambda place: place[0])
         taken.append((corner, corner + extent))
-        axes.annotate(
-            word.text, word.at, tuple(corner - at), textcoords="offset points", color=word.colour,
-            fontsize=word.size, fontweight="bold" if word.bold else "normal", zorder=6,
-        )  # fmt: skip
+        weight = "bold" if word.bold else "normal"
+        note(axes, word.text, word.at, corner - at, word.colour, word.size, weight=weight, zorder=6)
 
 
 def _divided(line: Floats) -> Floats:

@@ -7,8 +7,8 @@ import hashlib
 from importlib import resources
 from pathlib import Path
 
-from toros_fem.base.errors import MissingPackageError
 from toros_fem.base.files import listing, naming, replace_file
+from toros_fem.making.packages import required, template
 from toros_fem.results.report import tables
 from toros_fem.results.report.scene import packed_scene
 from toros_fem.results.runs.files import FILES
@@ -40,29 +40,20 @@ def page_of(run: Run, *, alone: bool = False) -> str:
     Raises:
         MissingPackageError: A package of the extra `plot` is not installed.
     """
-    try:
-        import matplotlib  # noqa: F401
-        from jinja2 import Environment, PackageLoader, StrictUndefined
+    filled = template("toros_fem.results.report", "page/report.html", "plot").render
+    required("matplotlib", "plot")
+    from toros_fem.results.report import charts
 
-        from toros_fem.results.report.charts import over_iterations, over_pressure
-    except ImportError as missing:
-        raise MissingPackageError(f"{missing}; in the checkout: pip install '.[plot]'") from None
     scene, data, patterns = packed_scene(run) if run.series else ({"series": {}}, "", [])
     # The page's own scripts run, and no other that a name or a message brings along.
     scripts = [f"\n/*\n{_text('three.LICENSE')}*/\n{_text('three.min.js')}", _text("viewer.js")]
-    # Names and messages of a run are text: the template escapes all that it is given.
-    environment = Environment(
-        loader=PackageLoader("toros_fem.results.report", "page"),
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.policies["json.dumps_kwargs"] = {"sort_keys": False}  # series have an order
-    return environment.get_template("report.html").render(
+    shown: str = filled(
         run=run,
         alone=alone,
         tables=tables,
         style=_text("report.css"),
-        curve=over_pressure(run),
-        convergence=over_iterations(run),
+        curve=charts.over_pressure(run),
+        convergence=charts.over_iterations(run),
         patterns=patterns,
         files={n: text for n, text in FILES.items() if n != NAME and (run.folder / n).is_file()},
         scene=scene,
@@ -70,6 +61,7 @@ def page_of(run: Run, *, alone: bool = False) -> str:
         scripts=scripts,
         hashes=[base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts],
     )
+    return shown
 
 
 def _text(name: str) -> str:

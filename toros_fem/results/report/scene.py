@@ -14,10 +14,10 @@ from shapely.affinity import scale
 from toros_fem.base.array_types import Floats
 from toros_fem.making.panels.svg import region_data
 from toros_fem.meshes.panels import panel_places
+from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.surfaces.flatten import triangle_stretches
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.shown_skin import ShownSkin
-from toros_fem.results.pictures.view import views_of
 from toros_fem.results.report.tables import as_shown
 from toros_fem.results.runs.run_folder import Run
 
@@ -122,10 +122,6 @@ class Packed:
         self._size += raw.size
         return entry
 
-    def add_numbers(self, numbers: npt.NDArray, count: int) -> Mapping[str, Any]:
-        """Add numbers of things of which there are so many."""
-        return self.add(numbers.astype(np.uint16 if count <= STEPS else np.uint32))
-
     def add_changes(self, arrays: Sequence[npt.NDArray]) -> list[Mapping[str, Any]]:
         """Add arrays of one shape and type as their changes from one to the next."""
         before = [np.zeros_like(array) for array in arrays[:1]] + [*arrays[:-1]]
@@ -161,15 +157,13 @@ class FlatPatterns:
             for k, (known, _) in enumerate(self._known)
             if known * (len(regions) // len(known)) == regions
         ]
-        number = numbers[0] if numbers else self._draw(skin, regions)
+        number = numbers[0] if numbers else self._draw(skin.pattern, skin.regions, regions)
         drawn, origins = self.shown[number], self._known[number][1]
         panel = skin.pattern.panel_of_point % len(origins)
         places = origins[panel] + 1e3 * skin.pattern.flat_points
         return number, places / [drawn["width"], drawn["height"]]
 
-    def _draw(self, skin: ShownSkin, regions: list[bytes]) -> int:
-        assert skin.regions is not None
-        pattern = skin.pattern
+    def _draw(self, pattern: Pattern, regions: Regions, known: list[bytes]) -> int:
         origins = np.array([1e3 * p.offset + MARGIN for p in panel_places(pattern, 1e-3 * GAP)])
         width, height = (origins[pattern.panel, None] + 1e3 * pattern.corners).max(axis=(0, 1))
         width, height = float(width) + MARGIN, float(height) + MARGIN
@@ -179,19 +173,20 @@ class FlatPatterns:
                 "x": float(x),
                 "y": height - float(y),
                 "cut": region_data(scale(pattern.outline(k), 1e3, 1e3, origin=(0, 0))),
-                "print": region_data(scale(skin.regions[k], 1e3, 1e3, origin=(0, 0))),
+                "print": region_data(scale(regions[k], 1e3, 1e3, origin=(0, 0))),
             }
             for k, (name, (x, y)) in enumerate(zip(pattern.panel_names, origins, strict=True))
         ]
         self.shown.append({"width": width, "height": height, "panels": panels})
-        self._known.append((regions, origins))
+        self._known.append((known, origins))
         return len(self.shown) - 1
 
 
 def eye(skin: ShownSkin, density: Floats | None, positions: Floats) -> list[float]:
     """Return the unit vector to the eye of the oblique view, which pictures and films have too."""
-    share = skin.print_share(density)
-    _, oblique = views_of(skin.pattern.triangles, positions, share, skin.target)
+    from toros_fem.results.pictures.shown import DrawnSkin  # loaded on use: it needs matplotlib
+
+    _, oblique = DrawnSkin(skin, density).views(positions)
     return [float(x) for x in oblique.directions[2]]
 
 
@@ -208,14 +203,13 @@ def _packed_skin(
     packed: Packed, skin: ShownSkin, target: Floats | None, patterns: FlatPatterns
 ) -> dict[str, Any]:
     pattern = skin.pattern
-    count = len(pattern.points)
     edges = np.concatenate([pattern.sewn[pattern.seams[:, 0]], pattern.free_edges])
     found: dict[str, Any] = {
-        "vertices": count,
+        "vertices": len(pattern.points),
         "closed": len(pattern.free_edges) == 0,
-        "triangles": packed.add_numbers(pattern.flat_triangles, len(pattern.sewn)),
-        "sewn": packed.add_numbers(pattern.sewn, count),
-        "seams": packed.add_numbers(edges, count),
+        "triangles": packed.add(pattern.flat_triangles.astype(np.uint32)),
+        "sewn": packed.add(pattern.sewn.astype(np.uint32)),
+        "seams": packed.add(edges.astype(np.uint32)),
         "grounds": [] if skin.grounds is None else _squares(packed, skin.grounds),
     }
     if target is not None:
@@ -227,7 +221,7 @@ def _packed_skin(
         points, triangles = skin.body
         found["body"] = {
             "points": packed.add(packed.places(points)),
-            "triangles": packed.add_numbers(triangles, len(points)),
+            "triangles": packed.add(triangles.astype(np.uint32)),
         }
     return found
 

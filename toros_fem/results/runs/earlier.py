@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from toros_fem.base.errors import RunError
@@ -16,23 +15,8 @@ from toros_fem.results.runs.files import FILES, RECORD, STATE
 PREFIX = "earlier-"
 
 
-@dataclass(frozen=True)
-class MovedFiles:
-    """The files and folders of an earlier run in their new place; its state is the last."""
-
-    place: Path
-    names: tuple[str, ...]
-
-    def back(self) -> None:
-        """Move them back; what was not there before must be gone."""
-        _move(self.place, self.place.parent, reversed(self.names))
-        (self.place / LISTED).unlink()
-        with suppress(OSError):  # what is not empty stays
-            self.place.rmdir()
-
-
-def move_aside(folder: Path) -> MovedFiles | None:
-    """Move the files of an earlier run into a new folder beside them; return them (one rank).
+def move_aside(folder: Path) -> Path | None:
+    """Move the files of an earlier run into a new folder beside them; return it (one rank).
 
     These are the files that it listed; all others stay. Its state comes last: a run that is moved
     in part can be moved again. The folder is locked. None if there is nothing to move.
@@ -52,11 +36,19 @@ def move_aside(folder: Path) -> MovedFiles | None:
     number = 1
     while os.path.lexists(folder / f"{PREFIX}{number}"):
         number += 1
-    moved = MovedFiles(folder / f"{PREFIX}{number}", (*there, *own))
-    moved.place.mkdir()
-    add_to_list(moved.place, moved.names)
-    _move(folder, moved.place, moved.names)
-    return moved
+    place = folder / f"{PREFIX}{number}"
+    place.mkdir()
+    add_to_list(place, [*there, *own])
+    _move(folder, place, [*there, *own])
+    return place
+
+
+def move_back(place: Path) -> None:
+    """Move an earlier run back from its new folder; what was not there before must be gone."""
+    _move(place, place.parent, reversed(listed(place)))
+    (place / LISTED).unlink()
+    with suppress(OSError):  # what is not empty stays
+        place.rmdir()
 
 
 def require_room(folder: Path, known: Iterable[str]) -> None:

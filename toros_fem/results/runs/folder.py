@@ -11,7 +11,7 @@ import signal
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self, TypeVar
@@ -30,12 +30,13 @@ from toros_fem.base.files import (
     reading,
     remove_unfinished,
     replace_file,
+    write_json,
 )
 from toros_fem.base.mpi import collective
 from toros_fem.base.program import program
 from toros_fem.base.validation import require_count
 from toros_fem.base.versions import __version__
-from toros_fem.results.runs.earlier import MovedFiles, move_aside
+from toros_fem.results.runs.earlier import move_aside, move_back
 from toros_fem.results.runs.files import RECORD, SCENE, STATE
 from toros_fem.results.runs.journal import RunJournal
 from toros_fem.results.runs.lock import FolderLock
@@ -97,13 +98,12 @@ class OpenRun:
         self.comm, self.folder, self.every = comm, folder, every
         self.record, self._closing, self._again = record, closing, again
         self.signals = Signals(comm, self.stop)
-        self._journals: dict[str, RunJournal] = {}
+        self._journal = RunJournal(self)
 
     def journal(self, folder: str | Path) -> RunJournal:
         """Return the journal of what is designed into this folder, or into one inside it."""
         inside = Path(folder).resolve().relative_to(self.folder.resolve())
-        name = "".join(f"{part}." for part in inside.parts)
-        return self._journals.setdefault(name, RunJournal(self, name))
+        return reduce(RunJournal.branch, inside.parts, self._journal)
 
     def check(self) -> None:
         """End the run here by a RunStoppedError if a signal asks for it (collective)."""
@@ -260,7 +260,7 @@ def _anew(folder: Path, record: RunRecord, scene: str | None, stack: ExitStack) 
     if moved is not None:
         ended = earlier is None or earlier.finished
         of = "an earlier run" if ended else "a run that was not finished"
-        log.warning("files of %s are now in %s", of, moved.place)
+        log.warning("files of %s are now in %s", of, moved)
         stack.push(partial(_undo, folder, moved))
     add_to_list(folder, [STATE])
     with listing(folder):  # a folder around it may have a list too
@@ -275,7 +275,7 @@ def _write_run(folder: Path, record: RunRecord, scene: str | None) -> None:
     _write_record(folder, record)
 
 
-def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_: Any) -> None:
+def _undo(folder: Path, moved: Path, kind: type[BaseException] | None, *_: Any) -> None:
     """Move an earlier run back, where an error ended the new one before it wrote anything."""
     fresh = {folder / SCENE, folder / STATE / RECORD}
     new = [*(folder / STATE).glob("*"), *(folder / name for name in listed(folder))]
@@ -286,7 +286,7 @@ def _undo(folder: Path, moved: MovedFiles, kind: type[BaseException] | None, *_:
         path.unlink(missing_ok=True)
     with suppress(FileNotFoundError):
         (folder / STATE).rmdir()
-    moved.back()
+    move_back(moved)
     log.warning("the new run wrote nothing; files of the earlier one are back in %s", folder)
 
 
@@ -314,8 +314,7 @@ def _in_folder(comm: MPI.Comm, folder: Path, action: Callable[[], T]) -> T:
 
 
 def _write_record(folder: Path, record: RunRecord) -> None:
-    content = json.dumps(asdict(record), indent=2, ensure_ascii=False) + "\n"
-    replace_file(folder / STATE / RECORD, content.encode())
+    write_json(folder / STATE / RECORD, asdict(record))
 
 
 def _read_record(folder: Path) -> RunRecord:
@@ -323,19 +322,17 @@ def _read_record(folder: Path) -> RunRecord:
     content = read_json(path, CheckpointError, ANEW)
     if not content:
         raise NoRunError(f"{folder} holds no run: {path} is missing. Start one there.")
-    found = content.get("format")
-    if not isinstance(found, int):
-        raise CheckpointError(f"{path} is damaged: it has no format. {ANEW}")
-    if found != FORMAT:
+    found, damaged = content.get("format"), CheckpointError(f"{path} is damaged. {ANEW}")
+    if isinstance(found, int) and found != FORMAT:
         raise CheckpointError(
             f"{path} has format {found}; this version, {__version__}, reads format {FORMAT}. Go on "
             "with the version that wrote it, or start the run anew in another folder."
         )
     try:
         record = RunRecord(**content)
-        whole = isinstance(record.inputs, dict) and isinstance(record.identity, str)
     except TypeError:
-        whole = False
-    if not whole:
-        raise CheckpointError(f"{path} is damaged: entries are missing. {ANEW}")
+        raise damaged from None
+    whole = isinstance(record.inputs, dict) and isinstance(record.identity, str)
+    if found != FORMAT or not whole:
+        raise damaged
     return record

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 class RunJournal(Journal):
     """Journal of a run; the names of all of its files begin alike."""
 
-    def __init__(self, run: OpenRun, name: str) -> None:
+    def __init__(self, run: OpenRun, name: str = "") -> None:
         self._run, self._name, self._count = run, name, 0
         self._branches: dict[str, RunJournal] = {}
 
