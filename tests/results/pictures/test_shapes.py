@@ -9,6 +9,7 @@ import pytest
 from helpers.runs import bent, regions_of
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Page
+from PIL import Image
 
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.miss import shape_figures
@@ -254,5 +255,11 @@ def test_states_in_rows(
     path = tmp_path / "states.png"
     plot_states(path, [row, row], View(15, 15), "A gait", ground=0.0)
     assert share(path, "#F1F2F4") > 0.01
+    assert share(path, ACCENT) == 0
+    edge = np.asarray(Image.open(path).convert("RGB"))[:, [0, -1]]
+    assert np.all(edge == 255), "the ground ends inside"
+    way = np.zeros(3), np.array([0.02, 0.0, 0.0])
+    plot_states(path, [row], View(15, 15), ground=0.0, way=way)
+    assert share(path, ACCENT) > 1e-4
     with pytest.raises(OSError, match="No such file"):
         plot_states(tmp_path / "none" / "states.png", [row], View())

@@ -19,7 +19,7 @@ from toros_fem.measures.miss import Miss, Tip
 from toros_fem.results.pictures import style, verdicts
 from toros_fem.results.pictures.raster import Surface
 from toros_fem.results.pictures.shown import DrawnSkin
-from toros_fem.results.pictures.stage import Stage
+from toros_fem.results.pictures.stage import Stage, ground_below
 from toros_fem.results.pictures.view import View
 
 # Inches: what the verdict takes at the top, the words at the right, and the border.
@@ -277,12 +277,17 @@ def plot_states(
     view: View,
     title: str = "",
     ground: float | None = None,
+    way: tuple[Floats, Floats] | None = None,
 ) -> None:
     """Write a PNG of states beside and below one another, in the same scale.
 
-    Each state has its name and surfaces, in rows of equal length; the ground has a height in m.
+    Each state has its name and surfaces, in rows of equal length; the ground has a height in m, and
+    the way is an arrow on the last state, between two points (3,) in m.
     """
     every = np.concatenate([s.points for row in rows for _, surfaces in row for s in surfaces])
+    shown = every
+    if ground is not None:
+        every = np.concatenate([every, ground_below(every, ground)])
     across, down = max(map(len, rows)), len(rows)
     extent = np.ptp(view.project(every), axis=0)
     # As high as the states need, between a strip and a square.
@@ -294,8 +299,10 @@ def plot_states(
                 box = (i / across, top - (j + 1) * top / down, 1 / across, top / down)
                 stage = Stage(figure, box, view, every, (0.0, 0.0, 0.0, 0.08))
                 if ground is not None:
-                    stage.ground(ground, every)
+                    stage.ground(ground, shown)
                 stage.draw(surfaces)
                 stage.caption(name, 1, -4)
+                if way is not None and j == down - 1 and i == len(row) - 1:
+                    stage.way(*way, style.ACCENT)
                 if i == 0 and j == down - 1:
                     stage.bar()

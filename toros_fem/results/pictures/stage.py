@@ -15,6 +15,16 @@ from toros_fem.results.pictures.style import ACCENT, DPI, GROUND, Box, bar_lengt
 from toros_fem.results.pictures.view import View
 
 
+def ground_below(points: Floats, height: float) -> Floats:
+    """Return the corners in space, (4, 3), of the ground below points, (n, 3), at a height in m."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    reach = 0.1 * float(np.ptp(points[:, :2], axis=0).max())
+    (left, front), (right, back) = low[:2] - reach, high[:2] + reach
+    return np.array(
+        [[x, y, height] for x, y in ((left, front), (right, front), (right, back), (left, back))]
+    )
+
+
 class Stage:
     """A part of a page with a view in space of points (n, 3), in m, that must be seen.
 
@@ -78,20 +88,19 @@ class Stage:
 
     def ground(self, height: float, points: Floats) -> None:
         """Draw the ground below points in space, (n, 3), at a height in m."""
-        low, high = points.min(axis=0), points.max(axis=0)
-        reach = 0.1 * float(np.ptp(points[:, :2], axis=0).max())
-        (left, front), (right, back) = low[:2] - reach, high[:2] + reach
-        corners = np.array(
-            [
-                [x, y, height]
-                for x, y in ((left, front), (right, front), (right, back), (left, back))
-            ]
-        )
-        flat = 1e3 * self.view.project(corners)
+        flat = 1e3 * self.view.project(ground_below(points, height))
         if np.ptp(flat[:, 1]) > 0.01 * np.ptp(flat[:, 0]):
             self.axes.fill(*flat.T, color=GROUND, zorder=-1)
         else:
             self.axes.axhline(float(flat[:, 1].mean()), color="0.6", lw=1, zorder=-1)
+
+    def way(self, begin: Floats, end: Floats, colour: str) -> None:
+        """Draw an arrow between two points in space, (3,) in m each, with its length in mm."""
+        tail, tip = 1e3 * self.view.project(np.stack([begin, end]))
+        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        self.axes.annotate("", tip, tail, zorder=6, arrowprops=look)
+        words = f"{1e3 * np.linalg.norm(end - begin):.3g} mm"
+        note(self.axes, words, (tail + tip) / 2, (0, -3), colour, ha="center", va="top")
 
     def bar(self) -> None:
         """Draw a bar that shows the scale."""
