@@ -79,6 +79,14 @@ def with_facts(content: bytes, facts: Mapping[str, str]) -> bytes:
     return b"".join([SIGNATURE, chunks[0], *texts, *chunks[1:]])
 
 
+def with_comment(content: bytes, facts: Mapping[str, str]) -> bytes:
+    """Return a GIF that has these texts as its last comment, a line each."""
+    text = "\n".join(f"{key}: {value}" for key, value in facts.items()).encode()
+    parts = (text[k : k + 255] for k in range(0, len(text), 255))
+    comment = b"".join(bytes([len(part)]) + part for part in parts)
+    return content[:-1] + b"!\xfe" + comment + b"\0" + content[-1:]
+
+
 def main() -> int:
     """Draw and copy; return the exit code, 1 where a run is missing."""
     demos = {demo.name: demo for demo in DEMOS}
@@ -97,10 +105,8 @@ def main() -> int:
                 write_animation(folder, series)
         facts = {**facts_of(run), "Title": f"{name}, {SIZE}"}
         for picture, file in wanted.items():
-            content = (folder / file).read_bytes()
-            if not file.endswith(".gif"):
-                content = with_facts(content, facts)
-            (PICTURES / picture).write_bytes(content)
+            told = with_comment if file.endswith(".gif") else with_facts
+            (PICTURES / picture).write_bytes(told((folder / file).read_bytes(), facts))
     for path in PICTURES.iterdir():
         if path.name not in COPIES:
             path.unlink()

@@ -260,7 +260,7 @@ def draw_miss(figure: Figure, drawn: DrawnSkin, positions: Floats) -> None:
     )
     side, oblique = drawn.views(shown.positions)
     for box, view in ((SIDE_BOX, side), (OBLIQUE_BOX, oblique)):
-        stage = Stage(figure, box, view, shown.framed)
+        stage = Stage(figure, box, view, shown.framed, ROOM)
         stage.draw(drawn.surfaces(shown.positions, colours))
         stage.outline(drawn, target)
         if view == side:
