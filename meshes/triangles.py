@@ -353,13 +353,14 @@ def expected_triangles(area: float, edge_length: float) -> float:
     return float(area / (EQUILATERAL * edge_length**2))
 
 
-def require_affordable(area: float, edge_length: float, key: str = "edge_length") -> None:
+def require_affordable(area: float, edge_length: float, key: str | None = None) -> None:
     """Raise a MeshSizeError if a mesh of an area in m² will have more triangles than the limit."""
     most, count = _most.get(), expected_triangles(area, edge_length)
     if most is not None and count > most:
         longest = equilateral_edge(area / most)
+        name = key or "edge_length"
         raise MeshSizeError(
-            f"{key} = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} m², "
+            f"{name} = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} m², "
             f"more than {most}. Give at least {longest:.2g} m, {ALLOW}",
             area,
             key,

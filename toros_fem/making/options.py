@@ -12,11 +12,14 @@ from toros_fem.materials.sheet import PRINT_SIDES
 
 # Lengths of a print, of what is cut or drawn beside a panel, and of machines and rolls of cloth.
 # What is larger is in the wrong unit.
-Height = Annotated[float, In("m", above=0, at_most=0.05)]
+Height = Annotated[float, In("m", at_least=1e-5, at_most=0.05)]
 Offset = Annotated[float, In("m", at_least=0, at_most=0.05)]
 Small = Annotated[float, In("m", above=0, at_most=1)]
 Gap = Annotated[float, In("m", at_least=0, at_most=1)]
-Side = Annotated[float, In("m", above=0, at_most=100)]
+Distance = Annotated[float, In("m", at_least=1e-3, at_most=1)]
+Tab = Annotated[float, In("m", at_least=1e-3, at_most=0.1)]
+Bed = Annotated[float, In("m", above=0, at_most=5)]
+Roll = Annotated[float, In("m", above=0, at_most=100)]
 
 SEAMS, ALL = "seams", "all"
 OUTSIDE, INSIDE = "outside", "inside"
@@ -27,7 +30,9 @@ class ManufactureOptions(Table):
     """Settings of the machine files."""
 
     layer_height: Height = key(0.4e-3, "height of the print above the fabric")
-    print_density: Annotated[float, In("kg/m³", above=0)] = key(1.22e3, "density of the print")
+    print_density: Annotated[float, In("kg/m³", at_least=100, at_most=20e3)] = key(
+        1.22e3, "density of the print"
+    )
     print_side: Annotated[str, OneOf(PRINT_SIDES)] = key(
         OUTSIDE, "face of the fabric that is printed, and seen on the drawings"
     )
@@ -40,24 +45,24 @@ class ManufactureOptions(Table):
     allowance_at: Annotated[str, OneOf((SEAMS, ALL))] = key(
         SEAMS, "edges that get an allowance: those that are sewn, or all"
     )
-    notch_distance: Small = key(30e-3, "largest distance of notches on a seam")
+    notch_distance: Distance = key(30e-3, "largest distance of notches on a seam")
     cross_size: Small = key(4e-3, "size of a registration cross")
     grain: Angle | None = key(
         90.0, "direction of the grain on the flat panels, from x; none leaves it free"
     )
-    bed_width: Side = key(0.25, "width of the printer's bed")
-    bed_depth: Side = key(0.21, "depth of the printer's bed")
-    sheet_width: Side | None = key(
+    bed_width: Bed = key(0.25, "width of the printer's bed")
+    bed_depth: Bed = key(0.21, "depth of the printer's bed")
+    sheet_width: Bed | None = key(
         None, "width of a sheet of fabric and of the cutter; none takes the bed's"
     )
-    sheet_depth: Side | None = key(None, "depth of a sheet, along the grain; none takes the bed's")
+    sheet_depth: Roll | None = key(None, "depth of a sheet, along the grain; none takes the bed's")
     sheet_margin: Gap = key(10e-3, "border of a sheet and of the bed that stays free")
     copies: Annotated[int, In(at_least=1, at_most=200)] = key(
         1, "number of skins to make, such as fingers"
     )
     panel_gap: Gap = key(5e-3, "least distance of two panels on a sheet")
     weld_allowance: Small = key(6e-3, "film of the bladder beyond the panels, for its weld")
-    connector_width: Small | None = key(
+    connector_width: Tab | None = key(
         8e-3, "width of the bladder's tab for its tube; none leaves it out"
     )
     connector_length: Small = key(20e-3, "length of the tab beyond the weld")

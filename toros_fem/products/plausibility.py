@@ -16,6 +16,8 @@ from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
 
 INFINITE = math.inf
+# Lengths that are units of files.
+UNITS = ("scale", "object_scale")
 
 
 @dataclass(frozen=True)
@@ -62,20 +64,21 @@ RANGES: Mapping[str, Range] = {
     ),
     "bladder": Range(
         "stiffness of the bladder over that of the fabric, E h of each",
-        (0.0, 3.0), (0.0, INFINITE), "a bladder is to seal, not to carry",
+        (1e-3, 3.0), (0.0, INFINITE), "a bladder is to seal, not to carry",
     ),
     "bounds": Range(
         "bound on the sum of both stretches over that on one, (c2 − 1)/(c1 − 1)",
-        (1.0, 4.0), (0.0, INFINITE), "eq. (1); 1.8 in the default materials",
-        "Below 1 the bound c1 is never reached.",
+        (0.4, 4.0), (0.0, INFINITE), "eq. (1); 0.5 to 1.8 in the library",
+        "With less a sheet that is pulled both ways hardly stretches.",
     ),
     "stretch": Range(
         "bound c1 on a stretch of the fabric",
-        (1.02, 5.0), (1.0, 20.0), "knits tear below 4, natural rubber at 8 (Treloar 1975)",
+        (1.02, 8.0), (1.0, 20.0), "natural rubber tears at 8 (Treloar 1975)",
         "c1 is a stretch, not a strain in per cent: 1.9 for a fabric that stretches by 90 %.",
     ),
     "width": Range(
-        "width of a line or a gap over the smallest girth of the skin, or the side of a tile",
+        "width of a line or a gap, or radius of the filter, over the smallest girth of the skin or "
+        "the side of a tile",
         (1e-3, 0.25), (1e-5, 0.5), "lines that shape a tube are much thinner than its girth",
         "Is the width in the unit that was meant? Numbers without a unit are m.",
     ),
@@ -111,11 +114,16 @@ RANGES: Mapping[str, Range] = {
         "Take a longer or thinner skin, a fabric that stretches further, or a smaller target.",
     ),
     "edges": Range(
-        "number of edges around the skin, its girth 2 π r over the mean edge length, with r twice "
-        "its volume over its area",
+        "number of edges around the skin, its girth 2 π r over their length",
         (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
-        "Take shorter edges. Of an own mesh each step of `refinements` halves the edges, and "
-        "`remesh` makes a new one, where a CAD file has long thin triangles.",
+        "Take shorter edges.",
+    ),
+    "mesh": Range(
+        "number of edges around an own mesh, 2 π r over their mean length, with r twice its volume "
+        "over its area",
+        (14.0, INFINITE), (8.0, INFINITE), "as above",
+        "Each step of `refinements` halves the edges. `remesh` makes a new mesh, where a CAD file "
+        "has long thin triangles.",
     ),
     "relaxed": Range(
         "number of edges of the relaxed design's mesh around the skin",
@@ -151,6 +159,10 @@ RANGES: Mapping[str, Range] = {
         "coefficient of friction",
         (0.05, 2.0), (0.0, 10.0), "0.1 for PTFE to 2 for rubber on dry ground (Moore 1972)",
         "Is it a coefficient, and not an angle or a part in per cent?",
+    ),
+    "holding": Range(
+        "holding force that the design asks for, over the object's weight",
+        (1.0, 20.0), (0.0, 1e3), "with less than 1 the object falls",
     ),
     "weight": Range(
         "weight of the object over the force at which inflated fingers of plain fabric would "
@@ -232,7 +244,7 @@ def with_lengths(scene: Scene, size: float, groups: Iterable[Group]) -> Iterator
         yield group
     for name, one in scene.described().items():
         value = scene.value(name)
-        if one.within.unit == "m" and value is not None and name not in told:
+        if one.within.unit == "m" and value is not None and name not in (*told, *UNITS):
             yield Group("length", name, abs(value) / size)
 
 
@@ -297,10 +309,14 @@ class Inflated:
 
     def reach(self, key: str, strain: float) -> Iterator[Group]:
         """Yield the groups of a strain that the fabric must have for the target of a key."""
-        bound, given = self.sheet.fabric_bounds[0] - 1, self._widening(self.pressure) / 2
-        yield Group("bound", key, strain / bound)
-        if given > 0:
-            yield Group("reach", key, strain / min(given, bound))
+        yield Group("bound", key, strain / (self.sheet.fabric_bounds[0] - 1))
+        if self.pressure > 0:
+            yield self.supplied(key, strain)
+
+    def supplied(self, key: str, strain: float) -> Group:
+        """Return the group of such a strain over that which the pressure gives the fabric."""
+        given = self._widening(self.pressure) / 2
+        return Group("reach", key, strain / min(given, self.sheet.fabric_bounds[0] - 1))
 
     def bend(self, key: str, angle: float, length: float, outer: float) -> Iterator[Group]:
         """Yield the groups of a bend by an angle in degrees over a length in m.

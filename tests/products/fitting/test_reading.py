@@ -127,6 +127,10 @@ FAULTS = {
         "stretch,force [N],lateral strain\n" + rows(1 + STRAIN, FORCE, 1 - 0.3 * STRAIN),
         1, "lateral strain is never below .*'lateral stretch'",
     ),
+    "a wrong sign": (
+        "strain,force [N],lateral strain\n" + rows(STRAIN, FORCE, 0.3 * STRAIN),
+        2, "grows with the stretch: is its sign right",
+    ),
     "mixed units": (
         "strain [%],force [N],lateral strain\n" + rows(100 * STRAIN, FORCE, -30 * STRAIN),
         1, "'lateral strain' has no unit beside one in %",
@@ -148,7 +152,11 @@ FAULTS = {
 
 def test_specimens_are_not_as_large_as_a_wrong_unit_makes_them(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", f"strain,force [N]\n{BODY}")
-    for given in (Given(width=25.0, thickness=THICKNESS), Given(width=WIDTH, thickness=0.5)):
+    for given in (
+        Given(width=25.0, thickness=THICKNESS),
+        Given(width=25e-6, thickness=THICKNESS),
+        Given(width=WIDTH, thickness=0.5),
+    ):
         with pytest.raises(MeasurementError, match="line 2: the .* Is its unit right"):
             read_tensile_tests([path], given)
 

@@ -22,8 +22,8 @@ METRIC_STEP = 1e-5
 # Largest move of a flat point in differences of forces, over the size of the least triangle.
 FLAT_STEP = 1e-3
 # Volume of a flat skin at rest, at most, over its area to the power of 3/2: layers lie apart by
-# about a thickness, which makes 0.003; tubes have 0.05.
-FLAT = 0.01
+# about a thickness, which makes 0.003; long tubes have 0.01.
+FLAT = 0.005
 TINY = float(np.finfo(float).tiny)
 
 

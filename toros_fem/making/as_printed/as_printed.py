@@ -162,8 +162,8 @@ def printed_lines(
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
         island_area: As of `as_printed`.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
-            start from: those of the relaxed design, or of the print on a coarser mesh. None starts
-            from the assembled shape.
+            start from: those of the relaxed design, or of the print on a coarser mesh. None, or a
+            skin that is flat at rest, starts from the assembled shape.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -234,6 +234,7 @@ def printed(
     A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
     on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank; `start`
     is where the simulation starts, or a function that returns this where it is not in the journal.
+    A skin that is flat at rest is inflated from rest.
 
     Raises:
         PatternError: The skin is moulded.
@@ -259,11 +260,13 @@ def printed(
     cells, part = on_first_rank(skin.comm, of_triangles)
 
     def simulate() -> Evaluation:
-        own, begin = part[skin.owned_cells], start() if callable(start) else start
-        if isinstance(problem, ShapeProblem) and problem.flat_at_rest:
+        own, flat = part[skin.owned_cells], False
+        if isinstance(problem, ShapeProblem) and (flat := problem.flat_at_rest):
             # Layers that fold one way or the other have several stable shapes. The skin takes the
             # one that it is inflated to.
             begin = problem.solver.model.assembled
+        if not flat:
+            begin = start() if callable(start) else start
         return problem.simulate_binary(own, like, start=begin, pressure=pressure)
 
     evaluation, failure = None, ""

@@ -129,14 +129,12 @@ def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats]
     size = RULER + 4 * CLEAR, HEIGHT
     for angle in (0.0, np.pi / 2):
         wide, high = size if angle == 0 else size[::-1]
-        x, y = np.meshgrid(
-            np.arange(2 * CLEAR + wide / 2, sheet[0], TRIED),
-            np.arange(2 * CLEAR + high / 2, sheet[1], TRIED),
-        )
-        centres = np.column_stack([x.ravel(), y.ravel()])
-        found = first_fit(free, centres, angle, [size])
-        if found is not None:
-            return _ruler_at(Affine.turn(angle, centres[found[0]]))
+        x = np.arange(2 * CLEAR + wide / 2, sheet[0], TRIED)
+        for y in np.arange(2 * CLEAR + high / 2, sheet[1], TRIED):
+            centres = np.column_stack([x, np.full(len(x), y)])
+            found = first_fit(free, centres, angle, [size])
+            if found is not None:
+                return _ruler_at(Affine.turn(angle, centres[found[0]]))
     below = [2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]
     return _ruler_at(Affine.shift(below))
 

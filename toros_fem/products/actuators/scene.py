@@ -290,8 +290,9 @@ class MeshedScene(Scene):
         edge, width = self.lines.print_edge_length, min(self.laid_widths)
         if edge > width:
             raise ParameterError(
-                f"print_edge_length = {edge} m is over {width} m, the width of the lines: their "
-                "print cannot be simulated. Give shorter edges.",
+                f"print_edge_length = {edge} m is over {width} m, the width of the lines "
+                "(`laid_width` and its like): their print cannot be simulated. Give shorter edges, "
+                "or wider lines.",
                 "print_edge_length",
             )
 
@@ -376,7 +377,7 @@ class ActuatorScene(MeshedScene):
         if design.start == "relaxed":
             widths["laid_width"] = max(self.laid_widths)
         elif self.edge_length is not None:
-            radius = self.finest_level.regularisation.filter_radius
+            widths["filter_radius"] = radius = self.finest_level.regularisation.filter_radius
             yield Group("filter", "filter_radius", radius / self.edge_length)
         yield from (skin.width(key, width) for key, width in widths.items() if width is not None)
 

@@ -35,8 +35,8 @@ from toros_fem.products.fitting.tensile_test import TensileTest
 LARGEST_STRETCH = 16.0
 # A strain without a unit that never comes below is most likely a stretch.
 LEAST_STRAIN = 0.5
-# No specimen is larger; in m.
-LARGEST_SIZES = {"thickness": 0.05, "width": 10.0, "gauge length": 100.0}
+# Sizes of specimens, the least and the largest, in m.
+SPECIMENS = {"thickness": (1e-5, 0.02), "width": (1e-3, 1.0), "gauge length": (1e-3, 2.0)}
 
 
 @dataclass(frozen=True)
@@ -215,10 +215,11 @@ def _point(row: Mapping[str, Any]) -> _Point:
                 f"'# {kind} = {SIZES[kind]}', or give --{kind.replace(' ', '-')}."
             )
         found: float = row[kind]
-        if not 0 < found <= LARGEST_SIZES[kind]:
+        least, largest = SPECIMENS[kind]
+        if not least <= found <= largest:
             raise ParameterError(
-                f"the {kind} is {found:.6g} m; it must be greater than 0 and at most "
-                f"{LARGEST_SIZES[kind]:g} m. Is its unit right? Numbers without a unit are m."
+                f"the {kind} is {found:.6g} m; it must be at least {least:g} m and at most "
+                f"{largest:g} m. Is its unit right? Numbers without a unit are m."
             )
         return found
 

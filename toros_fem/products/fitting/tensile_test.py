@@ -32,8 +32,8 @@ class TensileTest:
 
     Raises:
         ParameterError: The arrays differ in length, are not finite, or have fewer than 5 points; a
-            stretch is not positive, or always the same; all forces are 0; or the thickness is not
-            positive.
+            stretch is not positive, or always the same; the lateral stretch grows; all forces are
+            0; or the thickness is not positive.
     """
 
     stretch: Floats
@@ -63,6 +63,11 @@ class TensileTest:
                 raise ParameterError(f"{what} reaches {one.min():.6g}; it is positive, 1 at rest.")
             if one is not None and not np.ptp(one) > 0:
                 raise ParameterError(f"{what} is the same at all points.")
+        if self.lateral is not None and np.cov(stretch, self.lateral)[0, 1] > 0:
+            raise ParameterError(
+                f"the lateral stretch of specimen {self.specimen!r} grows with the stretch: is its "
+                "sign right? A lateral strain is below 0 where the sheet gets narrower."
+            )
 
     @property
     def curve(self) -> Floats:

@@ -185,7 +185,11 @@ class GripperScene(ActuatorScene):
         force = self.fingers * skin.pressure * np.pi * skin.radius**3 / length
         weight = self.object.mass * GRAVITY / force
         yield Group("weight", "mass", weight)
-        yield Group("weight", "holding_factor", self.objective.holding_factor * weight)
+        yield Group("holding", "holding_factor", self.objective.holding_factor)
+        yield skin.supplied("wrap_angle", 2 * skin.radius / self.bend_radius)
+        for name in ("wrap_angle", "tip_angle", "edge_angle"):
+            if (angle := self.value(name)) is not None:
+                yield Group("angle", name, angle / 360)
         if self.contact.friction is not None:
             yield Group("friction", "friction", self.contact.friction)
 

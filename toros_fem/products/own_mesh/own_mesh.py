@@ -325,7 +325,9 @@ class OwnMeshScene(ActuatorScene):
         yield from super().groups_of(skin)
         read, asked = self.own_skin, self.target
         edge = read.edge_length / 2.0**self.skin.refinements
-        yield Group("edges", "refinements", skin.girth / edge)
+        yield Group("mesh", "refinements", skin.girth / edge)
+        if self.design.start != "relaxed" and self.design.filter_radius is not None:
+            yield Group("filter", "filter_radius", self.design.filter_radius / edge)
         if read.target is not None:
             return
         body = asked.of_body(read.whole)

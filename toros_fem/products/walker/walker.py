@@ -173,6 +173,8 @@ class WalkerScene(ActuatorScene):
         asked, sizes, feet = self.target, self.skin, self.contact
         yield skin.slenderness("leg_length", sizes.leg_length)
         yield Group("angle", "angle", self.leg_angle / 360)
+        bend = np.radians(self.leg_angle) * 2 * skin.radius / asked.bent_length
+        yield skin.supplied("angle", float(bend))
         if asked.motion == "crawl":
             yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
         for name in ("fabric_mass", "print_mass"):

@@ -82,7 +82,7 @@ class Run:
         names = ("metric", "pressure_pa", "measured", "simulated", "source")
         measured = [Measured(*map(one.get, names)) for one in told.get("measured") or ()]
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
-        rows = [row for row in self.curve if "pressure_pa" in row]
+        rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
         return Curve(rows, pressure, measured, broken)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from html import escape
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -67,9 +68,9 @@ def _figure(row: Mapping[str, Any]) -> Figure:
     """Return the figure of an entry; a KeyError or a TypeError says that it is none."""
     values = [row[one.name] for one in fields(Figure)]
     texts, numbers = values[:2], values[2:]
-    if not all(isinstance(one, str) for one in texts) or not all(
-        one is None or is_number(one) for one in numbers
-    ):
+    named = all(isinstance(one, str) for one in texts)
+    fits = all(one is None or (is_number(one) and isfinite(one)) for one in numbers)
+    if not (named and fits) or min(values[3] or 0.0, values[5] or 0.0) < 0:
         raise TypeError
     return Figure(*values)
 
