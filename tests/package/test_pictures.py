@@ -107,7 +107,7 @@ def texts_of(path: Path) -> dict[str, str]:
     """Texts of a PNG, or the lines of the last comment of a GIF."""
     if path.suffix == ".png":
         with Image.open(path) as image:
-            return {key: str(value) for key, value in image.info.items()}
+            return {str(key): str(value) for key, value in image.info.items()}
     blocks, text = path.read_bytes().rpartition(b"!\xfe")[2], b""
     while blocks[0]:
         text, blocks = text + blocks[1 : 1 + blocks[0]], blocks[1 + blocks[0] :]
