@@ -115,7 +115,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "edges": Range(
         "number of edges around the skin, its girth 2 π r over their length",
-        (14.0, INFINITE), (8.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
+        (14.0, INFINITE), (5.0, INFINITE), "with fewer, a tube is a prism (docs/accuracy.md)",
         "Take shorter edges.",
     ),
     "mesh": Range(
