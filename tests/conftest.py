@@ -142,11 +142,12 @@ def kept_meshes(request: pytest.FixtureRequest) -> Generator[None]:
 def without_pictures() -> Generator[None]:
     """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run.
 
-    The charts of reports are drawn.
+    The page of a run is made: its charts, and what it shows of a skin.
     """
+    page = {"curves", "style", "words", "shown", "raster", "view"}
     pictures = {path.stem for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*.py")}
     with pytest.MonkeyPatch.context() as patch:
-        for name in pictures - {"curves", "style", "words"}:
+        for name in pictures - page:
             patch.setitem(sys.modules, f"toros_fem.results.pictures.{name}", None)
         yield
 

@@ -73,6 +73,7 @@ def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
         ("tile", "size", 10.0, "thickness"),
         ("tile", "stiffness_0", 20.0, "stiffness"),
         ("tile", "strain", 0.85, "pull"),
+        ("tile", "tolerance", 0.5, "tolerance"),
         ("bend", "knit_ratio", 50.0, "knit"),
     ],
 )
@@ -112,6 +113,7 @@ def test_doubted(kind: str, key: str, value: float, group: str) -> None:
         ("tile", "filter_radius", 0.7),
         ("tile", "c1", 1900.0),
         ("tile", "strain", 0.0),
+        ("tile", "tolerance", 2.0),  # per cent
         ("tile", "stiffness_45", 1e9),
         ("bend", "knit_ratio", 1e6),
     ],

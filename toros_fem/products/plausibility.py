@@ -149,6 +149,11 @@ RANGES: Mapping[str, Range] = {
         (1e-3, 0.9), (1e-6, 1.0), "eq. (1): no stretch reaches c1",
         "A strain is a part: 0.1 for 10 %.",
     ),
+    "tolerance": Range(
+        "relative deviation of a printed stiffness that needs no correction",
+        (1e-3, 0.2), (0.0, 1.0), "0.02 by default",
+        "It is a part: 0.02 for 2 %.",
+    ),
     "stiffness": Range(
         "stiffness that is asked for, on a logarithmic scale from that of the fabric, 0, to that "
         "of the reinforced fabric, 1",

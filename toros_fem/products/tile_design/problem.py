@@ -10,7 +10,7 @@ from typing import Annotated
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.keys import Count, Fraction, In, Number, Table, key
+from toros_fem.base.keys import Count, In, Number, Positive, Table, key
 from toros_fem.base.mpi import collective
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.filters import make_filter
@@ -73,7 +73,7 @@ class Searching(Filtering):
     correction_iterations: Count = key(
         15, "largest number of steps after each correction", free=True
     )
-    tolerance: Fraction = key(
+    tolerance: Positive = key(
         0.02, "relative deviation of a printed stiffness that needs no correction"
     )
     constrained: bool = key(True, "width constraints in all steps")

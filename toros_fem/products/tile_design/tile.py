@@ -120,6 +120,7 @@ class TileScene(TileDesignScene):
     def _groups(self) -> Iterator[Group]:
         side, design, sheets = self.skin.size, self.design, self.material.composite
         yield from sheet_groups(sheets, side)
+        yield Group("tolerance", "tolerance", design.tolerance)
         yield Group("pull", "strain", abs(self.pull.strain) / (sheets.fabric_bounds[0] - 1))
         soft, stiff = sheets.fabric.membrane_stiffness, sheets.reinforcement.membrane_stiffness
         for name in ("stiffness_0", "stiffness_45", "stiffness_90"):
