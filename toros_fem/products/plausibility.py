@@ -121,7 +121,7 @@ RANGES: Mapping[str, Range] = {
     "mesh": Range(
         "number of edges around an own mesh, 2 π r over their mean length, with r twice its volume "
         "over its area",
-        (14.0, INFINITE), (8.0, INFINITE), "as above",
+        (14.0, INFINITE), (8.0, INFINITE), "with fewer, a round body is a prism",
         "Each step of `refinements` halves the edges. `remesh` makes a new mesh, where a CAD file "
         "has long thin triangles.",
     ),
@@ -137,11 +137,11 @@ RANGES: Mapping[str, Range] = {
     ),
     "knit": Range(
         "modulus of the fabric along its courses over that along its wales",
-        (1.0, 20.0), (1.0, 1e4), "1 to 4 in knits (docs/materials.md)",
+        (1.0, 20.0), (1.0, 1e4), "1.5 to 2.2 in the library (docs/materials.md)",
     ),
     "heavy": Range(
         "weight of a sheet over the pressure, m g/p",
-        (0.0, 0.05), (0.0, 1.0), "1e-4 for the paper's robots; at 1 a skin does not lift itself",
+        (0.0, 0.05), (0.0, 1.0), "1e-4 in the default scenes; at 1 a skin does not lift itself",
         "Is the mass in kg/m², and the pressure in the unit that was meant?",
     ),
     "pull": Range(
