@@ -113,6 +113,8 @@ def test_doubted(kind: str, key: str, value: float, group: str) -> None:
         ("tile", "filter_radius", 0.7),
         ("tile", "c1", 1900.0),
         ("tile", "strain", 0.0),
+        ("tile", "island_area", 0.1),
+        ("tile-sheet", "margin", 1000.0),
         ("tile", "tolerance", 2.0),  # per cent
         ("tile", "stiffness_45", 1e9),
         ("bend", "knit_ratio", 1e6),

@@ -149,6 +149,11 @@ RANGES: Mapping[str, Range] = {
         (1e-3, 0.9), (1e-6, 1.0), "eq. (1): no stretch reaches c1",
         "A strain is a part: 0.1 for 10 %.",
     ),
+    "island": Range(
+        "area of the islands that are left out over that of the tile",
+        (0.0, 0.05), (0.0, 0.99), "a tile of one island has no print left",
+        "Is the area in the unit that was meant? Numbers without a unit are m².",
+    ),
     "tolerance": Range(
         "relative deviation of a printed stiffness that needs no correction",
         (1e-3, 0.2), (0.0, 1.0), "0.02 by default",

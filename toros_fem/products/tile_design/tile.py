@@ -121,6 +121,7 @@ class TileScene(TileDesignScene):
         side, design, sheets = self.skin.size, self.design, self.material.composite
         yield from sheet_groups(sheets, side)
         yield Group("tolerance", "tolerance", design.tolerance)
+        yield Group("island", "island_area", self.print.island_area / side**2)
         yield Group("pull", "strain", abs(self.pull.strain) / (sheets.fabric_bounds[0] - 1))
         soft, stiff = sheets.fabric.membrane_stiffness, sheets.reinforcement.membrane_stiffness
         for name in ("stiffness_0", "stiffness_45", "stiffness_90"):

@@ -12,7 +12,7 @@ with its diagonals as lines of 1 mm.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -27,6 +27,7 @@ from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import Figure
 from toros_fem.meshes import tile
+from toros_fem.products.plausibility import Group, with_lengths
 from toros_fem.products.tiles.printed_tile import (
     DIRECTIONS,
     PrintedTile,
@@ -78,6 +79,10 @@ class TileSheetScene(Scene):
     SIMULATION_FILES: ClassVar = {"tile": "output folder of a designed tile; none: a simple tile"}
     COARSE: ClassVar = {"edge_length": 2.0, "edge_factor": 2.0, "along": 3 / 5, "across": 3 / 5}
     FEW: ClassVar = ("direction", "along", "across", "strain", "edge_length")
+
+    def groups(self) -> Iterator[Group]:
+        """Yield the dimensionless groups of the scene: its lengths over the side of a tile."""
+        return with_lengths(self, SIDE, ())
 
     def run_simulation(
         self,
