@@ -16,7 +16,7 @@ Height = Annotated[float, In("m", at_least=1e-5, at_most=0.05)]
 Offset = Annotated[float, In("m", at_least=0, at_most=0.05)]
 Small = Annotated[float, In("m", above=0, at_most=1)]
 Gap = Annotated[float, In("m", at_least=0, at_most=1)]
-Distance = Annotated[float, In("m", at_least=1e-3, at_most=1)]
+Spacing = Annotated[float, In("m", at_least=1e-3, at_most=1)]
 Tab = Annotated[float, In("m", at_least=1e-3, at_most=0.1)]
 Bed = Annotated[float, In("m", above=0, at_most=5)]
 Roll = Annotated[float, In("m", above=0, at_most=100)]
@@ -45,7 +45,7 @@ class ManufactureOptions(Table):
     allowance_at: Annotated[str, OneOf((SEAMS, ALL))] = key(
         SEAMS, "edges that get an allowance: those that are sewn, or all"
     )
-    notch_distance: Distance = key(30e-3, "largest distance of notches on a seam")
+    notch_distance: Spacing = key(30e-3, "largest distance of notches on a seam")
     cross_size: Small = key(4e-3, "size of a registration cross")
     grain: Angle | None = key(
         90.0, "direction of the grain on the flat panels, from x; none leaves it free"

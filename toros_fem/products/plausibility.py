@@ -225,6 +225,11 @@ class Group:
         return told.rstrip()
 
 
+def angle_group(key: str, angle: float) -> Group:
+    """Return the group of an angle in degrees."""
+    return Group("angle", key, abs(angle) / 360)
+
+
 def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
     """Yield the groups of the sheets of a skin with a radius, or of a tile with a side, in m."""
     fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
@@ -333,12 +338,12 @@ class Inflated:
 
         `outer` is the distance in m of the outer side from the line that keeps its length.
         """
-        yield Group("angle", key, abs(angle) / 360)
+        yield angle_group(key, angle)
         yield from self.reach(key, abs(math.radians(angle)) * outer / length)
 
     def twist(self, key: str, angle: float, length: float) -> Iterator[Group]:
         """Yield the groups of a twist by an angle in degrees over a length in m."""
-        yield Group("angle", key, abs(angle) / 360)
+        yield angle_group(key, angle)
         half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
         yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
 

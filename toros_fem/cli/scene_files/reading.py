@@ -74,9 +74,10 @@ class SceneFile:
         try:
             yield
         except ParameterError as caught:
-            line = next((self.lines[key] for key in _named(caught) if key in self.lines), None)
+            key = next((key for key in _named(caught) if key in self.lines), caught.key)
+            line = self.lines.get(str(key))
             message = f"{at(self.path, line)}: {caught}"
-            raise SceneError(message, self.path, line, caught.key) from None
+            raise SceneError(message, self.path, line, key) from None
 
 
 @collective("comm")

@@ -260,12 +260,12 @@ def printed(
     cells, part = on_first_rank(skin.comm, of_triangles)
 
     def simulate() -> Evaluation:
-        own, flat = part[skin.owned_cells], False
-        if isinstance(problem, ShapeProblem) and (flat := problem.flat_at_rest):
+        own = part[skin.owned_cells]
+        if isinstance(problem, ShapeProblem) and problem.flat_at_rest:
             # Layers that fold one way or the other have several stable shapes. The skin takes the
             # one that it is inflated to.
             begin = problem.solver.model.assembled
-        if not flat:
+        else:
             begin = start() if callable(start) else start
         return problem.simulate_binary(own, like, start=begin, pressure=pressure)
 

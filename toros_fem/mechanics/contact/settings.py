@@ -12,6 +12,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_flag, require_kind, require_positive
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.skin.dead_loads import GRAVITY
 
 # Distance within which contact acts, over the thickness.
 RANGE = 0.5
@@ -74,7 +75,7 @@ class Contact:
     distance: float | None = None
     stiffness: float | None = None
     slip: float | None = None
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -GRAVITY)
 
     def __post_init__(self) -> None:
         grounds = () if self.ground is None else self.ground

@@ -369,8 +369,9 @@ class ActuatorScene(MeshedScene):
         for key, edge in self.edges.items():
             name = "relaxed" if key == "relaxed_edge_length" else "edges"
             yield Group(name, key, skin.girth / edge)
-        layers = [key for key in LAYERS if key in self.described() and self.value(key) is not None]
-        yield from (Group("thickness", key, self.value(key) / skin.radius) for key in layers)
+        for key in LAYERS:
+            if key in self.described() and (thickness := self.value(key)) is not None:
+                yield Group("thickness", key, thickness / skin.radius)
         widths: dict[str, float | None] = {"print_width": self.print.print_width}
         if design.constrained_iterations:
             widths |= {"line_width": design.line_width, "gap_width": design.gap_width}

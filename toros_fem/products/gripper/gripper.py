@@ -37,7 +37,7 @@ from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
 from toros_fem.products.gripper.load import Lifted, lift
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, angle_group
 from toros_fem.products.tables.loads import Contacts, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -164,7 +164,7 @@ class GripperScene(ActuatorScene):
                 f"around an object of size = {self.object.size:.3g} m the finger starts to bend "
                 f"at {self.bend_start:.3g} m, inside its mount, which ends at root_length = "
                 f"{sizes.root_length:.3g} m. Give a larger finger_length, a smaller object or "
-                "wrap_angle, or around a box a smaller edge_bend_radius or tail_length.",
+                "wrap_angle, or around a box a smaller edge_bend_radius or tail_length."
             )
 
     @property
@@ -189,7 +189,7 @@ class GripperScene(ActuatorScene):
         yield skin.supplied("wrap_angle", 2 * skin.radius / self.bend_radius)
         for name in ("wrap_angle", "tip_angle", "edge_angle"):
             if (angle := self.value(name)) is not None:
-                yield Group("angle", name, angle / 360)
+                yield angle_group(name, angle)
         if self.contact.friction is not None:
             yield Group("friction", "friction", self.contact.friction)
 

@@ -152,7 +152,7 @@ class TileScene(TileDesignScene):
 
     def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
         """Return the cost of the design, probed on the mesh of the starts (collective)."""
-        require_affordable((2 * self.skin.size) ** 2, self.skin.edge_length)  # of prints
+        require_affordable((2 * self.skin.size) ** 2, self.skin.edge_length)  # prints halve it
         case, design = tile_case(comm, self), self.design
         coarse, own, fine = (one.tile.pattern for one in (case.coarse, case, case.fine))
         rounds, finish = design.corrections, 2 * design.finish_iterations + 2

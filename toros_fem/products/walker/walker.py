@@ -34,7 +34,7 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, angle_group
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -172,7 +172,7 @@ class WalkerScene(ActuatorScene):
         yield from super().groups_of(skin)
         asked, sizes, feet = self.target, self.skin, self.contact
         yield skin.slenderness("leg_length", sizes.leg_length)
-        yield Group("angle", "angle", self.leg_angle / 360)
+        yield angle_group("angle", self.leg_angle)
         bend = np.radians(self.leg_angle) * 2 * skin.radius / asked.bent_length
         yield skin.supplied("angle", float(bend))
         if asked.motion == "crawl":

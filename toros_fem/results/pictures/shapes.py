@@ -186,8 +186,7 @@ def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
     at, goal = 1e3 * stage.view.project(np.array([tip.at, tip.asked]))
     rays = stage.view.project(np.array([tip.along, tip.asked_along]))
     if tip.distance > ARROW * miss.length:
-        look = {"arrowstyle": "-|>", "color": style.ACCENT, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-        stage.axes.annotate("", at, goal, zorder=6, arrowprops=look)
+        stage.arrow(goal, at, style.ACCENT)
         if labelled:  # on the other side of the tip than the directions
             up = -13.0 if rays[0, 1] > 0 else 6.0
             _label(stage, (at + goal) / 2, f"tip {_short(1e3 * tip.distance)} mm off", up)

@@ -94,11 +94,16 @@ class Stage:
         else:
             self.axes.axhline(float(flat[:, 1].mean()), color="0.6", lw=1, zorder=-1)
 
+    def arrow(self, tail: Floats, tip: Floats, colour: str) -> None:
+        """Draw an arrow between two points of the view, (2,) in mm each."""
+        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
+        (x, y), (left, low) = tip, tail
+        self.axes.annotate("", (x, y), (left, low), zorder=6, arrowprops=look)
+
     def way(self, begin: Floats, end: Floats, colour: str) -> None:
         """Draw an arrow between two points in space, (3,) in m each, with its length in mm."""
         tail, tip = 1e3 * self.view.project(np.stack([begin, end]))
-        look = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-        self.axes.annotate("", tip, tail, zorder=6, arrowprops=look)
+        self.arrow(tail, tip, colour)
         words = f"{1e3 * np.linalg.norm(end - begin):.3g} mm"
         note(self.axes, words, (tail + tip) / 2, (0, -3), colour, ha="center", va="top")
 

@@ -65,14 +65,16 @@ def read_content(folder: Path) -> dict[str, Any]:
 
 
 def _figure(row: Mapping[str, Any]) -> Figure:
-    """Return the figure of an entry; a KeyError or a TypeError says that it is none."""
-    values = [row[one.name] for one in fields(Figure)]
-    texts, numbers = values[:2], values[2:]
-    named = all(isinstance(one, str) for one in texts)
-    fits = all(one is None or (is_number(one) and isfinite(one)) for one in numbers)
-    if not (named and fits) or min(values[3] or 0.0, values[5] or 0.0) < 0:
+    """Return the figure of an entry; a KeyError, TypeError or ValueError says that it is none."""
+    found = Figure(*(row[one.name] for one in fields(Figure)))
+    named = isinstance(found.name, str) and isinstance(found.unit, str)
+    widths = (found.interval, found.tolerance)
+    numbers = [one for one in (found.value, found.target, *widths) if one is not None]
+    if not named or not all(is_number(one) and isfinite(one) for one in numbers):
         raise TypeError
-    return Figure(*values)
+    if any(one is not None and one < 0 for one in widths):
+        raise ValueError
+    return found
 
 
 def summary_of(folder: Path) -> Summary:
