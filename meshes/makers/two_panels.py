@@ -124,8 +124,8 @@ class Star:
         require_finite(angle=self.angle)
         if self.arm_width > 2 * self.body_radius:
             raise OutlineError(
-                f"arm_width = {self.arm_width} m must be at most the body's diameter of "
-                f"{2 * self.body_radius:.6g} m."
+                f"arm_width = {self.arm_width} m must be at most the body's diameter, twice "
+                f"body_radius = {self.body_radius:.6g} m."
             )
         room = self.reach - self.arm_width / 2 - self.root
         if room <= 0:

@@ -61,6 +61,8 @@ def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
         ("bend", "filter_radius", 1e-4, "filter"),
         ("bend", "curve_pressure", 20e6, "load"),
         ("bend", "c1", 9.0, "stretch"),
+        ("bend", "reinforcement_c1", 9.0, "stretch"),
+        ("bend", "reinforcement_c2", 1.2, "bounds"),
         ("bend", "edge_length", 5e-3, "edges"),
         ("twist", "relaxed_edge_length", 7e-3, "relaxed"),
         ("gripper", "mass", 2.0, "weight"),
@@ -135,6 +137,36 @@ def test_a_length_that_is_asked_for_is_within_reach() -> None:
     assert doubts(asked.updated(length_ratio=1.1)) == []
 
 
+@pytest.mark.parametrize(
+    ("kind", "key", "value", "needed"),
+    [
+        ("twist", "length_ratio", 1.2, "keep_length = true"),
+        ("twist", "axial_width", 2e-3, "keep_length = true"),
+        ("walker", "reach", 7e-3, 'motion = "crawl"'),
+        ("bend", "laid_width", 1e-3, 'start = "relaxed"'),
+        ("contract", "edge_length", 1e-3, 'start = "random"'),
+        ("tile", "stiffness_90", 800.0, 'target = "orthotropic" or "isotropic"'),
+        ("bend", "bladder_young", 1e5, "bladder_thickness is none"),
+    ],
+)
+def test_a_value_that_does_not_count_is_doubted(
+    kind: str, key: str, value: float, needed: str
+) -> None:
+    (told,) = doubts(KINDS[kind].of(**{key: value}))
+    assert told.startswith(f"{key} = ")
+    assert "does not count: " in told
+    assert needed in told
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_keys_need_is_known(kind: str) -> None:
+    known = KINDS[kind].described()
+    for name, (other, values) in KINDS[kind].needs().items():
+        assert name in known
+        assert [known[other].checked(value) for value in values] == list(values)
+        assert values or known[other].optional
+
+
 def test_a_way_that_is_asked_for_is_within_reach() -> None:
     asked = KINDS["walker"].of(reach=6.0)
     with pytest.raises(ParameterError, match="^reach: "):
@@ -191,6 +223,9 @@ def test_check_refuses_without_a_probe_what_a_design_refuses(
         ("twist", "print", 'print_width = "2 mm"'),
         ("gripper", "object", 'size = "110 mm"'),
         ("gripper", "skin", 'finger_length = "45 mm"'),
+        ("gripper", "skin", 'root_length = "3.75 mm"'),
+        ("walker", "skin", 'leg_length = "5 mm"'),
+        ("walker", "skin", 'body_radius = "1 mm"'),
     ],
 )
 def test_refusals_name_the_line(

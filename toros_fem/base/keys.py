@@ -52,6 +52,8 @@ WORDS: Mapping[type, str] = {
     Path: "a path in quotes",
     tuple: "two finite numbers, as in [1.0, 1.5]",
 }
+# What a key needs to count: another key of its scene, and values that let it; (): any but none.
+Need = tuple[str, tuple[Any, ...]]
 # Units of metrics that are written in another way than those of keys.
 METRIC_UNITS = {None: "ratio", "%": "percent"}
 
@@ -199,7 +201,7 @@ class Key:
     def _number(self, value: Any) -> float:
         if isinstance(value, int) and abs(value) > LARGEST:
             self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
-        if self.kind is int and self.within.at_least == 1 and value > MANY:
+        if self.kind is int and self.within.at_least >= 1 and value > MANY:
             self.refuse(value, f"must be at most {MANY}")
         number: float = self.kind(value)
         if number not in self.within:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Key, Table, nearest
+from toros_fem.base.keys import Key, Need, Table, nearest
 from toros_fem.base.mpi import collective
 
 # Order of tables in files.
@@ -38,6 +38,8 @@ class Scene:
         DESIGN_FILES, SIMULATION_FILES: Files or folders that a design or a simulation can take, by
             name, with their help.
         EXAMPLE_FILES: Files that a new scene file names.
+        OUTLINE: Keys by the words of an `OutlineError` that they are given as.
+        NEEDS: What keys need to count in scenes of this kind; tables may have it for their own.
     """
 
     KIND: ClassVar[str] = ""
@@ -46,6 +48,8 @@ class Scene:
     DESIGN_FILES: ClassVar[Mapping[str, str]] = {}
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = {}
     EXAMPLE_FILES: ClassVar[Mapping[str, str]] = {}
+    OUTLINE: ClassVar[Mapping[str, str]] = {}
+    NEEDS: ClassVar[Mapping[str, Need]] = {}
 
     def __init_subclass__(cls) -> None:
         """Let all methods that take a communicator compare the scene and their arguments."""
@@ -85,6 +89,22 @@ class Scene:
     def groups(self) -> Iterator[Any]:
         """Yield the groups of the scene that are known, of `products.plausibility`."""
         return iter(())
+
+    @classmethod
+    def needs(cls) -> dict[str, Need]:
+        """Return what keys need to count, by name."""
+        own = [getattr(of, "NEEDS", {}) for of in (*cls.tables().values(), cls)]
+        return {name: need for of in own for name, need in of.items()}
+
+    def idle(self) -> Iterator[tuple[str, Need]]:
+        """Yield the keys that do not count, and what they need; not those left at a default."""
+        needs, plain = self.needs(), type(self)()
+        left = (plain, plain.coarse()) if needs else ()
+        for name, (other, needed) in needs.items():
+            value = self.value(other)
+            counts = value in needed if needed else value is not None
+            if not counts and self.value(name) not in [one.value(name) for one in left]:
+                yield name, (other, needed)
 
     def coarse(self) -> Self:
         """Return the quick variant, a coarse mesh and few steps: values times `COARSE`."""

@@ -241,9 +241,11 @@ def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
         yield Group("thickness", "bladder_thickness", bladder.thickness / size)
         share = bladder.membrane_stiffness / fabric.membrane_stiffness
         yield Group("bladder", "bladder_young", share)
-    c1, c2 = sheet.fabric_bounds
-    yield Group("stretch", "c1", c1)
-    yield Group("bounds", "c2", (c2 - 1) / (c1 - 1))
+    bounds = {"": sheet.fabric_bounds, "reinforcement_": sheet.reinforcement_bounds}
+    for of, (c1, c2) in bounds.items():
+        if not of or bounds[of] != bounds[""]:
+            yield Group("stretch", f"{of}c1", c1)
+            yield Group("bounds", f"{of}c2", (c2 - 1) / (c1 - 1))
     if sheet.knit is not None:
         yield Group("knit", "knit_ratio", sheet.knit.ratio)
 
@@ -266,6 +268,8 @@ def with_lengths(scene: Scene, size: float, groups: Iterable[Group]) -> Iterator
 def doubts(scene: Scene) -> list[str]:
     """Return what is doubtful about a scene, a sentence or two each.
 
+    A value that does not count is doubtful too.
+
     Raises:
         ParameterError: A group is impossible.
     """
@@ -274,7 +278,7 @@ def doubts(scene: Scene) -> list[str]:
         group.require_possible()
         if group.doubt is not None:
             found.append(group.doubt)
-    return found
+    return [*found, *_idle(scene)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,6 +353,15 @@ class Inflated:
 
     def _widening(self, pressure: float) -> float:
         return pressure * self.radius / self.sheet.least_stiffness
+
+
+def _idle(scene: Scene) -> Iterator[str]:
+    known = scene.described()
+    for name, (other, needed) in scene.idle():
+        words = " or ".join(map(known[other].written, needed or ()))
+        what = f"it needs {other} = {words}" if needed else f"{other} is none"
+        told = f"{name} = {known[name].written(scene.value(name))}"
+        yield f"{told} does not count: {what}. Change {other}, or leave {name} out."
 
 
 def _inside(value: float, ends: tuple[float, float]) -> bool:

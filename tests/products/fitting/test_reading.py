@@ -113,15 +113,16 @@ FAULTS = {
     "gap": (f"strain,force [N]\n0.1,\n{BODY}", 2, "force is empty"),
     "short": (f"strain,force [N]\n{BODY}0.6\n", 8, "the line has 1 values, but the header 2"),
     "long": (f"strain,force [N]\n{BODY}0.6,1,2\n", 8, "the line has 3 values"),
-    "compressed": (f"strain,force [N]\n{BODY}-1.5,1\n", 8, "the stretch is -0.5; it is positive"),
+    "compressed": (f"strain,force [N]\n{BODY}-0.99,1\n-1,1\n", 9, "the stretch is 0; it is"),
     "percent of a stretch": (
         f"stretch,force [N]\n{rows(1 + STRAIN, FORCE)}13,8\n", 8, "the stretch is 13; is it in %"
     ),
     "thousands": (f'strain,force [N]\n{BODY}0.6,"1,037.5"\n', 8, "'1,037.5' has a comma"),
+    "few percent": (f"strain,force [N]\n{BODY}1.3,8\n", 8, "the strain is 1.3; is it in %"),
     "percent": (f"strain,force [N]\n{BODY}12,8\n", 8, "the strain is 12; is it in %.*'strain .1.'"),
     "too far": (f"strain [1],force [N]\n{BODY}16,8\n", 8, "stretch is 17; is its unit right"),
     "a stretch": (
-        f"strain,force [N]\n{rows(1 + STRAIN, FORCE)}", 1, "is it a stretch.*'stretch', or .*[1]"
+        f"strain,force [N]\n{rows(1 + STRAIN, FORCE)}", 3, "1.1; is it in %.*if it is 1 at"
     ),
     "a lateral stretch": (
         "stretch,force [N],lateral strain\n" + rows(1 + STRAIN, FORCE, 1 - 0.3 * STRAIN),

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from toros_fem.base.errors import LibraryError, ParameterError, SceneError
+from toros_fem.base.errors import LibraryError, OutlineError, ParameterError, SceneError
 from toros_fem.base.keys import Key, Table, meant, nearest, plain_value
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.base.scene import Scene
@@ -73,10 +73,13 @@ class SceneFile:
         """Tell file and line of the key that an error in the block names, by a SceneError."""
         try:
             yield
-        except ParameterError as caught:
-            key = next((key for key in _named(caught) if key in self.lines), caught.key)
+        except (ParameterError, OutlineError) as caught:
+            text, key = str(caught), getattr(caught, "key", None)
+            for word, own in self.kind.OUTLINE.items():
+                text = re.sub(rf"\b{word}\b", own, text)
+            key = next((one for one in _named(text, key) if one in self.lines), key)
             line = self.lines.get(str(key))
-            message = f"{at(self.path, line)}: {caught}"
+            message = f"{at(self.path, line)}: {text}"
             raise SceneError(message, self.path, line, key) from None
 
 
@@ -120,9 +123,9 @@ CHANGED = "--set"
 _Values = dict[str, Any]
 
 
-def _named(error: ParameterError) -> list[str]:
+def _named(message: str, key: str | None) -> list[str]:
     """Return the keys that an error is about: the one that it knows, then those that it names."""
-    return [str(error.key), *KEYS_IN_MESSAGE.findall(str(error))]
+    return [str(key), *KEYS_IN_MESSAGE.findall(message)]
 
 
 class _Reader(Document):
@@ -274,8 +277,8 @@ class _Reader(Document):
             values, materials = numbers_of(default, [values for _, values in layers])
             return default.updated(**values), materials
         except ParameterError as caught:
-            given = (key for key in _named(caught) if any(key in values for _, values in layers))
-            key = next(given, str(caught.key))
+            given = {key for _, values in layers for key in values}
+            key = next(filter(given.__contains__, _named(str(caught), caught.key)), str(caught.key))
             tables = [table for table, values in layers if key in values]
             home = self.homes.get(key)
             place = () if home is None else ((tables or [""])[-1] or home, key)

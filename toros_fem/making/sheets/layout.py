@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +24,9 @@ from toros_fem.making.sheets.sewing_order import SewingStep, sewing_order
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 
+log = logging.getLogger(__name__)
+# So many panels take minutes to be placed.
+MANY = 60
 # Layers from the lowest to the highest: the order in which most machines work, the cut at last. By
 # their colours, in SVG and by number in DXF, cutters tell them apart.
 LAYERS = {
@@ -131,6 +135,8 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions = DEFAU
         for copy in range(1, options.copies + 1)
         for one in drawings
     ]
+    if len(drawings) > MANY:
+        log.info("placing %d panels, which takes minutes", len(drawings))
     bed = options.bed_width, options.bed_depth
     sheet = options.sheet_width or bed[0], options.sheet_depth or bed[1]
     used = min(bed[0], sheet[0]), min(bed[1], sheet[1])

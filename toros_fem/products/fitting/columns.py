@@ -75,7 +75,7 @@ FORMULAS: Mapping[str, Mapping[str, Callable[[float, Size], float]]] = MappingPr
     }
 )
 # A strain or a stretch without a unit is most likely in % from here on.
-LARGEST_PLAIN = {"strain": 2.0, "stretch": 4.0}
+LARGEST_PLAIN = {"strain": 1.0, "stretch": 4.0}
 
 _HEADER = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
@@ -132,8 +132,10 @@ class Column:
             raise ParameterError(f"{self.kind} {what}.")
         found = UNITS[self.kind].get(self.unit, 1.0) * number
         if not self.unit and abs(found) > LARGEST_PLAIN.get(self.kind.split()[-1], math.inf):
+            stretch = self.kind.replace("strain", "stretch")
+            other = f"'{stretch}' if it is 1 at rest, " if stretch != self.kind else ""
             raise ParameterError(
-                f"the {self.kind} is {found:.6g}; is it in %? Write '{self.kind} [%]', or "
+                f"the {self.kind} is {found:.6g}; is it in %? Write '{self.kind} [%]', {other}or "
                 f"'{self.kind} [1]' if it is a ratio."
             )
         return found

@@ -74,6 +74,10 @@ class GripTarget(Table):
         0.016, "depth of the inflated finger where it is straight, a first guess"
     )
 
+    NEEDS: ClassVar = dict.fromkeys(
+        ("edge_bend_radius", "edge_angle", "tail_length"), ("shape", ("box",))
+    )
+
 
 @dataclass(frozen=True)
 class Gripped(Table):
@@ -92,6 +96,11 @@ class Gripped(Table):
         0.05, "distance by which the mounts move up; none leaves the lift out"
     )
     slip_limit: Length = key(5e-3, "sliding of the object up to which it counts as held")
+
+    NEEDS: ClassVar = {
+        "object_scale": ("object_mesh", ()),
+        "slip_limit": ("lift_distance", ()),
+    }
 
 
 @dataclass(frozen=True)
@@ -149,6 +158,7 @@ class GripperScene(ActuatorScene):
         "seed",
     )  # fmt: skip
     COARSE: ClassVar = {"edge_length": 2.0, "filter_radius": 74 / 43}
+    OUTLINE: ClassVar = {"root": "root_length"}
 
     def __post_init__(self) -> None:
         super().__post_init__()

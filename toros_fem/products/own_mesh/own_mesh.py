@@ -269,6 +269,11 @@ class OwnMeshScene(ActuatorScene):
         "pressure", "design_pressure", "seed",
     )  # fmt: skip
 
+    NEEDS: ClassVar = {
+        **dict.fromkeys(("neutral", "toward"), ("bend", ())),
+        **dict.fromkeys(("cross_sections", "axial_weight"), ("counted", ("cross-sections",))),
+    }
+
     # What the files hold, once they are read.
     read: OwnSkin | None = field(default=None, repr=False, compare=False, metadata=NO_TABLE)
 

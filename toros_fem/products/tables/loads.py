@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -40,6 +40,8 @@ class Pressing(Table):
     design_pressure: bool = key(False, "design the pressure too, within its bounds")
     pressure_min: Modulus = key(1e3, "least pressure where it is designed")
     pressure_max: Modulus = key(20e3, "largest pressure where it is designed")
+
+    NEEDS: ClassVar = dict.fromkeys(("pressure_min", "pressure_max"), ("design_pressure", (True,)))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -181,6 +183,8 @@ class Results(Table):
         "angle that the direction of a tip may be off by and count as reached",
         free=True,
     )
+
+    NEEDS: ClassVar = {"curve_steps": ("curve_pressure", ())}
 
     @property
     def tolerances(self) -> Tolerances:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -106,6 +106,11 @@ class SkinSheets(Sheets):
         "angle of the courses from the first axis of the flat panels; on a tube 0 is around and 90 "
         "along it",
     )
+
+    NEEDS: ClassVar = {
+        "bladder_young": ("bladder_thickness", ()),
+        "grain_angle": ("knit_ratio", ()),
+    }
 
     @property
     def composite(self) -> Composite:

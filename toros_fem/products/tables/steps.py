@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
-from toros_fem.base.keys import Count, Fraction, In, Length, Number, OneOf, Positive, Table, key
+from toros_fem.base.keys import (
+    Count,
+    Fraction,
+    In,
+    Length,
+    Need,
+    Number,
+    OneOf,
+    Positive,
+    Table,
+    key,
+)
 from toros_fem.design.density.filters import FILTERS
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.perimeter import SHARPNESS
@@ -41,6 +53,10 @@ class Filtering(Table):
     perimeter_window: Positive = key(1.0, "radius of the perimeter's window over R")
     perimeter_sharpness: float = key(
         SHARPNESS, "w of eq. (15): above 0 it erodes the print, as in the paper, below 0 the fabric"
+    )
+
+    NEEDS: ClassVar[Mapping[str, Need]] = dict.fromkeys(
+        ("perimeter_window", "perimeter_sharpness"), ("perimeter_weight", ())
     )
 
     @property
@@ -112,6 +128,12 @@ class Designing(Filtering, Stepping):
         SPREAD_WEIGHT,
         "weight of the spread over these widths in the objective, where there is a tolerance",
     )
+
+    NEEDS: ClassVar[Mapping[str, Need]] = {
+        **Filtering.NEEDS,
+        "spread_weight": ("width_tolerance", ()),
+        **dict.fromkeys(("levels", "iterations"), ("start", ("random",))),
+    }
 
     @property
     def regularisation(self) -> Regularisation:
@@ -220,6 +242,15 @@ class Lines(Table):
         "steps of the densities that start from these lines; kept only if the print gets better",
         free=True,
     )
+
+    NEEDS: ClassVar = dict.fromkeys(
+        (
+            "relaxed_edge_length", "relaxed_iterations", "directions", "share_limit",
+            "share_weight", "smoothing_radius", "laid_width", "second_laid_width", "least_share",
+            "spread", "print_edge_length", "density_iterations",
+        ),
+        ("start", ("relaxed",)),
+    )  # fmt: skip
 
     @property
     def widths(self) -> tuple[float, float]:

@@ -78,10 +78,11 @@ class Unwrapping(Table):
         from scipy.sparse import eye_array
 
         from toros_fem.meshes.surfaces.remeshed import remeshed
+        from toros_fem.meshes.triangles import require_affordable
 
         if self.remesh is None:
             return surface, eye_array(len(surface.points), format="csr")
-
+        require_affordable(surface.area, self.remesh, "remesh")
         crease = float(np.radians(self.crease_angle))
         made = remeshed(comm, surface, self.remesh, crease_angle=crease)
         if comm.rank == 0:

@@ -53,6 +53,7 @@ STIFFNESSES = {
     "tetragonal": (2000.0, 400.0, 2000.0),
     "isotropic": (700.0, 700.0, 700.0),
 }
+PRESCRIBED = tuple(STIFFNESSES)
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,12 @@ class TileTarget(Table):
     stiffness_90: Annotated[float, In("N/m", above=0)] | None = key(
         None, "target stiffness along y, if orthotropic; none takes that of --target"
     )
+
+    NEEDS: ClassVar = {
+        "contraction": ("target", ("auxetic",)),
+        **dict.fromkeys(("directions", "stiffness_0", "stiffness_45"), ("target", PRESCRIBED)),
+        "stiffness_90": ("target", ("orthotropic", "isotropic")),
+    }
 
 
 @dataclass(frozen=True)

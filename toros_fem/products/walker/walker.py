@@ -151,6 +151,18 @@ class WalkerScene(ActuatorScene):
         "constrained_iterations": 3 / 4,
     }
 
+    OUTLINE: ClassVar = {
+        "arm_length": "leg_length",
+        "arm_width": "leg_width",
+        "corner_radius": "fillet",
+        "arms": "legs",
+    }
+    NEEDS: ClassVar = {
+        **ActuatorScene.NEEDS,
+        "reach": ("motion", ("crawl",)),
+        **dict.fromkeys(("pad_friction", "pad_length"), ("feet", ("one-way",))),
+    }
+
     def coarse_values(self) -> dict[str, Any]:
         """Return the values of the quick variant by key, with feet that are printed."""
         # T hardly depends on the print in the feet: few steps leave holes and blobs there.

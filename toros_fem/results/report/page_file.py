@@ -7,6 +7,7 @@ import hashlib
 from importlib import resources
 from pathlib import Path
 
+from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.base.files import listing, naming, replace_file
 from toros_fem.making.packages import required, template
 from toros_fem.results.report import tables
@@ -28,7 +29,14 @@ def write_report(folder: str | Path) -> Path:
         MissingPackageError: A package of the extra `plot` is not installed.
     """
     run = read_run(folder)
-    page, path = page_of(run), run.folder / NAME
+    try:
+        page, path = page_of(run), run.folder / NAME
+    except TorosError:
+        raise
+    except Exception as caught:  # whatever a damaged file leads to
+        raise OutputError(
+            f"{run.folder} holds a value that no run writes ({caught!r}). Run the scene again."
+        ) from caught
     with naming(path), listing(run.folder):
         replace_file(path, page.encode())
     return path
