@@ -30,6 +30,8 @@ SIZES = ("coarse", "full")
 RUNS = ROOT / "output" / "figures"
 # Pictures of the coarse runs, from the top of a checkout.
 PICTURES, GALLERY = "demos/pictures", "docs/gallery/index.md"
+# Below so many seconds a time is told in seconds.
+SHORT = 100.0
 # Pictures beside each other.
 ACROSS = 3
 # Entries of summaries beside their figures; dots go down into them.
@@ -229,8 +231,32 @@ def checks(rows: Rows) -> str:
     return markdown(("scene", "the coarse run", "its print on finer meshes (edges)"), lines)
 
 
+def times(rows: Rows) -> str:
+    """Return how long whole runs of coarse scenes take, from the start to the last summary."""
+    lines = []
+    for demo in DEMOS:
+        took = time_of(row for row in rows if row.case == demo.name)
+        if took:
+            lines.append((f"`{demo.name}`", took))
+    return markdown(("scene", "time"), lines)
+
+
+def time_of(rows: Iterable[Row]) -> str | None:
+    """Return the time of the coarse run among rows of a scene; None if it is not known."""
+    found = (row.seconds for row in rows if row.variant == "coarse" and row.seconds)
+    return next(map(spoken, found), None)
+
+
+def spoken(seconds: float) -> str:
+    """Return a time in handy words."""
+    return f"{seconds:.2g} s" if seconds < SHORT else f"{seconds / 60:.2g} min"
+
+
 def headline(rows: Rows) -> str:
-    """Return pictures of the scenes as they are, with a figure below, from the finest mesh."""
+    """Return pictures of the scenes as they are, with a figure below, from the finest mesh.
+
+    The time is that of the coarse run.
+    """
     cells = []
     for demo in DEMOS:
         own = {
@@ -245,6 +271,8 @@ def headline(rows: Rows) -> str:
         if state and state_in(first[0]) is not state:
             first.append(next(row for row in known if state_in(row) is state))
         told = ": ".join(filter(None, (state, "; ".join(figure_of(row).words for row in first))))
+        took = time_of(own["coarse"].values())
+        told += f" ({took})" if took else ""
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"
@@ -269,5 +297,6 @@ COMMAND = Command(
         Table("../demos/README.md", "figures of the demos", lambda rows: table(rows, "full")),
         Table("../demos/README.md", "figures of coarse demos", lambda rows: table(rows, "coarse")),
         Table("accuracy.md", "prints on finer meshes", checks),
+        Table("performance.md", "whole runs", times),
     ),
 )

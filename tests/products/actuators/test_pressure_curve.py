@@ -13,18 +13,19 @@ import pytest
 from helpers.designs import make_problem
 from helpers.scenes import TABLE_A
 from helpers.standing import solver_on_base
+from helpers.surfaces import sphere
 from mpi4py import MPI
 from shapely import Polygon
 
 from toros_fem.base.array_types import Bools
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
-from toros_fem.materials.sheet import Composite
+from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.measures.metrics import Measurement, Metric, bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.trace_point import TracePoint
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.meshes import Skin, cylinder, moulded, sew
 from toros_fem.products.actuators.pressure_curve import (
     HALVINGS,
     PARTS,
@@ -106,6 +107,23 @@ def test_a_curve_begins_where_the_skin_is_filled(
     assert first.pressure / 2 <= unfilled_at < first.pressure
     empty = problem.solver.solve(made.projected, unfilled_at, start=first.state)
     assert empty.volume < assembled
+
+
+def test_a_shape_that_inflating_does_not_reach_is_told(alone: MPI.Comm, curve: Curve) -> None:
+    """A spherical shell keeps a dent up to some pressure; from rest it has none."""
+    assert curve[1].joins_rest is True
+    ball = sphere(2)
+    panel = (ball.points[ball.triangles].mean(axis=1)[:, 2] > -3e-3).astype(np.int64)
+    skin = sew(alone, moulded(ball.points, ball.triangles, panel, ("base", "top")))
+    sheet = Material(1e6, 0.3, 0.2e-3)
+    solver = solver_on_base(skin, Composite(sheet, sheet, bending=Bending(rest="assembled")))
+    start, density = skin.pattern.points[skin.owned_vertices], np.ones(len(skin.owned_cells))
+    start[:, 2] = np.minimum(start[:, 2], 8e-3 - start[:, 2])
+    problem = SimpleNamespace(comm=alone, solver=solver, skin=skin, metrics=())
+    for begin, joins in ((None, True), (start, False)):
+        made = SimpleNamespace(equilibrium=solver.solve(density, 30.0, begin), projected=density)
+        _, found = trace_pressure_curve(problem, made, 40.0, 2)  # type: ignore[arg-type]
+        assert found.joins_rest is joins
 
 
 def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:

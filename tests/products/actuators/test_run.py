@@ -18,10 +18,12 @@ from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
+from toros_fem.measures.figures import State
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
-from toros_fem.products.actuators import densities
+from toros_fem.products.actuators import densities, designer
+from toros_fem.products.actuators.pressure_curve import CurveFigures
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
 from toros_fem.products.tubes import bend as bend_demo
@@ -135,9 +137,29 @@ def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
     assert problem.solver.model.composite.membrane.smoothed
 
 
-def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) -> None:
-    """And a reporter that was made earlier counts the set-up too."""
-    made = SHORT.run_design(alone, tmp_path, reporter=DesignReporter(alone, tmp_path))
+def test_a_shape_that_inflating_does_not_reach_is_not_certain(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    curve = CurveFigures(joins_rest=False)
+    monkeypatch.setattr(designer, "write_curve", lambda *_: curve)
+    made = SHORT.updated(estimate_error=True, tolerance=1.0).run_design(alone, tmp_path)
+    assert made.errors is not None
+    assert {figure.interval for figure in made.figures} == {None}
+    assert State.REACHED not in {figure.state for figure in made.figures}
+    assert "inflated from rest, the skin takes another shape" in made.binding
+
+
+def test_a_run_without_pictures_shows_its_page(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And a reporter that was made earlier counts the set-up too, the last trial as well."""
+    reporter, until_trial = DesignReporter(alone, tmp_path), []
+
+    def trial(*_: object) -> None:
+        until_trial.append(reporter.seconds["total"])
+
+    monkeypatch.setattr(Bent, "trial", trial)
+    made = SHORT.run_design(alone, tmp_path, reporter=reporter)
     assert made.figures[0].interval is None
     assert {figure.state for figure in made.figures} <= {None, "missed", "not certain"}
     assert "its error is unknown" in made.sentence()
@@ -151,7 +173,7 @@ def test_a_run_without_pictures_shows_its_page(alone: MPI.Comm, tmp_path: Path) 
     summary = made.summary()
     assert summary["seed"] == SHORT.design.seed
     assert summary["inputs"] == SHORT.as_dict()
-    assert 0 < summary["seconds"]["setup"] < summary["seconds"]["total"]
+    assert 0 < summary["seconds"]["setup"] < until_trial[0] <= summary["seconds"]["total"]
     last = made.design.history[-1]
     assert last.metrics["angle_deg"] == summary["design"]["angle_deg"]
 

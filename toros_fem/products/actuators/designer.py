@@ -197,7 +197,9 @@ class Designer(Distributed, DensityDesigner):
                 found = replace(found, errors=errors, intervals=errors.intervals)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
-        found = self._write(replace(found, curve=curve))
+        certain = curve is None or curve.joins_rest is not False
+        intervals = found.intervals if certain else {}
+        found = self._write(replace(found, curve=curve, intervals=intervals))
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
         guarded(
@@ -208,7 +210,8 @@ class Designer(Distributed, DensityDesigner):
                 lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
-        found = replace(found, trial=scene.trial(self.comm, folder, found))
+        trial = scene.trial(self.comm, folder, found)
+        found = replace(found, trial=trial, seconds=dict(self.reporter.seconds))
         write_summary(self.comm, folder, found)
         draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
         return found

@@ -14,12 +14,13 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import guarded, write_table
-from toros_fem.base.mpi import collective
+from toros_fem.base.mpi import collective, largest
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.metrics import Measurement
-from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point, until_failure
 from toros_fem.products.tables.loads import Results
@@ -29,6 +30,8 @@ from toros_fem.results.frames.record import shown_skin, write_path
 HALVINGS = 6
 # Between points by which the skin moves by more than its way over this number there are more.
 PARTS = 12
+# Shapes that differ by less than this part of the skin's size are the same.
+JOINED = 1e-3
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
 
@@ -45,6 +48,8 @@ class CurveFigures:
             assembled shape, which is no point any more; None if it was filled at all.
         failure_below, failure_above: Why there is no equilibrium at lower or higher pressures;
             None if the curve was followed to its end.
+        joins_rest: Whether the skin takes the shape of the lowest point too where it is inflated
+            from rest; None if this finds no equilibrium.
         measured: Measured values, each beside the simulated one.
         seconds: Wall time.
     """
@@ -56,6 +61,7 @@ class CurveFigures:
     unfilled_at_pa: float | None = None
     failure_below: str | None = None
     failure_above: str | None = None
+    joins_rest: bool | None = None
     measured: Sequence[Mapping[str, Any]] = ()
     seconds: float | None = None
 
@@ -140,8 +146,20 @@ def trace_pressure_curve(
         unfilled_at,
         failure_below,
         failure_above,
+        _joins_rest(solver, made.projected, points[0]),
     )
     return points, found
+
+
+def _joins_rest(solver: EquilibriumSolver, density: Floats, point: TracePoint) -> bool | None:
+    """Return whether inflating from rest ends in the shape of a point (collective)."""
+    try:
+        found = solver.solve(density, point.result.load)
+    except EquilibriumError:  # raised by all ranks or by none
+        return None
+    off = np.abs(found.positions - point.result.positions).max(initial=0.0)
+    skin = solver.model.skin
+    return largest(skin.comm, off) < JOINED * skin.pattern.size
 
 
 def _moves(shapes: Sequence[Floats]) -> Floats:

@@ -106,6 +106,8 @@ class ActuatorResult(PrintedResult):
             found.append(f"all {rounds} corrections are used")
         elif rounds and state is State.MISSED:
             found.append(f"correction {rounds} hardly helped")
+        if self.curve is not None and self.curve.joins_rest is False:
+            found.append("inflated from rest, the skin takes another shape")
         return tuple(found)
 
     def entries(self) -> dict[str, Any]:
