@@ -25,9 +25,14 @@ PATIENCE = 120.0
 
 @contextmanager
 def opened(
-    page: Path, width: int = 960, height: int = 640, *, dark: bool = False
+    page: Path,
+    width: int = 960,
+    height: int = 640,
+    *,
+    dark: bool = False,
+    ready: str = "document.documentElement.dataset.state",
 ) -> Generator[Page]:
-    """Open a page that tells when it is ready; skip the test where there is no browser."""
+    """Open a page until it tells that it is ready; skip the test where there is no browser."""
     webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
     places = [
         shutil.which("chromium") or shutil.which("google-chrome"),
@@ -48,7 +53,7 @@ def opened(
             driver.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
         found = Page(driver)
         driver.get(page.as_uri())
-        found.wait_for("return document.documentElement.dataset.state")
+        found.wait_for(f"return {ready}")
         yield found
     finally:
         driver.quit()

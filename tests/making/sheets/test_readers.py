@@ -1,11 +1,13 @@
 """Machine files of demo patterns and of random skins, as readers of other makers see them."""
 
 import io
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from helpers.browser import opened
 from helpers.machine_files import read_regions
 from helpers.panels import pattern_of, striped
 from helpers.surfaces import sphere
@@ -129,6 +131,31 @@ def test_patterns_of_demos(kind: str, tmp_path: Path) -> None:
     pattern = pattern_of(kind)
     options = ManufactureOptions(bed_width=0.35, bed_depth=0.35, layer_height=HEIGHT)
     through_all_files(pattern, striped(pattern), options, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_browser_draws_what_is_cut(tmp_path: Path) -> None:
+    """Each layer of the drawing at its place, in mm on the sheet."""
+    pattern = pattern_of("walker")
+    made = manufacture(pattern, striped(pattern), ManufactureOptions(bed_width=0.35))
+    drawings = [one for one in machine_files(made) if re.fullmatch(r"cut_\d+\.svg", one.name)]
+    assert len(drawings) == len(made.layout.sheets)
+    for file, sheet in zip(drawings, made.layout.sheets, strict=True):
+        path = tmp_path / file.name
+        path.write_bytes(file.content)
+        with opened(path, ready="document.readyState === 'complete'") as page:
+            assert page.complaints == []
+            for layer in ("print", "cut"):
+                box = page.run(
+                    f"const b = document.getElementById('{layer}').getBBox();"
+                    "return [b.x, b.y, b.x + b.width, b.y + b.height]"
+                )
+                shapes = [
+                    getattr(one, "printed" if layer == "print" else "cut") for one in sheet.drawings
+                ]
+                left, low, right, high = 1e3 * shapely.total_bounds(shapes)
+                depth = 1e3 * sheet.size[1]  # y goes down in SVG
+                assert box == pytest.approx([left, depth - high, right, depth - low], abs=0.01)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
