@@ -26,18 +26,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
-from benchmarks.bench import (
-    ROOT,
-    Case,
-    Command,
-    Row,
-    Rows,
-    Table,
-    markdown,
-    show,
-    values_of,
-    write,
-)
+from benchmarks.bench import ROOT, Case, Command, Row, show, write
 from benchmarks.speed.replays import ANSWER, QUICK, REPLAYS
 
 COUNTS = ("Newton steps", "factorisations", "linear solves")
@@ -169,20 +158,10 @@ def cases(quick: bool) -> list[Case]:
     return [Case("replay", partial(replayed, name, rounds), name) for name in names]
 
 
-def table(rows: Rows) -> str:
-    """Return counts and time of each replay."""
-    lines = []
-    for (_, name, triangles), of in values_of(rows, "replay").items():
-        counts = (f"{of[count]:.0f}" for count in COUNTS)
-        lines.append((name, triangles, *counts, f"{of['CPU time']:.2f} s"))
-    return markdown(("replay", "triangles", *COUNTS, "CPU time"), lines)
-
-
 COMMAND = Command(
     about=__doc__,
     cases=cases,
     serial=True,
     options=options,
     instead=instead,
-    tables=(Table("performance.md", "replayed solves", table),),
 )
