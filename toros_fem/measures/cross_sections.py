@@ -15,7 +15,6 @@ from toros_fem.base.validation import (
     real_numbers,
     require_count,
     require_kind,
-    shown,
     whole_numbers,
 )
 from toros_fem.measures.rotation import axial, polar_rotation, require_determined
@@ -88,9 +87,10 @@ class CrossSections:
         count = int(self.labels.max(initial=-1)) + 1
         sizes = np.bincount(self.labels[self.labels >= 0], minlength=count)
         if count == 0 or sizes.min() < 3:
+            least = int(sizes.min()) if count else 0
             raise ParameterError(
-                f"labels make cross-sections of {shown(sizes.tolist())} vertices; each needs at "
-                "least 3. Use fewer cross-sections, or a finer mesh."
+                f"labels make {count} cross-sections, the smallest of them with {least} vertices; "
+                "each needs at least 3. Use fewer cross_sections, or a finer mesh."
             )
         position, orientation = self.position_weights, self.orientation_weights
         if position.shape != (count, 3) or orientation.shape != (count,):

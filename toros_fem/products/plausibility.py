@@ -132,7 +132,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "length": Range(
         "length over the girth of the skin, or over the side of the tile",
-        (0.0, 30.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
+        (0.0, 10.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
         "Is the length in the unit that was meant? Numbers without a unit are m.",
     ),
     "knit": Range(
@@ -141,7 +141,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "heavy": Range(
         "weight of a sheet over the pressure, m g/p",
-        (0.0, 0.05), (0.0, 1.0), "1e-4 in the default scenes; at 1 a skin does not lift itself",
+        (1e-6, 0.05), (0.0, 1.0), "1e-4 in the default scenes; at 1 a skin does not lift itself",
         "Is the mass in kg/m², and the pressure in the unit that was meant?",
     ),
     "pull": Range(
@@ -155,9 +155,9 @@ RANGES: Mapping[str, Range] = {
         "Is the area in the unit that was meant? Numbers without a unit are m².",
     ),
     "tolerance": Range(
-        "relative deviation of a printed stiffness that needs no correction",
-        (1e-3, 0.2), (0.0, 1.0), "0.02 by default",
-        "It is a part: 0.02 for 2 %.",
+        "deviation from a target that is tolerated, over the target, the skin's length or 180°",
+        (1e-3, 0.2), (0.0, 1.0), "0.02 and 0.03 by default",
+        "It is a part, 0.02 for 2 %, or an angle in degrees.",
     ),
     "stiffness": Range(
         "stiffness that is asked for, on a logarithmic scale from that of the fabric, 0, to that "
@@ -177,7 +177,8 @@ RANGES: Mapping[str, Range] = {
     "weight": Range(
         "weight of the object over the force at which inflated fingers of plain fabric would "
         "buckle, n p π r³/L for n fingers",
-        (0.0, 10.0), (0.0, 100.0), "collapse moment p π r³ of an inflated beam (Comer & Levy 1963)",
+        (0.005, 10.0), (0.0, 1e2),
+        "collapse moment p π r³ of an inflated beam (Comer & Levy 1963)",
         "Take a lighter object, or wider fingers with more pressure.",
     ),
 }  # fmt: skip

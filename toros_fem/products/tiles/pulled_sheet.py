@@ -20,6 +20,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.scene import Scene
@@ -98,6 +99,13 @@ class TileSheetScene(Scene):
         strains = np.asarray(np.linspace(0.0, pull.strain, pull.strain_steps + 1)[1:], np.float64)
         directions = DIRECTIONS if pull.direction == "both" else (pull.direction,)
         design = simulated = cross_tile(comm) if given is None else read_tile(comm, given)
+        bound = design.composite.widest_bounds[0] - 1
+        if not pull.strain < bound:
+            raise ParameterError(
+                f"strain = {pull.strain} must be below c1 − 1 = {bound:.6g}: the tile's sheets "
+                "stretch no further.",
+                "strain",
+            )
         if edge is not None or factor != 1.0:
             simulated = remesh(comm, design, edge or factor * design.edge_length)
         drawn, mesh = design.tile(comm), simulated.tile(comm)

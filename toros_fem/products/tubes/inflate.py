@@ -82,6 +82,7 @@ class InflateScene(Scene):
         skin = Inflated(sheet, highest, sizes.diameter / 2, "highest_pressure")
         own = [
             skin.slenderness("length", sizes.length),
+            skin.load("pressure", self.pressure.pressure),
             Group("edges", "edge_length", skin.girth / sizes.edge_length),
         ]
         return with_lengths(self, skin.girth, [*own, *skin.groups()])

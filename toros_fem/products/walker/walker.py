@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.measures.cross_sections import CrossSections
@@ -128,7 +129,11 @@ class WalkerResults(Results):
 
 @dataclass(frozen=True)
 class WalkerScene(ActuatorScene):
-    """The walker."""
+    """The walker.
+
+    Raises:
+        ParameterError: As in `ActuatorScene`, or a part of a leg is longer than the leg.
+    """
 
     target: LegTarget = LegTarget()
     skin: WalkerSizes = WalkerSizes()
@@ -163,6 +168,17 @@ class WalkerScene(ActuatorScene):
         **dict.fromkeys(("pad_friction", "pad_length"), ("feet", ("one-way",))),
     }
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("foot_length", "bent_length", "pad_length"):
+            length, leg = self.value(name), self.skin.leg_length
+            if length is not None and length > leg:
+                raise ParameterError(
+                    f"{name} = {length} m must be at most leg_length = {leg} m: it is a part of a "
+                    "leg.",
+                    name,
+                )
+
     def coarse_values(self) -> dict[str, Any]:
         """Return the values of the quick variant by key, with feet that are printed."""
         # T hardly depends on the print in the feet: few steps leave holes and blobs there.
@@ -190,7 +206,8 @@ class WalkerScene(ActuatorScene):
         if asked.motion == "crawl":
             yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
         for name in ("fabric_mass", "print_mass"):
-            yield Group("heavy", name, self.value(name) * GRAVITY / skin.pressure)
+            if mass := self.value(name):
+                yield Group("heavy", name, mass * GRAVITY / skin.pressure)
         used = {"friction": feet.friction}
         if feet.feet == "one-way":
             used["pad_friction"] = feet.pad_friction
