@@ -233,12 +233,9 @@ def checks(rows: Rows) -> str:
 
 def times(rows: Rows) -> str:
     """Return how long whole runs of coarse scenes take, from the start to the last summary."""
-    lines = []
-    for demo in DEMOS:
-        took = time_of(row for row in rows if row.case == demo.name)
-        if took:
-            lines.append((f"`{demo.name}`", took))
-    return markdown(("scene", "time"), lines)
+    plain = [demo for demo in DEMOS if not demo.changes]
+    took = {demo.name: time_of(row for row in rows if row.case == demo.name) for demo in plain}
+    return markdown(("scene", "time"), [(f"`{name}`", time) for name, time in took.items() if time])
 
 
 def time_of(rows: Iterable[Row]) -> str | None:

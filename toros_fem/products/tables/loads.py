@@ -184,8 +184,6 @@ class Results(Table):
         free=True,
     )
 
-    NEEDS: ClassVar = {"curve_steps": ("curve_pressure", ())}
-
     @property
     def tolerances(self) -> Tolerances:
         """What counts as reached."""
