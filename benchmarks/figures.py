@@ -269,7 +269,7 @@ def headline(rows: Rows) -> str:
             first.append(next(row for row in known if state_in(row) is state))
         told = ": ".join(filter(None, (state, "; ".join(figure_of(row).words for row in first))))
         took = time_of(own["coarse"].values())
-        told += f" ({took})" if took else ""
+        told += f" (coarse: {took})" if took else ""
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"

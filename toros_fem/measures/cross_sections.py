@@ -89,8 +89,8 @@ class CrossSections:
         if count == 0 or sizes.min() < 3:
             least = int(sizes.min()) if count else 0
             raise ParameterError(
-                f"labels make {count} cross-sections, the smallest of them with {least} vertices; "
-                "each needs at least 3. Use fewer cross_sections, or a finer mesh."
+                f"labels make {count} cross-sections, the smallest of them with so many vertices: "
+                f"{least}; each needs at least 3. Use fewer cross_sections, or a finer mesh."
             )
         position, orientation = self.position_weights, self.orientation_weights
         if position.shape != (count, 3) or orientation.shape != (count,):

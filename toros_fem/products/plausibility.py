@@ -132,7 +132,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "length": Range(
         "length over the girth of the skin, or over the side of the tile",
-        (0.0, 10.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
+        (0.0, 20.0), (0.0, 1e3), "parts of a skin are about as large as the skin",
         "Is the length in the unit that was meant? Numbers without a unit are m.",
     ),
     "knit": Range(
@@ -179,7 +179,7 @@ RANGES: Mapping[str, Range] = {
         "buckle, n p π r³/L for n fingers",
         (0.005, 10.0), (0.0, 1e2),
         "collapse moment p π r³ of an inflated beam (Comer & Levy 1963)",
-        "Take a lighter object, or wider fingers with more pressure.",
+        "Is the mass in kg? If so, take another object, or wider fingers with more pressure.",
     ),
 }  # fmt: skip
 

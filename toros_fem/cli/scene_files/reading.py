@@ -75,7 +75,8 @@ class SceneFile:
             yield
         except (ParameterError, OutlineError) as caught:
             text, key = str(caught), getattr(caught, "key", None)
-            for word, own in self.kind.OUTLINE.items():
+            words = self.kind.OUTLINE if isinstance(caught, OutlineError) else {}
+            for word, own in words.items():
                 text = re.sub(rf"\b{word}\b", own, text)
             key = next((one for one in _named(text, key) if one in self.lines), key)
             line = self.lines.get(str(key))

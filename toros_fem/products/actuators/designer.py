@@ -28,7 +28,7 @@ from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import ActuatorResult, Searched
+from toros_fem.products.actuators.result import OTHER_SHAPE, ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import doubts
 from toros_fem.results.result import write_summary
@@ -197,9 +197,9 @@ class Designer(Distributed, DensityDesigner):
                 found = replace(found, errors=errors, intervals=errors.intervals)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
-        certain = curve is None or curve.joins_rest is not False
-        intervals = found.intervals if certain else {}
-        found = self._write(replace(found, curve=curve, intervals=intervals))
+        found = self._write(replace(found, curve=curve))
+        if curve is not None and curve.joins_rest is False and self.comm.rank == 0:
+            log.warning("%s: it may not take the shape that is told", OTHER_SHAPE)
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
         guarded(

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import guarded, write_table
 from toros_fem.base.mpi import collective, largest
 from toros_fem.design.loop.problem import Evaluation
@@ -155,7 +156,7 @@ def _joins_rest(solver: EquilibriumSolver, density: Floats, point: TracePoint) -
     """Return whether inflating from rest ends in the shape of a point (collective)."""
     try:
         found = solver.solve(density, point.result.load)
-    except EquilibriumError:  # raised by all ranks or by none
+    except (EquilibriumError, ParameterError):  # raised by all ranks or by none
         return None
     off = np.abs(found.positions - point.result.positions).max(initial=0.0)
     skin = solver.model.skin

@@ -58,6 +58,9 @@ class Searched:
         return found
 
 
+OTHER_SHAPE = "inflated from rest, the skin takes another shape"
+
+
 class Tried(Protocol):
     """What the print was simulated at, beyond its curve."""
 
@@ -107,7 +110,7 @@ class ActuatorResult(PrintedResult):
         elif rounds and state is State.MISSED:
             found.append(f"correction {rounds} hardly helped")
         if self.curve is not None and self.curve.joins_rest is False:
-            found.append("inflated from rest, the skin takes another shape")
+            found.append(OTHER_SHAPE)
         return tuple(found)
 
     def entries(self) -> dict[str, Any]:

@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Need
 from toros_fem.base.scene import Scene
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
@@ -90,10 +89,6 @@ class MeshedScene(Scene):
     lines: Lines = Lines()
     print: Printer = Printer()
     results: Results = Results()
-
-    NEEDS: ClassVar[Mapping[str, Need]] = dict.fromkeys(
-        ("edge_length", "filter_radius"), ("start", ("random",))
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

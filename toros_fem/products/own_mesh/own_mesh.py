@@ -270,7 +270,7 @@ class OwnMeshScene(ActuatorScene):
     )  # fmt: skip
 
     NEEDS: ClassVar = {
-        **dict.fromkeys(("neutral", "toward"), ("bend", ())),
+        "neutral": ("bend", ()),
         **dict.fromkeys(("cross_sections", "axial_weight"), ("counted", ("cross-sections",))),
     }
 

@@ -80,7 +80,7 @@ class TileTarget(Table):
     NEEDS: ClassVar = {
         "contraction": ("target", ("auxetic",)),
         **dict.fromkeys(("directions", "stiffness_0", "stiffness_45"), ("target", PRESCRIBED)),
-        "stiffness_90": ("target", ("orthotropic", "isotropic")),
+        "stiffness_90": ("target", ("orthotropic",)),
     }
 
 

@@ -102,8 +102,8 @@ class TileSheetScene(Scene):
         bound = design.composite.widest_bounds[0] - 1
         if not pull.strain < bound:
             raise ParameterError(
-                f"strain = {pull.strain} must be below c1 − 1 = {bound:.6g}: the tile's sheets "
-                "stretch no further.",
+                f"strain = {pull.strain} must be below c1 − 1 = {bound:.6g}, the largest of the "
+                "tile's sheets. Give a smaller strain.",
                 "strain",
             )
         if edge is not None or factor != 1.0:

@@ -65,10 +65,9 @@ class TwistScene(SectionTubeScene):
         "axial_width": 4 / 3,
         "print_edge_length": 18 / 13,
     }
-    NEEDS: ClassVar = {
-        **SectionTubeScene.NEEDS,
-        **dict.fromkeys(("length_ratio", "axial_width", "axial_weight"), ("keep_length", (True,))),
-    }
+    NEEDS: ClassVar = dict.fromkeys(
+        ("length_ratio", "axial_width", "axial_weight"), ("keep_length", (True,))
+    )
     MEASURED: ClassVar = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 
     @property

@@ -163,19 +163,19 @@ class WalkerScene(ActuatorScene):
         "arms": "legs",
     }
     NEEDS: ClassVar = {
-        **ActuatorScene.NEEDS,
         "reach": ("motion", ("crawl",)),
         **dict.fromkeys(("pad_friction", "pad_length"), ("feet", ("one-way",))),
     }
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("foot_length", "bent_length", "pad_length"):
+        pads = ("pad_length",) if self.contact.feet == "one-way" else ()
+        for name in ("foot_length", "bent_length", *pads):
             length, leg = self.value(name), self.skin.leg_length
             if length is not None and length > leg:
                 raise ParameterError(
-                    f"{name} = {length} m must be at most leg_length = {leg} m: it is a part of a "
-                    "leg.",
+                    f"{name} = {length} m must be at most leg_length = {leg} m. Give a shorter "
+                    "one, or longer legs.",
                     name,
                 )
 

@@ -33,9 +33,10 @@ def write_report(folder: str | Path) -> Path:
         page, path = page_of(run), run.folder / NAME
     except TorosError:
         raise
-    except Exception as caught:  # whatever a damaged file leads to
+    except (AttributeError, LookupError, TypeError, ValueError) as caught:
         raise OutputError(
-            f"{run.folder} holds a value that no run writes ({caught!r}). Run the scene again."
+            f"{run.folder}: a file, most likely summary.json, holds a value that no run writes "
+            f"({caught!r}). Run the scene again."
         ) from caught
     with naming(path), listing(run.folder):
         replace_file(path, page.encode())
