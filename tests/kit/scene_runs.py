@@ -41,7 +41,7 @@ SCENES: dict[str, tuple[str, dict[str, str]]] = {
     "gripper": (
         "design",
         {**STEPS, "levels": "1", "edge_length": "3 mm", "filter_radius": "4.6 mm",
-         "lift_distance": "10 mm"},
+         "lift_distance": "10 mm", "estimate_error": "true"},
     ),
     "own_design": ("design", STEPS),
     "tile": (

@@ -9,10 +9,11 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width
 from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
-from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
+from toros_fem.products.actuators.estimates import MetricErrors, metric_errors, trial_intervals
 
 
 def found(
@@ -98,3 +99,22 @@ def test_a_finer_mesh_narrows_the_interval(monkeypatch: pytest.MonkeyPatch) -> N
     # Alone it counts as of order 1.
     single = found(monkeypatch, refinement=2.0, meshes=0)
     assert single.intervals["x_mm"] == pytest.approx(1.0 + half_width(own, {2.0: 1.0}))
+
+
+def test_a_trial_is_repeated_on_a_coarser_mesh() -> None:
+    """Its figures have intervals of order 1; what is missing on one mesh has none."""
+    told = [Figure("stride", "mm", 20.0), Figure("slip", "mm", 2.0), Figure("gap", "mm", None)]
+    there = [Figure("stride", "mm", 17.0), Figure("slip", "mm", None), Figure("gap", "mm", 1.0)]
+    asked: list[Any] = []
+
+    def again(made: Any) -> list[Figure]:
+        asked.append(made)
+        return there
+
+    made: Any = "coarser"
+    widths = trial_intervals(MPI.COMM_SELF, told, lambda: (1.5, made), again)
+    assert widths == {"stride_mm": pytest.approx(1.25 * 3.0 / (1.5 - 1))}
+    assert asked == [made]
+    assert trial_intervals(MPI.COMM_SELF, told, None, again) == {}
+    assert trial_intervals(MPI.COMM_SELF, told, lambda: None, again) == {}
+    assert asked == [made]

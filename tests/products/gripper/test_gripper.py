@@ -102,3 +102,6 @@ def test_a_lift_without_equilibrium_is_told() -> None:
     early = replace(load, printed=LiftFigures(held_mass_kg=0.05, failure="no equilibrium."))
     told = "An object of 100 g is not lifted: no equilibrium; the print holds at least 50 g"
     assert early.words == told
+    known = replace(dropped, intervals={"held_mass_kg": 0.011})
+    assert known.words == "An object of 100 g falls; the print holds at most 50 ± 11 g"
+    assert "intervals" not in known.entries()

@@ -169,7 +169,7 @@ class TangentSolver:
         residual = model.residual(state)
         step = -self._factor.solve(residual)
         fall = model.energy(state) - model.energy(state + step)
-        if model.slides or fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
+        if fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
             return step
         # Its energy falls with each step, wherever they end.
         return self._newton(state, near=True, trial=True).state - state

@@ -222,14 +222,15 @@ def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
     without smoothing is away; the limit lies `GAIN` times as far on the other side. This is
     Richardson's extrapolation with two elements in place of two meshes.
 
-    Without smoothed strains, and of a trial, the limit is the shape itself.
+    Without smoothed strains, of a trial, and with friction the limit is the shape itself: a skin
+    that friction alone holds is free to go far.
     """
     known = _KNOWN.get(at)
     if known is None:
         skin, model = solver.skin, solver.model
         computed = skin.gather_vertices(at.positions)
         limit = computed
-        if model.composite.membrane.smoothed and at.complete:
+        if model.composite.membrane.smoothed and at.complete and not model.slides:
             motion = model.positions(solver.unsmoothed_motion(at))
             limit = computed - GAIN * skin.gather_vertices(motion)
         density = skin.gather_cells(at.density) if at.density.ndim == 1 else None

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toros_fem.base.errors import PanelError
+from toros_fem.base.errors import PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.starts import BestStart, best_start
 from toros_fem.making.as_printed.as_printed import PrintedDesign
@@ -22,11 +25,13 @@ from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
+from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import OTHER_SHAPE, ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
@@ -210,7 +215,8 @@ class Designer(Distributed, DensityDesigner):
                 lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
-        trial = scene.trial(self.comm, folder, found)
+        coarser = partial(self._on_coarser, found) if scene.results.estimate_error else None
+        trial = scene.trial(self.comm, folder, found, coarser)
         found = replace(found, trial=trial, seconds=dict(self.reporter.seconds))
         write_summary(self.comm, folder, found)
         draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
@@ -233,13 +239,31 @@ class Designer(Distributed, DensityDesigner):
         printed, made = found.printed, found.printed.evaluation
         if made is None:
             return None
-        problem, lines = made.problem, self.scene.design.start == "relaxed"
+        problem = made.problem
         assert isinstance(problem, ShapeDesign)
         measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
-        level = self.scene.print_level if lines else self.scene.finest_level
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
-        return metric_errors(self, level, shape, measures, regions, pressures)
+        return metric_errors(self, self._print_level, shape, measures, regions, pressures)
+
+    def _on_coarser(self, found: ActuatorResult) -> tuple[float, Evaluation[Equilibrium]] | None:
+        """Return the print on a coarser mesh; None where there is none, or no equilibrium."""
+        printed, made = found.printed, found.printed.evaluation
+        if made is None:
+            return None
+        skin, at = made.problem.skin, made.equilibrium
+        near, regions = skin.gather_vertices(at.positions), (printed.pattern, printed.regions)
+        with suppress(TorosError):  # raised by all ranks or by none
+            ratio, level = self.scene.coarser(self._print_level)
+            shape = skin.pattern, near
+            return ratio, simulated_on(self, level, shape, regions, at.pressures)
+        return None
+
+    @property
+    def _print_level(self) -> Level:
+        """The mesh of the print."""
+        lines = self.scene.design.start == "relaxed"
+        return self.scene.print_level if lines else self.scene.finest_level
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:

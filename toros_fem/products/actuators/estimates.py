@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
 from toros_fem.meshes.pattern import Pattern
@@ -31,6 +33,8 @@ log = logging.getLogger(__name__)
 COARSER = 1.5
 
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
+# Simulates a print on a coarser mesh; returns the ratio of edge lengths too, None without a mesh.
+OnCoarser = Callable[[], tuple[float, Evaluation[Equilibrium]] | None]
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,33 @@ def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> floa
     best = values[finest]
     changes = {r / finest: abs(value - best) for r, value in values.items() if r > finest}
     return abs(values[1.0] - best) + half_width(own[finest], changes) if changes else None
+
+
+def trial_intervals(
+    comm: MPI.Comm,
+    figures: Sequence[Figure],
+    coarser: OnCoarser | None,
+    again: Callable[[Evaluation[Equilibrium]], Sequence[Figure]],
+) -> dict[str, float]:
+    """Return half-widths of the intervals of a trial's figures, by their keys (collective).
+
+    Args:
+        figures: Of the trial.
+        coarser: Simulates the print on a coarser mesh; None leaves intervals out.
+        again: The same trial of the print there.
+    """
+    made = None if coarser is None else coarser()
+    if made is None:
+        return {}
+    ratio, there = made[0], {figure.key: figure.value for figure in again(made[1])}
+    del made
+    free_dropped(comm)
+    found = {}
+    for figure in figures:
+        value, other = figure.value, there.get(figure.key)
+        if value is not None and other is not None:
+            found[figure.key] = half_width(0.0, {ratio: abs(value - other)})
+    return found
 
 
 def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:

@@ -26,7 +26,7 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
-from toros_fem.products.actuators.estimates import COARSER
+from toros_fem.products.actuators.estimates import COARSER, OnCoarser
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.result import ActuatorResult, Tried
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
@@ -435,8 +435,18 @@ class ActuatorScene(MeshedScene):
     def require_trial(self) -> None:
         """Check that `trial` has what it needs: this is told before the design, not after it."""
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Tried | None:
-        """Simulate what the print is for, beyond its curve, and write the files of this."""
+    def trial(
+        self,
+        comm: MPI.Comm,
+        output: Path,
+        made: ActuatorResult,
+        coarser: OnCoarser | None = None,
+    ) -> Tried | None:
+        """Simulate what the print is for, beyond its curve, and write the files of this.
+
+        `coarser` simulates the print on a coarser mesh, where the trial is repeated for the
+        intervals of its figures; None leaves these out.
+        """
         return None
 
     def run_simulation(

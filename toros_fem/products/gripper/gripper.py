@@ -32,6 +32,7 @@ from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
+from toros_fem.products.actuators.estimates import OnCoarser
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -359,9 +360,17 @@ class GripperScene(ActuatorScene):
         # The outer quarter turns by a fixed part of the whole angle; the object stays.
         return around(self.bend_angle * asked / tip), replace(angle, target=asked)
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Lifted | None:
+    def trial(
+        self,
+        comm: MPI.Comm,
+        output: Path,
+        made: ActuatorResult,
+        coarser: OnCoarser | None = None,
+    ) -> Lifted | None:
         """Let the gripper lift its object (collective)."""
-        return None if self.object.lift_distance is None else lift(comm, output, self, made)
+        if self.object.lift_distance is None:
+            return None
+        return lift(comm, output, self, made, coarser)
 
 
 def on_inner(pattern: Pattern) -> Bools:

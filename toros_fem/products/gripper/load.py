@@ -8,8 +8,8 @@ becomes of each mass. Fingers close without friction, which acts from then on.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -17,12 +17,14 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.contact.solids import rigid_mesh
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.mechanics.paths.trace_point import until_failure
@@ -30,6 +32,7 @@ from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
 from toros_fem.meshes.triangles import normals
+from toros_fem.products.actuators.estimates import OnCoarser, trial_intervals
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
 from toros_fem.results.frames.record import repeated
@@ -65,24 +68,26 @@ class LiftFigures:
 
 @dataclass(frozen=True)
 class Lifted:
-    """An object that is lifted, by the print and by the initial design."""
+    """An object that is lifted, by the print and by the initial design.
+
+    Attributes:
+        intervals: Half-width of the interval of each figure of the print, by key, as far as they
+            are known.
+    """
 
     mass_kg: float
     friction: float | None
     fingers: int
     printed: LiftFigures
     initial: LiftFigures
+    intervals: Mapping[str, float] = field(default_factory=dict)
 
     NAME: ClassVar[str] = "load"
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """The most important figures of the print."""
-        return (
-            Figure("held_mass", "kg", self.printed.held_mass_kg),
-            Figure("slip", "mm", self.printed.slip_mm),
-            Figure("smallest_distance", "mm", self.printed.smallest_distance_mm),
-        )
+        return _figures(self.printed, self.intervals)
 
     @property
     def words(self) -> str:
@@ -97,11 +102,20 @@ class Lifted:
         if made.held_mass_kg is None:
             return found
         before = "" if initial is None else f" (initial design: {1e3 * initial:.0f} g)"
-        return f"{found}; the print holds {most} {1e3 * made.held_mass_kg:.0f} g{before}"
+        return f"{found}; the print holds {most} {self.figures[0].shown}{before}"
 
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it."""
-        return asdict(self)
+        found = asdict(self)
+        del found["intervals"]  # they are with the figures
+        return found
+
+
+def _figures(made: LiftFigures, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
+    values = asdict(made)
+    names = {"held_mass": "kg", "slip": "mm", "smallest_distance": "mm"}
+    keys = {f"{name}_{unit}": (name, unit) for name, unit in names.items()}
+    return tuple(Figure(*one, values[key], intervals.get(key)) for key, one in keys.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +143,21 @@ class Grip:
         wanted = self.scene.object
         found = slip_under(points, wanted.mass * GRAVITY / self.parts)
         return None if found is None or found > wanted.slip_limit else found
+
+    def every(self, problem: ShapeProblem, density: Floats) -> Floats:
+        """Return the density of all triangles that are simulated, from that of half a finger."""
+        if self.finger is not None:
+            return density
+        return np.tile(problem.whole.at_cells(density), self.scene.fingers)
+
+    def pull_of(self, made: Evaluation[Equilibrium]) -> Pull:
+        """Pull the object out of fingers with the print of a simulation."""
+        problem, at = made.problem, made.equilibrium
+        assert isinstance(problem, ShapeDesign)
+        density = self.every(problem, problem.skin.gather_cells(made.projected))
+        # A finger may have several equilibria: this one is known.
+        start = None if self.finger is None else at.positions
+        return self.pull(density, at.pressures, start)
 
     def pull(self, density: Floats, pressures: Sequence[float], start: Floats | None) -> Pull:
         """Pull the object out of the fingers: to the limit, and all the way if it drops.
@@ -244,8 +273,17 @@ def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
     return Grip(scene, closing, pulling, contact.bodies[0], whole)
 
 
-def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResult) -> Lifted:
-    """Let the printed gripper lift its object, and the initial design too (collective)."""
+def lift(
+    comm: MPI.Comm,
+    output: Path,
+    scene: GripperScene,
+    design: ActuatorResult,
+    coarser: OnCoarser | None,
+) -> Lifted:
+    """Let the printed gripper lift its object, and the initial design too (collective).
+
+    `coarser` is that of `ActuatorScene.trial`.
+    """
     designed, printed = design.problem, design.printed
     assert isinstance(designed, ShapeDesign)
     shown = printed.evaluation or design.design.final
@@ -253,18 +291,20 @@ def lift(comm: MPI.Comm, output: Path, scene: GripperScene, design: ActuatorResu
     assert isinstance(problem, ShapeDesign)
     drawn = designed.fields.start(design.search.seed)
     _, initial = designed.fields.forward(designed.fields.with_passive(drawn))
-    grip, pressures, pulls = grip_of(comm, problem, scene), shown.equilibrium.pressures, {}
-    for name, owned in (("initial design", initial), ("as printed", shown.projected)):
-        of = problem if owned is shown.projected else designed
-        density, start = of.skin.gather_cells(owned), None
-        if grip.finger is None:
-            density = np.tile(problem.whole.at_cells(density), scene.fingers)
-        elif owned is shown.projected:  # a finger may have several equilibria: this one is known
-            start = shown.equilibrium.positions
-        pulls[name] = grip.pull(density, pressures, start)
-    figures = [pulls[name].figures for name in ("as printed", "initial design")]
-    lifted = Lifted(scene.object.mass, scene.contact.friction, scene.fingers, *figures)
-    if rows := [pull.row(name) for name, pull in pulls.items() if pull.points]:
+    grip = grip_of(comm, problem, scene)
+    begun = grip.every(problem, designed.skin.gather_cells(initial))
+    first, pull = grip.pull(begun, shown.equilibrium.pressures, None), grip.pull_of(shown)
+
+    def again(other: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
+        assert isinstance(other.problem, ShapeDesign)
+        return _figures(grip_of(comm, other.problem, scene).pull_of(other).figures, {})
+
+    figures = pull.figures
+    intervals = trial_intervals(comm, _figures(figures, {}), coarser, again)
+    who = scene.object.mass, scene.contact.friction, scene.fingers
+    lifted = Lifted(*who, figures, first.figures, intervals)
+    pulls = {"initial design": first, "as printed": pull}
+    if rows := [each.row(name) for name, each in pulls.items() if each.points]:
         pattern, copies, regions = problem.whole.pattern, scene.fingers, list(printed.regions)
         if grip.finger is None:
             pattern, copies, regions = grip.closing.skin.pattern, 1, regions * copies

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
@@ -82,6 +82,7 @@ class Walk:
         pressures: Full pressure of each chamber in Pa.
         failure: Why the path ends before the cycle does; empty where it does not.
         measured: Who measured the stride of such a robot, and it in m; None for none.
+        intervals: Half-width of the interval of each figure, by key, as far as they are known.
     """
 
     NAME: ClassVar[str] = "gait"
@@ -94,6 +95,7 @@ class Walk:
     pressures: tuple[float, ...] = ()
     failure: str = ""
     measured: tuple[str, float] | None = None
+    intervals: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def complete(self) -> bool:
@@ -132,16 +134,16 @@ class Walk:
     @property
     def figures(self) -> tuple[Figure, ...]:
         """The most important numbers; None where the cycle ends too early for them."""
-        found = self.entries()
-        names = "stride", "slip", "smallest_distance"
-        return tuple(Figure(name, "mm", found[f"{name}_mm"]) for name in names)
+        found, known = self.entries(), self.intervals
+        keys = {f"{name}_mm": name for name in ("stride", "slip", "smallest_distance")}
+        return tuple(Figure(name, "mm", found[key], known.get(key)) for key, name in keys.items())
 
     @property
     def words(self) -> str:
         """It in words."""
         if self.failure or not self.complete:
             return f"its gait ends after {len(self.points)} equilibria: {self.failure}"
-        return f"a stride of {1e3 * self.stride:.1f} mm, {1e3 * self.slip:.1f} mm of slip"
+        return ", ".join(figure.words for figure in self.figures[:2])
 
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it; None where the cycle ends too early for a number."""

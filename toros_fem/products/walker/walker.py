@@ -20,10 +20,12 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import until_failure
@@ -32,6 +34,7 @@ from toros_fem.mechanics.skin.dead_loads import GRAVITY, Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import mirrored
+from toros_fem.products.actuators.estimates import OnCoarser, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -309,12 +312,28 @@ class WalkerScene(ActuatorScene):
         if self.results.gait_steps is not None:
             ipctk()
 
-    def trial(self, comm: MPI.Comm, output: Path, made: ActuatorResult) -> Walk | None:
+    def trial(
+        self,
+        comm: MPI.Comm,
+        output: Path,
+        made: ActuatorResult,
+        coarser: OnCoarser | None = None,
+    ) -> Walk | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
         if self.results.gait_steps is None:
             return None
-        printed = made.printed
-        shown = printed.evaluation or made.design.final
+        found = self._walk(comm, made.printed.evaluation or made.design.final)
+        if found.points:
+            intervals = trial_intervals(
+                comm, found.figures, coarser, lambda other: self._walk(comm, other).figures
+            )
+            found = replace(found, intervals=intervals)
+            write_gait(comm, output, found, made.printed.regions)
+        return found
+
+    def _walk(self, comm: MPI.Comm, shown: Evaluation[Equilibrium]) -> Walk:
+        """Return what the robot does whose quarter has the print of a simulation (collective)."""
+        assert self.results.gait_steps is not None
         full = [shown.equilibrium.pressures[k] for k in (0, -1, -1)]
         phases = PHASES[self.contact.feet].astype(np.float64)
         gait = Gait(CHAMBERS, phases, self.results.gait_steps)
@@ -323,10 +342,7 @@ class WalkerScene(ActuatorScene):
         quarter = skin.gather_cells(shown.projected)
         half = mirrored(skin.pattern, (0,))
         density = half.at_cells(quarter)
-        found = self.follow(comm, gait, half.pattern, density, full)
-        if found.points:
-            write_gait(comm, output, found, printed.regions)
-        return found
+        return self.follow(comm, gait, half.pattern, density, full)
 
     def follow(
         self,
