@@ -12,6 +12,7 @@ coarse runs are simulated on finer meshes too.
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -22,7 +23,11 @@ from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key, worst
+from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
 SIZES = ("coarse", "full")
@@ -102,7 +107,11 @@ CHECKED = {
     "bend_twist": ("print_edge_length", (0.6e-3,)),
     "walker": ("edge_length", (1.8e-3, 1.2e-3)),
     "walker motion=crawl": ("edge_length", (1.8e-3, 1.2e-3)),
+    "gripper": ("edge_length", (1.2e-3,)),
+    "gripper shape=box": ("edge_length", (1.2e-3,)),
 }
+# Scenes with a trial: it is repeated on the first finer mesh.
+TRIED = ("walker", "gripper")
 FINER = "edges of {:.3g} mm"
 
 
@@ -151,6 +160,28 @@ def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
     found = summary_after(words, changes, RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}")
     entries: Any = found.entries
     yield from figure_rows(place, found.figures.values(), entries["seconds"]["total"])
+    if demo.scene in TRIED and edge == CHECKED[demo.name][1][0]:
+        begin = time.perf_counter()
+        tried = tried_on(coarse, edge)
+        yield from figure_rows(place, tried, time.perf_counter() - begin)
+
+
+def tried_on(folder: Path, edge: float) -> tuple[Figure, ...]:
+    """Return the figures of a trial of a run's print on a mesh with edges in m."""
+    comm = MPI.COMM_SELF
+    scene: Any = read_scene(folder / "scene.toml", comm=comm).config
+    level = scene.finest_level
+    pattern, stored = scene.case(comm, level).pattern, read_print_polygons(comm, folder)
+    pressures = summary_of(folder).entries["pressures_pa"]
+    made = simulated_on(
+        Job(comm, scene),
+        level.scaled(edge / level.edge_length),
+        (pattern, pattern.points),
+        (stored.pattern, stored.regions),
+        pressures,
+    )
+    found: tuple[Figure, ...] = scene.trial_figures(comm, made)
+    return found
 
 
 def figure_rows(

@@ -101,20 +101,22 @@ def test_a_finer_mesh_narrows_the_interval(monkeypatch: pytest.MonkeyPatch) -> N
     assert single.intervals["x_mm"] == pytest.approx(1.0 + half_width(own, {2.0: 1.0}))
 
 
-def test_a_trial_is_repeated_on_a_coarser_mesh() -> None:
+@pytest.mark.parametrize(("ratio", "width"), [(1.5, 7.5), (0.5, 3.0 + 3.75)])
+def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None:
     """Its figures have intervals of order 1; what is missing on one mesh has none."""
     told = [Figure("stride", "mm", 20.0), Figure("slip", "mm", 2.0), Figure("gap", "mm", None)]
     there = [Figure("stride", "mm", 17.0), Figure("slip", "mm", None), Figure("gap", "mm", 1.0)]
     asked: list[Any] = []
 
-    def again(made: Any) -> list[Figure]:
+    def again(comm: MPI.Comm, made: Any) -> list[Figure]:
         asked.append(made)
         return there
 
     made: Any = "coarser"
-    widths = trial_intervals(MPI.COMM_SELF, told, lambda: (1.5, made), again)
-    assert widths == {"stride_mm": pytest.approx(1.25 * 3.0 / (1.5 - 1))}
+    comm, scene = MPI.COMM_SELF, SimpleNamespace(trial_figures=again, TRIAL_MESH=ratio)
+    widths = trial_intervals(comm, scene, told, lambda: made)
+    assert widths == {"stride_mm": pytest.approx(width)}
     assert asked == [made]
-    assert trial_intervals(MPI.COMM_SELF, told, None, again) == {}
-    assert trial_intervals(MPI.COMM_SELF, told, lambda: None, again) == {}
+    assert trial_intervals(comm, scene, told, None) == {}
+    assert trial_intervals(comm, scene, told, lambda: None) == {}
     assert asked == [made]

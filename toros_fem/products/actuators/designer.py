@@ -215,8 +215,8 @@ class Designer(Distributed, DensityDesigner):
                 lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
-        coarser = partial(self._on_coarser, found) if scene.results.estimate_error else None
-        trial = scene.trial(self.comm, folder, found, coarser)
+        other = partial(self._on_other_mesh, found) if scene.results.estimate_error else None
+        trial = scene.trial(self.comm, folder, found, other)
         found = replace(found, trial=trial, seconds=dict(self.reporter.seconds))
         write_summary(self.comm, folder, found)
         draw_pictures(self.comm, folder, lambda: _draw_lines(folder, found))
@@ -246,17 +246,16 @@ class Designer(Distributed, DensityDesigner):
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
         return metric_errors(self, self._print_level, shape, measures, regions, pressures)
 
-    def _on_coarser(self, found: ActuatorResult) -> tuple[float, Evaluation[Equilibrium]] | None:
-        """Return the print on a coarser mesh; None where there is none, or no equilibrium."""
+    def _on_other_mesh(self, found: ActuatorResult) -> Evaluation[Equilibrium] | None:
+        """Return the print on the mesh to repeat its trial on; None without an equilibrium."""
         printed, made = found.printed, found.printed.evaluation
         if made is None:
             return None
         skin, at = made.problem.skin, made.equilibrium
         near, regions = skin.gather_vertices(at.positions), (printed.pattern, printed.regions)
         with suppress(TorosError):  # raised by all ranks or by none
-            ratio, level = self.scene.coarser(self._print_level)
-            shape = skin.pattern, near
-            return ratio, simulated_on(self, level, shape, regions, at.pressures)
+            level = self._print_level.scaled(self.scene.TRIAL_MESH)
+            return simulated_on(self, level, (skin.pattern, near), regions, at.pressures)
         return None
 
     @property

@@ -25,7 +25,7 @@ from toros_fem.products.actuators.other_mesh import Printed, coarser_levels, sim
 from toros_fem.results.shape_miss import quantities_of, shape_of
 
 if TYPE_CHECKING:
-    from toros_fem.products.actuators.scene import Level
+    from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 log = logging.getLogger(__name__)
 
@@ -33,8 +33,8 @@ log = logging.getLogger(__name__)
 COARSER = 1.5
 
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
-# Simulates a print on a coarser mesh; returns the ratio of edge lengths too, None without a mesh.
-OnCoarser = Callable[[], tuple[float, Evaluation[Equilibrium]] | None]
+# Simulates a print on the mesh of a scene's `TRIAL_MESH`; None where there is no equilibrium.
+OnOtherMesh = Callable[[], Evaluation[Equilibrium] | None]
 
 
 @dataclass(frozen=True)
@@ -144,29 +144,24 @@ def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> floa
 
 
 def trial_intervals(
-    comm: MPI.Comm,
-    figures: Sequence[Figure],
-    coarser: OnCoarser | None,
-    again: Callable[[Evaluation[Equilibrium]], Sequence[Figure]],
+    comm: MPI.Comm, scene: ActuatorScene, figures: Sequence[Figure], other: OnOtherMesh | None
 ) -> dict[str, float]:
     """Return half-widths of the intervals of a trial's figures, by their keys (collective).
 
-    Args:
-        figures: Of the trial.
-        coarser: Simulates the print on a coarser mesh; None leaves intervals out.
-        again: The same trial of the print there.
+    The trial is repeated on another mesh; None leaves intervals out.
     """
-    made = None if coarser is None else coarser()
+    made = None if other is None else other()
     if made is None:
         return {}
-    ratio, there = made[0], {figure.key: figure.value for figure in again(made[1])}
+    there = {figure.key: figure.value for figure in scene.trial_figures(comm, made)}
     del made
     free_dropped(comm)
-    found = {}
+    own, found = {1.0: 0.0, scene.TRIAL_MESH: 0.0}, {}
     for figure in figures:
-        value, other = figure.value, there.get(figure.key)
-        if value is not None and other is not None:
-            found[figure.key] = half_width(0.0, {ratio: abs(value - other)})
+        one, two = figure.value, there.get(figure.key)
+        if one is not None and two is not None:
+            width = _interval({1.0: one, scene.TRIAL_MESH: two}, own)
+            found |= {} if width is None else {figure.key: width}
     return found
 
 

@@ -17,16 +17,19 @@ from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.regularisation import Regularisation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Measurement
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
 from toros_fem.products.actuators.designer import Designer
-from toros_fem.products.actuators.estimates import COARSER, OnCoarser
+from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.result import ActuatorResult, Tried
 from toros_fem.products.actuators.simulate import FILES, SimulationResult, simulate_actuator
@@ -309,6 +312,8 @@ class ActuatorScene(MeshedScene):
     SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
     # Measured values of the metrics, which are drawn beside the curves.
     MEASURED: ClassVar[tuple[Measurement, ...]] = ()
+    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
+    TRIAL_MESH: ClassVar[float] = COARSER
 
     def coarse(self) -> Self:
         """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
@@ -440,14 +445,18 @@ class ActuatorScene(MeshedScene):
         comm: MPI.Comm,
         output: Path,
         made: ActuatorResult,
-        coarser: OnCoarser | None = None,
+        other: OnOtherMesh | None = None,
     ) -> Tried | None:
         """Simulate what the print is for, beyond its curve, and write the files of this.
 
-        `coarser` simulates the print on a coarser mesh, where the trial is repeated for the
-        intervals of its figures; None leaves these out.
+        `other` simulates the print on another mesh, where the trial is repeated for the intervals
+        of its figures; None leaves these out.
         """
         return None
+
+    def trial_figures(self, comm: MPI.Comm, made: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
+        """Return the figures of `trial` of a print that was simulated (collective)."""
+        return ()
 
     def run_simulation(
         self,

@@ -24,20 +24,24 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Distance, Factor, In, Length, OneOf, Positive, Table, key
 from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.gap import SHAPES, Body, GapObjective, mean_gap
 from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective
 from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
-from toros_fem.products.actuators.estimates import OnCoarser
+from toros_fem.products.actuators.estimates import COARSER, OnOtherMesh
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
 from toros_fem.products.gripper.lift import ALONG, TOWARD, solid
-from toros_fem.products.gripper.load import Lifted, lift
+from toros_fem.products.gripper.load import Lifted, grip_of, lift, lift_figures
 from toros_fem.products.plausibility import Group, Inflated, angle_group
 from toros_fem.products.tables.loads import Contacts, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
@@ -158,6 +162,7 @@ class GripperScene(ActuatorScene):
         "shape", "size", "mass", "finger_length", "finger_width", "pressure_max", "friction",
         "seed",
     )  # fmt: skip
+    TRIAL_MESH: ClassVar = 1 / COARSER  # a lift costs little, and coarse fingers slip off
     COARSE: ClassVar = {"edge_length": 2.0, "filter_radius": 74 / 43}
     OUTLINE: ClassVar = {"root": "root_length"}
 
@@ -365,12 +370,17 @@ class GripperScene(ActuatorScene):
         comm: MPI.Comm,
         output: Path,
         made: ActuatorResult,
-        coarser: OnCoarser | None = None,
+        other: OnOtherMesh | None = None,
     ) -> Lifted | None:
         """Let the gripper lift its object (collective)."""
         if self.object.lift_distance is None:
             return None
-        return lift(comm, output, self, made, coarser)
+        return lift(comm, output, self, made, other)
+
+    def trial_figures(self, comm: MPI.Comm, made: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
+        """Return held mass, slip and smallest distance of fingers with this print (collective)."""
+        assert isinstance(made.problem, ShapeDesign)
+        return lift_figures(grip_of(comm, made.problem, self).pull_of(made).figures, {})
 
 
 def on_inner(pattern: Pattern) -> Bools:

@@ -32,7 +32,7 @@ from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
 from toros_fem.meshes.triangles import normals
-from toros_fem.products.actuators.estimates import OnCoarser, trial_intervals
+from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.gripper.lift import ALONG, LiftShape, from_room, in_room, write_lift
 from toros_fem.results.frames.record import repeated
@@ -87,7 +87,7 @@ class Lifted:
     @property
     def figures(self) -> tuple[Figure, ...]:
         """The most important figures of the print."""
-        return _figures(self.printed, self.intervals)
+        return lift_figures(self.printed, self.intervals)
 
     @property
     def words(self) -> str:
@@ -111,7 +111,8 @@ class Lifted:
         return found
 
 
-def _figures(made: LiftFigures, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
+def lift_figures(made: LiftFigures, intervals: Mapping[str, float]) -> tuple[Figure, ...]:
+    """Return the most important figures of a lift, with half-widths of intervals by their keys."""
     values = asdict(made)
     names = {"held_mass": "kg", "slip": "mm", "smallest_distance": "mm"}
     keys = {f"{name}_{unit}": (name, unit) for name, unit in names.items()}
@@ -278,11 +279,11 @@ def lift(
     output: Path,
     scene: GripperScene,
     design: ActuatorResult,
-    coarser: OnCoarser | None,
+    other: OnOtherMesh | None,
 ) -> Lifted:
     """Let the printed gripper lift its object, and the initial design too (collective).
 
-    `coarser` is that of `ActuatorScene.trial`.
+    `other` is that of `ActuatorScene.trial`.
     """
     designed, printed = design.problem, design.printed
     assert isinstance(designed, ShapeDesign)
@@ -294,13 +295,8 @@ def lift(
     grip = grip_of(comm, problem, scene)
     begun = grip.every(problem, designed.skin.gather_cells(initial))
     first, pull = grip.pull(begun, shown.equilibrium.pressures, None), grip.pull_of(shown)
-
-    def again(other: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
-        assert isinstance(other.problem, ShapeDesign)
-        return _figures(grip_of(comm, other.problem, scene).pull_of(other).figures, {})
-
     figures = pull.figures
-    intervals = trial_intervals(comm, _figures(figures, {}), coarser, again)
+    intervals = trial_intervals(comm, scene, lift_figures(figures, {}), other)
     who = scene.object.mass, scene.contact.friction, scene.fingers
     lifted = Lifted(*who, figures, first.figures, intervals)
     pulls = {"initial design": first, "as printed": pull}

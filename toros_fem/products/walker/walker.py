@@ -22,6 +22,7 @@ from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.measures.cross_sections import CrossSections
+from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.settings import Contact, Ground, Pads
@@ -34,7 +35,7 @@ from toros_fem.mechanics.skin.dead_loads import GRAVITY, Weight
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import mirrored
-from toros_fem.products.actuators.estimates import OnCoarser, trial_intervals
+from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -317,19 +318,21 @@ class WalkerScene(ActuatorScene):
         comm: MPI.Comm,
         output: Path,
         made: ActuatorResult,
-        coarser: OnCoarser | None = None,
+        other: OnOtherMesh | None = None,
     ) -> Walk | None:
         """Let the printed robot walk on the ground through its gait (collective)."""
         if self.results.gait_steps is None:
             return None
         found = self._walk(comm, made.printed.evaluation or made.design.final)
         if found.points:
-            intervals = trial_intervals(
-                comm, found.figures, coarser, lambda other: self._walk(comm, other).figures
-            )
+            intervals = trial_intervals(comm, self, found.figures, other)
             found = replace(found, intervals=intervals)
             write_gait(comm, output, found, made.printed.regions)
         return found
+
+    def trial_figures(self, comm: MPI.Comm, made: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
+        """Return stride, slip and smallest distance of a robot with this print (collective)."""
+        return self._walk(comm, made).figures
 
     def _walk(self, comm: MPI.Comm, shown: Evaluation[Equilibrium]) -> Walk:
         """Return what the robot does whose quarter has the print of a simulation (collective)."""
