@@ -113,10 +113,13 @@ def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None
         return there
 
     made: Any = "coarser"
-    comm, scene = MPI.COMM_SELF, SimpleNamespace(trial_figures=again, TRIAL_MESH=ratio)
+    scene: Any = SimpleNamespace(trial_figures=again, TRIAL_MESH=ratio)
+    comm = MPI.COMM_SELF
     widths = trial_intervals(comm, scene, told, lambda: made)
     assert widths == {"stride_mm": pytest.approx(width)}
     assert asked == [made]
+    wider = trial_intervals(comm, scene, told, lambda: made, {"stride_mm": 2.0})
+    assert wider == {"stride_mm": pytest.approx(width + 1.25 * 2.0)}
     assert trial_intervals(comm, scene, told, None) == {}
     assert trial_intervals(comm, scene, told, lambda: None) == {}
-    assert asked == [made]
+    assert asked == [made, made]

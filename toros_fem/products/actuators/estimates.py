@@ -144,11 +144,16 @@ def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> floa
 
 
 def trial_intervals(
-    comm: MPI.Comm, scene: ActuatorScene, figures: Sequence[Figure], other: OnOtherMesh | None
+    comm: MPI.Comm,
+    scene: ActuatorScene,
+    figures: Sequence[Figure],
+    other: OnOtherMesh | None,
+    own: Mapping[str, float] | None = None,
 ) -> dict[str, float]:
     """Return half-widths of the intervals of a trial's figures, by their keys (collective).
 
-    The trial is repeated on another mesh; None leaves intervals out.
+    The trial is repeated on another mesh; None leaves intervals out. `own` are parts of them that
+    a trial tells on its own.
     """
     made = None if other is None else other()
     if made is None:
@@ -156,11 +161,13 @@ def trial_intervals(
     there = {figure.key: figure.value for figure in scene.trial_figures(comm, made)}
     del made
     free_dropped(comm)
-    own, found = {1.0: 0.0, scene.TRIAL_MESH: 0.0}, {}
+    found: dict[str, float] = {}
     for figure in figures:
         one, two = figure.value, there.get(figure.key)
         if one is not None and two is not None:
-            width = _interval({1.0: one, scene.TRIAL_MESH: two}, own)
+            part = (own or {}).get(figure.key, 0.0)
+            parts = {1.0: part, scene.TRIAL_MESH: part}
+            width = _interval({1.0: one, scene.TRIAL_MESH: two}, parts)
             found |= {} if width is None else {figure.key: width}
     return found
 

@@ -115,6 +115,11 @@ class Walk:
         return float(-(back * both).sum(axis=0).mean())
 
     @property
+    def uncertain(self) -> dict[str, float]:
+        """Parts of half-widths in mm: rounding decides how far feet slide back as a leg snaps."""
+        return dict.fromkeys(("stride_mm", "slip_mm"), 1e3 * self.slip)
+
+    @property
     def work(self) -> Floats:
         """Work P ΔV in J of the pressure of each chamber in each step, (rows − 1, k)."""
         pressures = np.array([point.result.pressures for point in self.points])

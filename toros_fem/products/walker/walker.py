@@ -325,7 +325,7 @@ class WalkerScene(ActuatorScene):
             return None
         found = self._walk(comm, made.printed.evaluation or made.design.final)
         if found.points:
-            intervals = trial_intervals(comm, self, found.figures, other)
+            intervals = trial_intervals(comm, self, found.figures, other, found.uncertain)
             found = replace(found, intervals=intervals)
             write_gait(comm, output, found, made.printed.regions)
         return found
