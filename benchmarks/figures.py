@@ -28,6 +28,7 @@ from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key, worst
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import simulated_on
+from toros_fem.results.console import duration
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
 SIZES = ("coarse", "full")
@@ -35,8 +36,6 @@ SIZES = ("coarse", "full")
 RUNS = ROOT / "output" / "figures"
 # Pictures of the coarse runs, from the top of a checkout.
 PICTURES, GALLERY = "demos/pictures", "docs/gallery/index.md"
-# Below so many seconds a time is told in seconds.
-SHORT = 100.0
 # Pictures beside each other.
 ACROSS = 3
 # Entries of summaries beside their figures; dots go down into them.
@@ -272,12 +271,7 @@ def times(rows: Rows) -> str:
 def time_of(rows: Iterable[Row]) -> str | None:
     """Return the time of the coarse run among rows of a scene; None if it is not known."""
     found = (row.seconds for row in rows if row.variant == "coarse" and row.seconds)
-    return next(map(spoken, found), None)
-
-
-def spoken(seconds: float) -> str:
-    """Return a time in handy words."""
-    return f"{seconds:.2g} s" if seconds < SHORT else f"{seconds / 60:.2g} min"
+    return next(map(duration, found), None)
 
 
 def headline(rows: Rows) -> str:

@@ -19,6 +19,7 @@ from copy_pictures import COPIES, PICTURES, ROOT, SIZE
 from benchmarks.bench import ROWS, Rows, read
 from benchmarks.figures import ACROSS, DEMOS, Demo, figure_of, folder_of, state_in
 from toros_fem.measures.figures import State
+from toros_fem.results.console import duration
 
 GALLERY = ROOT / "docs" / "gallery"
 PAGE = GALLERY / "index.md"
@@ -109,7 +110,7 @@ def _results(demo: Demo, rows: Rows) -> Iterator[str]:
         if told:
             seconds = next(iter(own.values())).seconds
             if seconds is not None:  # None where other jobs ran beside it
-                words += f", {seconds:.0f} s" if seconds < 100 else f", {seconds / 60:.0f} min"
+                words += f", {duration(seconds)}"
             yield f"{words}: {'; '.join(told)}"
 
 

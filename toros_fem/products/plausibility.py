@@ -7,13 +7,18 @@ doubt; what no skin can do is refused. docs/reference/scene_keys.md has the tabl
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from mpi4py import MPI
+
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.scene import Scene
 from toros_fem.materials.sheet import Composite
+
+log = logging.getLogger(__name__)
 
 INFINITE = math.inf
 # Lengths that are units of files.
@@ -280,6 +285,14 @@ def doubts(scene: Scene) -> list[str]:
         if group.doubt is not None:
             found.append(group.doubt)
     return [*found, *_idle(scene)]
+
+
+def warn_of_doubts(comm: MPI.Comm, scene: Scene) -> None:
+    """Log `doubts` on the first rank (collective)."""
+    doubtful = doubts(scene)
+    if comm.rank == 0:
+        for one in doubtful:
+            log.warning("%s", one)
 
 
 @dataclass(frozen=True, eq=False)

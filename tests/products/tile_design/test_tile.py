@@ -1,9 +1,12 @@
 """The demo of a tile: targets, files, bad input."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.meshes import SYMMETRIES
 from toros_fem.products.tile_design import tile as demo
 
@@ -35,3 +38,20 @@ def test_linear_profile() -> None:
     angles = np.radians([0, 45, 90])
     assert demo.linear_profile(angles, 5.0, 2.0, 1.0) == pytest.approx([5, 2, 1])
     assert demo.linear_profile(np.linspace(0, 1, 5), 3.0, 3.0, 3.0) == pytest.approx(3.0)
+
+
+def test_doubts_are_told_before_a_design(
+    alone: MPI.Comm,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    def stop(*_: object) -> None:
+        raise NoEquilibriumError("far enough.")
+
+    monkeypatch.setattr(demo, "design_tile", stop)
+    scene = demo.TileScene.of(target="anisotropic", edge_length=1e-3, stiffness_90=100.0)
+    with pytest.raises(NoEquilibriumError, match="far enough"):
+        scene.run_design(alone, tmp_path)
+    assert "stiffness_90" in caplog.text
+    assert "does not count" in caplog.text

@@ -14,6 +14,7 @@ from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
 from toros_fem.products.kinds import ABOUT
 from toros_fem.products.plausibility import doubts
+from toros_fem.results.console import duration
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.cost import Cost
@@ -102,7 +103,7 @@ def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
     tried, seconds = found.probe, found.seconds
     if tried is None or seconds is None:
         return [*lines, "time        not estimated without a probe"]
-    low, high = map(_duration, seconds)
+    low, high = map(duration, seconds)
     lines += [
         f"time        {low} to {high} on {ranks} rank{'s' * (ranks > 1)}",
         f"probe       {tried.newton_steps} Newton steps on {tried.triangles} triangles in "
@@ -112,9 +113,3 @@ def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
         few, many = part.newton_steps
         lines.append(f"  {part.name}: {few} to {many} Newton steps on {part.triangles} triangles")
     return lines
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} minutes" if seconds < 5400 else f"{seconds / 3600:.1f} hours"

@@ -35,7 +35,7 @@ from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import OTHER_SHAPE, ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
-from toros_fem.products.plausibility import doubts
+from toros_fem.products.plausibility import warn_of_doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
 from toros_fem.results.shape_miss import shape_of
@@ -62,10 +62,7 @@ class Designer(Distributed, DensityDesigner):
 
     def design(self) -> ActuatorResult:
         """Design, and write all results."""
-        doubtful = doubts(self.scene)
-        if self.comm.rank == 0:
-            for one in doubtful:
-                log.warning("%s", one)
+        warn_of_doubts(self.comm, self.scene)
         require_affordable_meshes(self.comm, self.scene)
         if self.source is not None:
             return self._from_print(Path(self.source))

@@ -28,7 +28,7 @@ from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes.makers.tile import KINDS
 from toros_fem.meshes.triangles import require_affordable
 from toros_fem.products.actuators.cost import Cost, Part, probe
-from toros_fem.products.plausibility import Group, sheet_groups, with_lengths
+from toros_fem.products.plausibility import Group, sheet_groups, warn_of_doubts, with_lengths
 from toros_fem.products.tile_design.as_printed import measure_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
@@ -150,6 +150,7 @@ class TileScene(TileDesignScene):
         verbose: bool = False,
     ) -> RunResult:
         """Design the tile and write all results into a folder (collective)."""
+        warn_of_doubts(comm, self)
         reporter, case = DesignReporter(comm, output), tile_case(comm, self)
         log = print_step(comm) if verbose else None
         made = design_tile(case, self, reporter, log, journal_of(output))

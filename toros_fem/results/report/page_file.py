@@ -29,15 +29,7 @@ def write_report(folder: str | Path) -> Path:
         MissingPackageError: A package of the extra `plot` is not installed.
     """
     run = read_run(folder)
-    try:
-        page, path = page_of(run), run.folder / NAME
-    except TorosError:
-        raise
-    except (AttributeError, LookupError, TypeError, ValueError) as caught:
-        raise OutputError(
-            f"{run.folder}: a file, most likely summary.json, holds a value that no run writes "
-            f"({caught!r}). Run the scene again."
-        ) from caught
+    page, path = page_of(run), run.folder / NAME
     with naming(path), listing(run.folder):
         replace_file(path, page.encode())
     return path
@@ -47,8 +39,21 @@ def page_of(run: Run, *, alone: bool = False) -> str:
     """Return the page of a run, or its view in space alone, as HTML that needs no other file.
 
     Raises:
+        OutputError: A file of the run holds a value that no run writes.
         MissingPackageError: A package of the extra `plot` is not installed.
     """
+    try:
+        return _page(run, alone=alone)
+    except TorosError:
+        raise
+    except (AttributeError, LookupError, TypeError, ValueError) as caught:
+        raise OutputError(
+            f"{run.folder}: a file, most likely summary.json, holds a value that no run writes "
+            f"({caught!r}). Run the scene again."
+        ) from caught
+
+
+def _page(run: Run, *, alone: bool) -> str:
     filled = template("toros_fem.results.report", "page/report.html", "plot").render
     required("matplotlib", "plot")
     from toros_fem.results.report import charts
