@@ -251,13 +251,10 @@ def checks(rows: Rows) -> str:
         own = {(row.variant, row.figure): row for row in rows if row.case == demo.name}
         for key in demo.keys:
             told = own.get(("coarse", key))
-            finer = [own.get((FINER.format(1e3 * edge), key)) for edge in edges]
-            if told and finer and all(finer):
-                words = (figure_of(row).words for row in finer if row)
-                there = "; ".join(
-                    f"{w} ({1e3 * e:g} mm)" for w, e in zip(words, edges, strict=True)
-                )
-                lines.append((f"`{demo.name}`", figure_of(told).words, there))
+            finer = [(own.get((FINER.format(1e3 * edge), key)), edge) for edge in edges]
+            there = [f"{figure_of(row).shown} ({1e3 * e:g} mm)" for row, e in finer if row]
+            if told and there:
+                lines.append((f"`{demo.name}`", figure_of(told).words, "; ".join(there)))
     return markdown(("scene", "the coarse run", "its print on finer meshes (edges)"), lines)
 
 

@@ -12,7 +12,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.equilibrium.path import PathPoint, find_jump
+from toros_fem.mechanics.equilibrium.path import SMALL, PathPoint, find_jump, joins, leads
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.load import Load
@@ -79,6 +79,30 @@ def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
     back = arch.pushed(0.0, beyond)
     assert back.condition.snapped is False
     assert arch.height(back) == pytest.approx(-arch.height(free), rel=1e-3)
+
+
+def test_tangents_at_both_ends_tell_a_smooth_path(arch: Arch) -> None:
+    """Where neither of them does alone; across a jump they do not, however near it begins."""
+    free, solver = arch.pushed(0.0), arch.solver
+    model, newton = solver.model, solver._newton
+
+    def told(begin: Equilibrium, end: Equilibrium) -> tuple[bool, bool]:
+        solver.tangent_at(end)
+        one = leads(model, newton.factor, end.point, begin.point, SMALL)
+        return one, joins(model, newton, begin.point, end.point)
+
+    below = arch.pushed(5.5e-3, free)
+    assert told(free, below) == (False, True)
+    assert newton.stable(below.state)
+    x = np.cos(np.arange(len(below.state))) * model.free
+    assert newton.factor.solve(newton.factor.multiply(x)) == pytest.approx(x, abs=1e-7)
+    before = below
+    for force in (6.5e-3, 6.8e-3, 6.9e-3):
+        before = arch.pushed(force, before)
+        assert arch.height(before) > 0
+        beyond = arch.pushed(8e-3, before)
+        assert beyond.condition.snapped is True
+        assert told(before, beyond) == (False, False)
 
 
 def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:

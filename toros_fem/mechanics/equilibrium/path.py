@@ -26,8 +26,8 @@ LOAD_STEP, MOTION = 1e-3, 1e-4
 ITERATIONS = 12
 # The tangent at the end of a path predicts its begin up to EXPLAINED of the motion. Where Newton's
 # method met negative curvature on its way, which tells of its guesses more than of the path, and
-# from the middle of a path, the rest must be SMALL.
-EXPLAINED, SMALL = 0.5, 0.15
+# from the middle of a path, the rest must be SMALL; also that of both ends' tangents together.
+EXPLAINED, SMALL, ONE_SIDED = 0.5, 0.15, 0.75
 # Halvings of the interval in which the state moves most. Where an interval that is NARROW still
 # has LEAP of the whole motion, the state jumps there.
 HALVINGS, NARROW, LEAP = 7, 1 / 16, 0.5
@@ -74,6 +74,8 @@ def connect(
 
     rest = EXPLAINED if definite else SMALL
     if same(begin.state, end.state) or leads(model, newton.factor, end, begin, rest):
+        return False, end
+    if joins(model, newton, begin, end):
         return False, end
 
     def at(state: Floats, fraction: float) -> PathPoint:
@@ -142,12 +144,45 @@ def leads(
     Across a jump it does not: the path behind the jump leads elsewhere. The prediction may leave
     the part `rest` of the motion over. Model and factors are those of `here`, before and after.
     """
-    comm = model.skin.comm
-    chord = (there.state - here.state) * model.free
+    comm, chord = model.skin.comm, (there.state - here.state) * model.free
+    predicted = _predicted(model, factor, here, there)
+    return norm(comm, predicted - chord) <= rest * norm(comm, chord)
+
+
+def joins(model: SkinModel, newton: Newton, begin: PathPoint, end: PathPoint) -> bool:
+    """Return whether the tangents at both ends of a path predict the motion (collective).
+
+    Their mean is the trapezoidal rule: its error falls with the third power of the motion, that of
+    either one with the second. Each alone must leave no more than ONE_SIDED of the motion over: the
+    tangent behind a jump hardly knows of it. Model and factors are those of the end, before and
+    after a True.
+    """
+    comm, chord = model.skin.comm, (end.state - begin.state) * model.free
+
+    def left(motion: Floats) -> float:
+        return norm(comm, motion - chord) / norm(comm, chord)
+
+    backward = -_predicted(model, newton.factor, end, begin)
+    if left(backward) > ONE_SIDED:
+        return False
+    model.set_density(begin.density)
+    model.set_load(begin.load)
+    if not newton.stable(begin.state):
+        return False
+    forward = _predicted(model, newton.factor, begin, end)
+    if left(forward) > ONE_SIDED or left((forward + backward) / 2) > SMALL:
+        return False
+    model.set_density(end.density)
+    model.set_load(end.load)
+    return newton.stable(end.state)
+
+
+def _predicted(
+    model: SkinModel, factor: TangentFactor, here: PathPoint, there: PathPoint
+) -> Floats:
     # Prescribed positions move the fixed components without any force on the free ones.
     with_supports = np.where(model.free, here.state, there.state)
-    predicted = motion_to(model, factor, here, replace(there, state=with_supports))
-    return norm(comm, predicted - chord) <= rest * norm(comm, chord)
+    return motion_to(model, factor, here, replace(there, state=with_supports))
 
 
 def motion_to(model: SkinModel, factor: TangentFactor, here: PathPoint, there: PathPoint) -> Floats:
