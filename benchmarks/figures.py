@@ -155,6 +155,7 @@ def checked_rows(demo: Demo, edge: float) -> Iterator[Row]:
     key = CHECKED[demo.name][0]
     changes = [f"{key}={edge}", "levels=1", "curve_steps=1", "check_refinement=none"]
     changes += [f"filter_radius={1.6 * edge}"] if key == "edge_length" else []
+    changes += [f"pressure={summary_of(coarse).entries['pressures_pa'][-1]}"]
     words = ["simulate", str(coarse / "scene.toml"), "--pattern", str(coarse)]
     found = summary_after(words, changes, RUNS / "finer" / f"{coarse.name}_{1e6 * edge:.0f}")
     entries: Any = found.entries

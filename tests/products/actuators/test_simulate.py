@@ -3,11 +3,13 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.designs import DESIGN_ALONE, case_of
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.measures.figures import Figure
 from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.tubes import bend, inflate
 
@@ -54,3 +56,20 @@ def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     write_pattern(tmp_path / "plain.npz", pattern)
     with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
         SMALL.run_simulation(alone, tmp_path, {"pattern": tmp_path / "plain.npz"})
+
+
+def test_a_pressure_that_was_designed_is_told(
+    alone: MPI.Comm, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A scene's own pressure is the first guess of its design."""
+    scene, run = SMALL.updated(design_pressure=True, curve_steps=1), tmp_path / "run"
+    run.mkdir()
+    pattern = case_of(alone, scene).pattern
+    write_pattern(run / "pattern.npz", pattern, printed=np.zeros(len(pattern.panel), dtype=bool))
+    row = Figure("pressure", "pa", 6e3).as_dict()
+    (run / "summary.json").write_text(json.dumps({"figures": [row]}), encoding="utf-8")
+    for pressure, told in ((5e3, True), (6e3, False)):
+        caplog.clear()
+        own = scene.updated(pressure=pressure)
+        own.run_simulation(alone, tmp_path / "again", {"pattern": run})
+        assert ('--set pressure="6 kPa"' in caplog.text) is told

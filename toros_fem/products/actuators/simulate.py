@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import case_of_print
+from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -33,10 +35,16 @@ from toros_fem.products.actuators.other_mesh import Printed
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
+from toros_fem.results.runs.summary_file import summary_of
 from toros_fem.results.writer import draw_pictures
 
 if TYPE_CHECKING:  # a scene is simulated here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene, Level
+
+log = logging.getLogger(__name__)
+
+# Relative difference of pressures that are the same.
+SAME = 1e-3
 
 FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
 
@@ -82,6 +90,8 @@ def simulate_actuator(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
         )
     made, level, density, regions = _printed(comm, scene, pattern)
+    if pattern is not None and scene.pressure.design_pressure:
+        _tell_pressure(comm, scene.pressure.pressure, Path(pattern))
     made = made.smoothed()
     skin = sew(comm, made.pattern)
     log = print_step(comm) if job.verbose else None
@@ -160,6 +170,21 @@ def _printed(
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
     density = on_first_rank(comm, lambda: printed_fractions(fine.pattern, own))
     return fine, level, density, (stored.pattern, stored.regions)
+
+
+def _tell_pressure(comm: MPI.Comm, taken: float, source: Path) -> None:
+    """Warn where the print of a run has another pressure by its design (collective)."""
+    if not on_first_rank(comm, source.is_dir):
+        return
+    designed = on_first_rank(comm, lambda: summary_of(source).figures.get("pressure_pa"))
+    value = None if designed is None else designed.value
+    if value is not None and not np.isclose(value, taken, rtol=SAME) and comm.rank == 0:
+        given, own = formatted(taken, "pa"), formatted(value, "pa")
+        log.warning(
+            'the print in %s was designed with its pressure, for %s, and is inflated to %s: '
+            '--set pressure="%s" inflates it as designed.',
+            source, own, given, own,
+        )  # fmt: skip
 
 
 def _same(one: Pattern, other: Pattern) -> bool:
