@@ -91,14 +91,15 @@ def test_tracks_show_the_stride_to_scale(tmp_path: Path) -> None:
         [np.stack([0.02 * t + k, 0 * t, 0.005 * np.sin(9 * t)], 1) for k in (0, 0.05)], 1
     )
     with page(tmp_path / "tracks.png") as figure:
-        draw_tracks(figure, feet, 3, 0.02, ("measured", 0.015))
+        stride = Figure("stride", "mm", 20.0, 1.4)
+        draw_tracks(figure, feet, 3, stride, ("measured", 0.015))
         told = words(figure)
         (axes,) = figure.axes
         arrows = [
             text for text in axes.texts if isinstance(text, Annotation) and not text.get_text()
         ]
         ends = [(arrow.xy[0], arrow.xyann[0]) for arrow in arrows]
-    assert "simulated: 20 mm" in told
+    assert "simulated: 20.0 ± 1.4 mm" in told
     assert "measured: 15 mm" in told
     assert [a - b for a, b in ends] == pytest.approx([20.0, 15.0])
 

@@ -246,13 +246,13 @@ def write_gait(
             full = ", ".join(name for name, fraction in fractions if fraction >= 0.5)
             filled = f"{full} inflated" if full else "nothing inflated"
             shown.append((f"phase {number}: {filled}", robot.surfaces(shapes[k])))
-        stride = walk.stride if walk.complete else None
+        stride = walk.figures[0] if walk.complete else None
         title = cycle_title(stride, "A cycle of the gait")
         rows = [shown[k : k + IN_A_ROW] for k in range(0, len(shown), IN_A_ROW)]
         nearest = int(np.argmin(walk.feet[0, :, 1]))  # to the viewer
         begin, way = np.append(walk.feet[0, nearest, :2], ground), None
         if stride is not None:
-            way = begin, begin + [stride, 0.0, 0.0]
+            way = begin, begin + [walk.stride, 0.0, 0.0]
         plot_states(folder / "gait.png", rows, View(15.0, 15.0), title, ground, way)
         with page(folder / "tracks.png") as figure:
             draw_tracks(figure, walk.feet, gait.steps, stride, walk.measured)

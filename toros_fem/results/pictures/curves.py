@@ -141,22 +141,23 @@ def draw_history(axes: Axes, rows: Sequence[Mapping[str, float]], told: Told | N
         right.axhline(factor * told.target, color=style.ACCENT, ls="--", lw=1)
 
 
-def cycle_title(stride: float | None, otherwise: str) -> str:
-    """Return how far a cycle of a gait goes, by its stride in m, or another title without one."""
-    return otherwise if stride is None else f"One cycle walks {1e3 * stride:.3g} mm"
+def cycle_title(stride: Told | None, otherwise: str) -> str:
+    """Return how far a cycle of a gait goes, or another title without a stride."""
+    return otherwise if stride is None else f"One cycle walks {stride.shown}"
 
 
 def draw_tracks(
     figure: Figure,
     feet: Floats,
     every: int,
-    stride: float | None = None,
+    stride: Told | None = None,
     measured: tuple[str, float] | None = None,
 ) -> None:
     """Draw the paths of feet in the x-z plane, of positions (rows, feet, 3) in m.
 
     Every so many rows a mark shows a phase of the gait. The stride, the distance along x of a cycle
-    in m, is drawn true to scale below; so is a measured one, with the name of who measured it.
+    in mm, is drawn true to scale below; so is a measured one in m, with the name of who measured
+    it.
     """
     style.write_title(figure, cycle_title(stride, "Paths of the feet"))
     axes = figure.add_axes((0.09, 0.12, 0.80, 0.75))
@@ -176,15 +177,17 @@ def draw_tracks(
         word = "feet" if len(feet_there) > 1 else "foot"
         _name(axes, place, f"{word} {', '.join(feet_there)}", colour)
     bars = [] if stride is None else [("simulated", stride, style.DARK)]
-    bars += [] if measured is None else [(*measured, style.ACCENT)]
+    if measured is not None:
+        bars.append((measured[0], Told("stride", "mm", 1e3 * measured[1]), style.ACCENT))
     low, high = axes.get_ylim()
     begin = 1e3 * float(feet[:, :, 0].mean())
-    for k, (name, length, colour) in enumerate(bars):
-        height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
+    for k, (name, told, colour) in enumerate(bars):
+        height, end = low - (0.14 + 0.16 * k) * (high - low), begin + (told.value or 0.0)
         axes.annotate("", (end, height), (begin, height), zorder=4,
                       arrowprops={"arrowstyle": "<->", "color": colour, "lw": 2})  # fmt: skip
-        words = f"{name}: {1e3 * length:.3g} mm"
-        style.note(axes, words, (min(begin, end), height), (0, 5), colour, style.TEXT)
+        style.note(
+            axes, f"{name}: {told.shown}", (min(begin, end), height), (0, 5), colour, style.TEXT
+        )
     if bars:
         axes.set_ylim(low - (0.14 + 0.16 * len(bars)) * (high - low), high)
     axes.set_xlabel("x (mm); a square is the start")
