@@ -33,8 +33,8 @@ from toros_fem.cli.commands.main import run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 ON_RANKS = ("bend", "contract", "inflate", "tile")
-# Where friction holds the feet once an emptied leg has snapped flat: rounding decides, by up to a
-# quarter of the stride on two builds of FEniCSx with the same print.
+# Where friction holds feet once an emptied leg has snapped flat. In one step a phase rounding
+# decides: the same print walked 14.3 and 17.5 mm with two builds of FEniCSx.
 GAIT = re.compile(r"(stride|slip)_mm$")
 SPACE = "{http://www.w3.org/2000/svg}"
 
@@ -73,7 +73,8 @@ def done(
 def test_figures(done: Run, pinned: Callable[..., None]) -> None:
     if done.name in SCENES:
         found = dict(figures(summary_of(done.folder / done.name)))
-        gait = {key: found.pop(key) for key in [*found] if GAIT.search(key)}
+        walks = done.name == "walker"
+        gait = {key: found.pop(key) for key in [*found] if walks and GAIT.search(key)}
         pinned(f"figures/{done.name}", found, rel=1e-4)
         if gait:
             pinned(f"figures/{done.name}_gait", gait, rel=0.5)

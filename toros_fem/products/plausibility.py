@@ -288,7 +288,7 @@ def doubts(scene: Scene) -> list[str]:
 
 
 def warn_of_doubts(comm: MPI.Comm, scene: Scene) -> None:
-    """Log `doubts` on the first rank (collective)."""
+    """Log `doubts` on the first rank."""
     doubtful = doubts(scene)
     if comm.rank == 0:
         for one in doubtful:

@@ -1,6 +1,8 @@
 """The path through an equilibrium: snaps, singular points, states that are connected."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium import path
 from toros_fem.mechanics.equilibrium.continuation import Attempt
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.path import SMALL, PathPoint, find_jump, joins, leads
@@ -91,7 +94,7 @@ def test_tangents_at_both_ends_tell_a_smooth_path(arch: Arch) -> None:
         one = leads(model, newton.factor, end.point, begin.point, SMALL)
         return one, joins(model, newton, begin.point, end.point)
 
-    below = arch.pushed(5.5e-3, free)
+    below = arch.pushed(4.5e-3, free)
     assert told(free, below) == (False, True)
     assert newton.stable(below.state)
     x = np.cos(np.arange(len(below.state))) * model.free
@@ -100,9 +103,37 @@ def test_tangents_at_both_ends_tell_a_smooth_path(arch: Arch) -> None:
     for force in (6.5e-3, 6.8e-3, 6.9e-3):
         before = arch.pushed(force, before)
         assert arch.height(before) > 0
-        beyond = arch.pushed(8e-3, before)
-        assert beyond.condition.snapped is True
-        assert told(before, beyond) == (False, False)
+        for far in (8e-3, 20e-3, 50e-3):
+            beyond = arch.pushed(far, before)
+            assert beyond.condition.snapped is True
+            assert told(before, beyond) == (False, False)
+
+
+@pytest.mark.parametrize(
+    ("forward", "backward", "joined"),
+    [
+        (1.1, 0.8, True),
+        (1.45, 0.6, True),  # each explains half of the motion, their mean nearly all
+        (1.51, 0.31, False),  # a fold, a jump of 60 %, and a path of constant stiffness
+        (0.6, 1.45, True),
+        (0.4, 1.45, False),
+        (1.3, 1.3, False),
+        (np.nan, 1.0, False),
+        (1.0, np.nan, False),
+    ],
+)
+def test_both_tangents_and_their_mean_must_predict(
+    monkeypatch: pytest.MonkeyPatch, forward: float, backward: float, joined: bool
+) -> None:
+    one, load = np.ones(1), Load(np.ones(1))
+    begin, end = PathPoint(one, load, 0 * one), PathPoint(one, load, one)
+    moves = {0.0: forward, 1.0: -backward}
+    monkeypatch.setattr(path, "_predicted", lambda *a: np.full(1, moves[float(a[2].state[0])]))
+    model: Any = SimpleNamespace(
+        skin=SimpleNamespace(comm=MPI.COMM_SELF), free=one, set_density=id, set_load=id
+    )
+    newton: Any = SimpleNamespace(factor=None, stable=lambda _: True)
+    assert joins(model, newton, begin, end) is joined
 
 
 def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:

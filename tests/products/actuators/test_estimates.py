@@ -121,5 +121,9 @@ def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None
     wider = trial_intervals(comm, scene, told, lambda: made, {"stride_mm": 2.0})
     assert wider == {"stride_mm": pytest.approx(width + 1.25 * 2.0)}
     assert trial_intervals(comm, scene, told, None) == {}
-    assert trial_intervals(comm, scene, told, lambda: None) == {}
     assert asked == [made, made]
+
+    def fails() -> Any:
+        raise NoEquilibriumError("none there.")
+
+    assert trial_intervals(comm, scene, told, fails) == {}

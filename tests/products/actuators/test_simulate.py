@@ -9,7 +9,6 @@ from helpers.designs import DESIGN_ALONE, case_of
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.measures.figures import Figure
 from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.tubes import bend, inflate
 
@@ -66,8 +65,8 @@ def test_a_pressure_that_was_designed_is_told(
     run.mkdir()
     pattern = case_of(alone, scene).pattern
     write_pattern(run / "pattern.npz", pattern, printed=np.zeros(len(pattern.panel), dtype=bool))
-    row = Figure("pressure", "pa", 6e3).as_dict()
-    (run / "summary.json").write_text(json.dumps({"figures": [row]}), encoding="utf-8")
+    summary = {"figures": [], "pressures_pa": [6e3]}
+    (run / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
     for pressure, told in ((5e3, True), (6e3, False)):
         caplog.clear()
         own = scene.updated(pressure=pressure)

@@ -27,7 +27,7 @@ ITERATIONS = 12
 # The tangent at the end of a path predicts its begin up to EXPLAINED of the motion. Where Newton's
 # method met negative curvature on its way, which tells of its guesses more than of the path, and
 # from the middle of a path, the rest must be SMALL; also that of both ends' tangents together.
-EXPLAINED, SMALL, ONE_SIDED = 0.5, 0.15, 0.75
+EXPLAINED, SMALL = 0.5, 0.15
 # Halvings of the interval in which the state moves most. Where an interval that is NARROW still
 # has LEAP of the whole motion, the state jumps there.
 HALVINGS, NARROW, LEAP = 7, 1 / 16, 0.5
@@ -153,24 +153,24 @@ def joins(model: SkinModel, newton: Newton, begin: PathPoint, end: PathPoint) ->
     """Return whether the tangents at both ends of a path predict the motion (collective).
 
     Their mean is the trapezoidal rule: its error falls with the third power of the motion, that of
-    either one with the second. Each alone must leave no more than ONE_SIDED of the motion over: the
-    tangent behind a jump hardly knows of it. Model and factors are those of the end, before and
-    after a True.
+    either one with the second. Each alone must explain the motion up to EXPLAINED: no jump is that
+    small. Model and factors are those of the end before, and after a True; after a False they may
+    be those of either end.
     """
     comm, chord = model.skin.comm, (end.state - begin.state) * model.free
 
-    def left(motion: Floats) -> float:
-        return norm(comm, motion - chord) / norm(comm, chord)
+    def explains(motion: Floats, rest: float) -> bool:
+        return norm(comm, motion - chord) <= rest * norm(comm, chord)
 
     backward = -_predicted(model, newton.factor, end, begin)
-    if left(backward) > ONE_SIDED:
+    if not explains(backward, EXPLAINED):
         return False
     model.set_density(begin.density)
     model.set_load(begin.load)
     if not newton.stable(begin.state):
         return False
     forward = _predicted(model, newton.factor, begin, end)
-    if left(forward) > ONE_SIDED or left((forward + backward) / 2) > SMALL:
+    if not (explains(forward, EXPLAINED) and explains((forward + backward) / 2, SMALL)):
         return False
     model.set_density(end.density)
     model.set_load(end.load)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toros_fem.base.errors import PanelError, TorosError
+from toros_fem.base.errors import PanelError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
@@ -212,7 +211,9 @@ class Designer(Distributed, DensityDesigner):
                 lambda: write_manufacture(place, pattern, regions, summary=summary),
             ),
         )
-        other = partial(self._on_other_mesh, found) if scene.results.estimate_error else None
+        other = None
+        if scene.results.estimate_error and printed.evaluation is not None:
+            other = partial(self._on_other_mesh, printed, printed.evaluation)
         trial = scene.trial(self.comm, folder, found, other)
         found = replace(found, trial=trial, seconds=dict(self.reporter.seconds))
         write_summary(self.comm, folder, found)
@@ -243,17 +244,13 @@ class Designer(Distributed, DensityDesigner):
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
         return metric_errors(self, self._print_level, shape, measures, regions, pressures)
 
-    def _on_other_mesh(self, found: ActuatorResult) -> Evaluation[Equilibrium] | None:
-        """Return the print on the mesh to repeat its trial on; None without an equilibrium."""
-        printed, made = found.printed, found.printed.evaluation
-        if made is None:
-            return None
+    def _on_other_mesh(self, printed: PrintedDesign, made: Evaluation[Equilibrium]) -> Evaluation:
+        """Return the simulated print on the mesh where its trial is repeated."""
+        self._check()
         skin, at = made.problem.skin, made.equilibrium
         near, regions = skin.gather_vertices(at.positions), (printed.pattern, printed.regions)
-        with suppress(TorosError):  # raised by all ranks or by none
-            level = self._print_level.scaled(self.scene.TRIAL_MESH)
-            return simulated_on(self, level, (skin.pattern, near), regions, at.pressures)
-        return None
+        level = self._print_level.scaled(self.scene.TRIAL_MESH)
+        return simulated_on(self, level, (skin.pattern, near), regions, at.pressures)
 
     @property
     def _print_level(self) -> Level:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import PanelError, ParameterError
+from toros_fem.base.errors import OutputError, PanelError, ParameterError
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.making.print.print_file import NAME as PRINT
@@ -176,15 +177,22 @@ def _tell_pressure(comm: MPI.Comm, taken: float, source: Path) -> None:
     """Warn where the print of a run has another pressure by its design (collective)."""
     if not on_first_rank(comm, source.is_dir):
         return
-    designed = on_first_rank(comm, lambda: summary_of(source).figures.get("pressure_pa"))
-    value = None if designed is None else designed.value
-    if value is not None and not np.isclose(value, taken, rtol=SAME) and comm.rank == 0:
-        given, own = formatted(taken, "pa"), formatted(value, "pa")
-        log.warning(
-            'the print in %s was designed with its pressure, for %s, and is inflated to %s: '
-            '--set pressure="%s" inflates it as designed.',
-            source, own, given, own,
-        )  # fmt: skip
+
+    def chosen() -> list[float]:
+        with suppress(OutputError):  # the print alone is enough to simulate it
+            return [float(p) for p in summary_of(source).entries.get("pressures_pa", ())]
+        return []
+
+    designed = on_first_rank(comm, chosen)
+    if np.allclose(designed, taken, rtol=SAME) or comm.rank != 0:
+        return
+    own, given = ", ".join(formatted(p, "pa") for p in designed), formatted(taken, "pa")
+    several = len(set(designed)) > 1
+    advice = f'Add --set pressure="{own}" for that one.'
+    log.warning(
+        "the design of the print in %s chose the pressure %s, and this simulation takes %s. %s",
+        source, own, given, "It has one pressure for all chambers." if several else advice,
+    )  # fmt: skip
 
 
 def _same(one: Pattern, other: Pattern) -> bool:

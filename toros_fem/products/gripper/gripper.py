@@ -380,7 +380,8 @@ class GripperScene(ActuatorScene):
     def trial_figures(self, comm: MPI.Comm, made: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
         """Return held mass, slip and smallest distance of fingers with this print (collective)."""
         assert isinstance(made.problem, ShapeDesign)
-        return lift_figures(grip_of(comm, made.problem, self).pull_of(made).figures, {})
+        found = grip_of(comm, made.problem, self).pull_of(made).figures
+        return () if found.failure else lift_figures(found, {})
 
 
 def on_inner(pattern: Pattern) -> Bools:

@@ -296,7 +296,9 @@ def lift(
     begun = grip.every(problem, designed.skin.gather_cells(initial))
     first, pull = grip.pull(begun, shown.equilibrium.pressures, None), grip.pull_of(shown)
     figures = pull.figures
-    intervals = trial_intervals(comm, scene, lift_figures(figures, {}), other)
+    intervals = {}  # where the pull ends early the held mass is a lower bound
+    if not figures.failure:
+        intervals = trial_intervals(comm, scene, lift_figures(figures, {}), other)
     who = scene.object.mass, scene.contact.friction, scene.fingers
     lifted = Lifted(*who, figures, first.figures, intervals)
     pulls = {"initial design": first, "as printed": pull}

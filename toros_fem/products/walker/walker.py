@@ -324,15 +324,17 @@ class WalkerScene(ActuatorScene):
         if self.results.gait_steps is None:
             return None
         found = self._walk(comm, made.printed.evaluation or made.design.final)
-        if found.points:
+        if found.complete:
             intervals = trial_intervals(comm, self, found.figures, other, found.uncertain)
             found = replace(found, intervals=intervals)
+        if found.points:
             write_gait(comm, output, found, made.printed.regions)
         return found
 
     def trial_figures(self, comm: MPI.Comm, made: Evaluation[Equilibrium]) -> tuple[Figure, ...]:
         """Return stride, slip and smallest distance of a robot with this print (collective)."""
-        return self._walk(comm, made).figures
+        found = self._walk(comm, made)
+        return found.figures if found.complete else ()
 
     def _walk(self, comm: MPI.Comm, shown: Evaluation[Equilibrium]) -> Walk:
         """Return what the robot does whose quarter has the print of a simulation (collective)."""
