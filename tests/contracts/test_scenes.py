@@ -6,6 +6,7 @@ What must hold of any run is checked by itself.
 
 from __future__ import annotations
 
+import csv
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -78,6 +79,10 @@ def test_figures(done: Run, pinned: Callable[..., None]) -> None:
         pinned(f"figures/{done.name}", found, rel=1e-4)
         if gait:
             pinned(f"figures/{done.name}_gait", gait, rel=0.5)
+            with (done.folder / "walker" / "gait.csv").open(encoding="utf-8", newline="") as file:
+                rows = [*csv.DictReader(file)][:-1]  # until the legs are emptied
+            feet = [[float(v) for k, v in row.items() if k.startswith("foot_")] for row in rows]
+            pinned("figures/walker_feet", {"feet_m": feet}, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", ON_RANKS)
