@@ -1,6 +1,7 @@
 """The path through an equilibrium: snaps, singular points, states that are connected."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -132,8 +133,17 @@ def test_both_tangents_and_their_mean_must_predict(
     model: Any = SimpleNamespace(
         skin=SimpleNamespace(comm=MPI.COMM_SELF), free=one, set_density=id, set_load=id
     )
-    newton: Any = SimpleNamespace(factor=None, stable=lambda _: True)
+    stable: list[Floats] = []
+
+    def is_stable(state: Floats) -> bool:
+        stable.append(state)
+        return True
+
+    newton: Any = SimpleNamespace(factor=None, stable=is_stable)
     assert joins(model, newton, begin, end) is joined
+    there = len(stable)
+    assert joins(model, newton, replace(begin, motion=np.full(1, forward)), end) is joined
+    assert len(stable) == there, "the begin is not factorised where its motion is known"
 
 
 def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:

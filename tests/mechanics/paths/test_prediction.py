@@ -11,7 +11,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import norm
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.paths.prediction import Prediction
+from toros_fem.mechanics.paths.prediction import Prediction, _hermite
 from toros_fem.mechanics.paths.trace import follow_pressures
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Skin
@@ -35,6 +35,7 @@ def predicted(
 ) -> tuple[Prediction, Equilibrium]:
     prediction = Prediction(solver, points[0])
     for point in points[1:]:
+        prediction.start(point.density, point.load)  # as a path does
         prediction.add(point)
     return prediction, prediction.start(points[-1].density, load)
 
@@ -48,15 +49,43 @@ def left(solver: EquilibriumSolver, start: Equilibrium, end: Equilibrium, of: Eq
 def test_more_points_predict_better(
     tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
 ) -> None:
-    """One point has its tangent; a parabola passes through three, a cubic through four."""
+    """One point has its tangent; a cubic passes through two with tangents, a quintic through three.
+
+    A point that is no equilibrium of this solver has no tangent.
+    """
     *before, end = path
-    parts = [
-        left(tube_solver, predicted(tube_solver, before[-k:], end.load)[1], end, before[-1])
-        for k in (1, 3, 4)
-    ]
+
+    def part(points: Sequence[Equilibrium]) -> float:
+        start = predicted(tube_solver, points, end.load)[1]
+        return left(tube_solver, start, end, before[-1])
+
+    parts = [part(before[-k:]) for k in (1, 2, 3)]
     assert parts[0] < 0.15
-    assert parts[1] < parts[0] / 3
-    assert parts[2] < parts[1] / 2
+    assert parts[1] < parts[0] / 5
+    assert parts[2] < parts[1] / 5
+    trial = replace(before[-2], complete=False)
+    assert parts[1] < part([trial, before[-1]]) < parts[0]
+
+
+def test_where_a_path_comes_from_knows_where_it_leads(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    *before, end = path
+    _, start = predicted(tube_solver, before, end.load)
+    assert start.before is not None
+    wanted = tube_solver.motion_to(end.density, end.load, before[-1])
+    np.testing.assert_allclose(start.before.motion, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("sloped", [(True, True), (False, True, True), (False, True)])
+def test_a_polynomial_is_predicted_exactly(sloped: Sequence[bool]) -> None:
+    places = (-1.7, -0.6, 0.0)[-len(sloped) :]
+    count = len(sloped) + sum(sloped)
+    of = np.polynomial.Polynomial(np.random.default_rng(3).standard_normal(count))
+    values, slopes = _hermite(places, sloped)
+    at = [place for place, one in zip(places, sloped, strict=True) if one]
+    found = values @ of(np.array(places)) + slopes @ of.deriv()(np.array(at))
+    assert found == pytest.approx(of(1.0), rel=1e-10)
 
 
 def test_the_motion_is_told_before_it_is_made(

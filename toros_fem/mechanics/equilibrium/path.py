@@ -37,11 +37,17 @@ SMOOTH_HALVINGS, SMOOTH = 2, 0.35
 
 @dataclass(frozen=True, eq=False)
 class PathPoint(Distributed):
-    """A stable equilibrium of one density and one load, by its owned unknowns."""
+    """A stable equilibrium of one density and one load, by its owned unknowns.
+
+    Attributes:
+        motion: Motion that its tangent predicts to what comes next on a path; None where it is not
+            known.
+    """
 
     density: Floats
     load: Load
     state: Floats
+    motion: Floats | None = None
 
     def towards(self, other: PathPoint, fraction: float) -> tuple[Floats, Load]:
         """Return the density and the load a fraction of the way to another point."""
@@ -104,8 +110,8 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
 
     The softest mode φ of K and the change of φ·Kφ along the path of equilibria under load give a
     linear estimate. It is exact to first order at a bifurcation. At a limit point the curvature
-    falls as a root, so that the true distance is about half of the estimated one. Factors of K and
-    the model are those of the point. The result is within NEAR of 1; None if it is not, or if
+    falls as a root, so that the true distance is about half of the estimated one. K, its factors
+    and the model are those of the point. The result is within NEAR of 1; None if it is not, or if
     supports or bodies move.
     """
     if not at.load or at.load.displacement is not None or at.load.moves_bodies:
@@ -114,7 +120,6 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
     along = factor.solve(model.applied_load(at.state))  # dx/d(load factor)
     farthest = largest(comm, float(np.abs(along).max(initial=0.0)))
     step = min(LOAD_STEP, MOTION * size / max(farthest, 1e-300))
-    factor.assemble(at.state)
     weights = factor.scale.copy()
     mode: Floats = along
     for _ in range(ITERATIONS):
@@ -122,6 +127,7 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
         if not (np.isfinite(length) and length > 0):
             return None
         mode = factor.solve(np.asarray(weights * mode / length))
+    now = dot(comm, mode, factor.multiply(mode))
     curvature = [0.0, 0.0]
     for k, sign in enumerate((-1, 1)):
         model.set_load(at.load.scaled(1 + sign * step))
@@ -130,7 +136,6 @@ def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> flo
     model.set_load(at.load)
     factor.assemble(at.state)
     change = (curvature[1] - curvature[0]) / (2 * step)
-    now = dot(comm, mode, factor.multiply(mode))
     if not (np.isfinite(change) and abs(now) <= NEAR * abs(change)):
         return None
     return 1 - now / change
@@ -155,7 +160,7 @@ def joins(model: SkinModel, newton: Newton, begin: PathPoint, end: PathPoint) ->
     Their mean is the trapezoidal rule: its error falls with the third power of the motion, that of
     either one with the second. Each alone must explain the motion up to EXPLAINED: no jump is that
     small. Model and factors are those of the end before, and after a True; after a False they may
-    be those of either end.
+    be those of either end. Those of the begin are made where its motion is not known.
     """
     comm, chord = model.skin.comm, (end.state - begin.state) * model.free
 
@@ -165,13 +170,17 @@ def joins(model: SkinModel, newton: Newton, begin: PathPoint, end: PathPoint) ->
     backward = -_predicted(model, newton.factor, end, begin)
     if not explains(backward, EXPLAINED):
         return False
-    model.set_density(begin.density)
-    model.set_load(begin.load)
-    if not newton.stable(begin.state):
-        return False
-    forward = _predicted(model, newton.factor, begin, end)
+    known = begin.motion is not None
+    if not known:
+        model.set_density(begin.density)
+        model.set_load(begin.load)
+        if not newton.stable(begin.state):
+            return False
+    forward = begin.motion if known else _predicted(model, newton.factor, begin, end)
     if not (explains(forward, EXPLAINED) and explains((forward + backward) / 2, SMALL)):
         return False
+    if known:
+        return True
     model.set_density(end.density)
     model.set_load(end.load)
     return newton.stable(end.state)
