@@ -25,7 +25,7 @@ from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key, worst
+from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.results.console import duration
@@ -272,27 +272,23 @@ def time_of(rows: Iterable[Row]) -> str | None:
     return next(map(duration, found), None)
 
 
-def headline(rows: Rows) -> str:
-    """Return pictures of the scenes as they are, with a figure below, from the finest mesh.
+def told_of(demo: Demo, rows: Rows, size: str) -> tuple[str, str | None]:
+    """Return the first two figures of a run and those that miss, with states; and the time."""
+    own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
+    told, seconds = [], None
+    for number, row in enumerate(own[key] for key in demo.keys if key in own):
+        state, seconds = state_in(row), row.seconds
+        if number < 2 or state is State.MISSED:
+            told.append(figure_of(row).words + f" ({state})" * bool(state))
+    return "; ".join(told), seconds and duration(seconds)  # None where other jobs ran beside it
 
-    The time is that of the coarse run.
-    """
+
+def headline(rows: Rows) -> str:
+    """Return pictures of coarse scenes as they are, with figures and time below."""
     cells = []
     for demo in DEMOS:
-        own = {
-            size: {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
-            for size in SIZES
-        }
-        finest = own["full"] or own["coarse"]
-        known = [finest[key] for key in demo.keys if key in finest]
-        # What has no target is told beside what it is compared with, and one whose state decides.
-        first = known[: 1 if known and known[0].reference is not None else 2]
-        state = worst(map(state_in, known))
-        if state and state_in(first[0]) is not state:
-            first.append(next(row for row in known if state_in(row) is state))
-        told = ": ".join(filter(None, (state, "; ".join(figure_of(row).words for row in first))))
-        took = time_of(own["coarse"].values())
-        told += f" (coarse: {took})" if took else ""
+        told, took = told_of(demo, rows, "coarse")
+        told += f". {took}" if took else ""
         if demo.paper and not demo.changes and told:
             picture = next(
                 f"{PICTURES}/{name}"

@@ -17,9 +17,7 @@ from pathlib import Path
 from copy_pictures import COPIES, PICTURES, ROOT, SIZE
 
 from benchmarks.bench import ROWS, Rows, read
-from benchmarks.figures import ACROSS, DEMOS, Demo, figure_of, folder_of, state_in
-from toros_fem.measures.figures import State
-from toros_fem.results.console import duration
+from benchmarks.figures import ACROSS, DEMOS, Demo, folder_of, told_of
 
 GALLERY = ROOT / "docs" / "gallery"
 PAGE = GALLERY / "index.md"
@@ -38,10 +36,11 @@ HEAD = """\
 # Gallery
 
 Simulated prints of the demos; pictures and files are of the `--coarse` runs. To print one, leave
-`--coarse` out. ± is the [error of the mesh](../accuracy.md#the-interval-of-a-result).
-[Demos](../../demos/README.md) has
-the paper's values, and what falls short; [reports](../report.md#the-pictures) explain pictures.
-`worst` is the largest deviation from the asked stiffness. The command makes files above 0.5 MB."""
+`--coarse` out: a coarse print is a preview.
+± is the [error of the mesh](../accuracy.md#the-interval-of-a-result).
+[Demos](../../demos/README.md) has the paper's values, and what falls short; [reports](../report.md#the-pictures) explain pictures.
+`worst` is the largest deviation from the asked stiffness. Files above 0.5 MB are not stored here;
+the command makes them."""
 
 
 def page(rows: Rows) -> str:
@@ -101,17 +100,9 @@ def _results(demo: Demo, rows: Rows) -> Iterator[str]:
     changes = "".join(f" --set {change}" for change in demo.changes)
     command = f"`scripts/toros {demo.command} demos/scenes/{demo.scene}.toml{changes} --coarse`"
     for size, words in ((SIZE, command), ("full", "without `--coarse`")):
-        own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
-        told = []
-        for number, row in enumerate(own[key] for key in demo.keys if key in own):
-            state = state_in(row)
-            if number < 2 or state is State.MISSED:
-                told.append(figure_of(row).words + f" ({state})" * bool(state))
+        told, took = told_of(demo, rows, size)
         if told:
-            seconds = next(iter(own.values())).seconds
-            if seconds is not None:  # None where other jobs ran beside it
-                words += f", {duration(seconds)}"
-            yield f"{words}: {'; '.join(told)}"
+            yield f"{', '.join(filter(None, (words, took)))}: {told}"
 
 
 def main() -> int:

@@ -120,13 +120,14 @@ def test_hundreds_of_cells_are_counted() -> None:
 def test_figures_of_a_demo_are_shown_with_target_and_interval() -> None:
     row = Row("bend", "full", "", "angle_deg", 178.812, "deg", 180.0, note="± 1.5, not certain")
     rows = [row, replace(row, figure="design.angle_deg", value=181.0, reference=None, note="")]
+    coarse = [replace(one, variant="coarse", seconds=70.0) for one in rows]
     assert figures.table(rows, "full").splitlines()[2:] == [
         "| `bend` | Fig. 8b: 180° (5 kPa) | angle 178.8 ± 1.5° of 180° | not certain | 181° "
         "| – | – |"
     ]
-    assert figures.headline(rows).splitlines() == [
+    assert figures.headline([*rows, *coarse]).splitlines() == [
         "| [![bend](demos/pictures/bend_hero.png)](docs/gallery/index.md#bend) |", "| --- |",
-        "| `bend`: not certain: angle 178.8 ± 1.5° of 180° |",
+        "| `bend`: angle 178.8 ± 1.5° of 180° (not certain). 1.2 min |",
     ]  # fmt: skip
 
 

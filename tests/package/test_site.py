@@ -1,5 +1,7 @@
 """The documentation site: every page is on it, every link works, every public name is in it."""
 
+import csv
+import io
 import os
 import re
 import runpy
@@ -12,8 +14,10 @@ import pytest
 from helpers.scenes import ROOT
 
 import toros_fem
-from benchmarks.accuracy.command import KNOWN
+from benchmarks.accuracy.command import KNOWN, sections
+from benchmarks.bench import ROWS, read
 from toros_fem import meshes
+from toros_fem.materials.library.files import read_library
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.plausibility import RANGES
 
@@ -70,18 +74,41 @@ def test_files_that_pages_name_exist() -> None:
     assert gone == set()
 
 
-def test_tables_that_only_the_site_has_are_made() -> None:
-    site = runpy.run_path(str(DOCS / "_extensions" / "table_texts.py"))
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-    named = re.findall(r"^```\{table-of\} (\S+)$", text, re.MULTILINE)
-    assert sorted(named) == ["accuracy-cases", "materials", "scene-keys", "usual-ranges"]
-    heads = {name: [line for line in site["table_of"](name) if line[:2] == "##"] for name in named}
-    assert heads["scene-keys"] == [f"## {kind}" for kind in KINDS]
-    assert len(site["table_of"]("usual-ranges")) == 2 + len(RANGES)
-    cases = {head.removeprefix("### ") for head in heads["accuracy-cases"] if head[:3] == "###"}
-    assert cases == {known.name for known in KNOWN}
-    with pytest.raises(ValueError, match="no table"):
-        site["table_of"]("another")
+def test_tables_of_the_docs_are_those_of_the_code() -> None:
+    """They are files, so that a reader of the checkout has them too."""
+    made = runpy.run_path(str(DOCS / "make_tables.py"))
+    texts = dict(made["texts"]())
+    stale = [p.name for p, text in texts.items() if p.read_text(encoding="utf-8") != text]
+    assert stale == [], "run python3 docs/make_tables.py"
+    tables = {path.stem: list(csv.reader(io.StringIO(text))) for path, text in texts.items()}
+    assert all(len({len(row) for row in rows}) == 1 for rows in tables.values())
+    listed = {name for row in tables["scene_keys"][1:] for name in row[-1].split(", ")}
+    assert listed == set(KINDS)
+    assert len(tables["usual_ranges"]) == 1 + len(RANGES)
+    assert {row[1] for row in tables["materials"][1:]} == set(read_library())
+    assert {row[0] for row in tables["names"][1:]} == set(toros_fem.public.__all__) - ALONE
+
+
+def test_every_table_of_the_site_is_a_file_to_be_opened() -> None:
+    """A checkout shows neither tables from files nor other directives."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for file in re.findall(r"^:file: (\S+)$", text, re.MULTILINE):
+            assert f"]({file})" in text, f"{page.name} needs a link to {file}"
+
+
+def test_the_first_page_has_links_to_all_pages() -> None:
+    text = (DOCS / "index.md").read_text(encoding="utf-8")
+    listed = LINK.findall(text[text.index("## All pages") : text.index("```{toctree}")])
+    outside = runpy.run_path(str(DOCS / "conf.py"))["OUTSIDE"]
+    known = {f"../{source}.md": f"{page}.md" for source, page in outside.items()}
+    found = [(DOCS / known.get(link, link)).resolve() for link in listed]
+    assert found == entries(DOCS / "index.md")
+
+
+def test_the_site_has_all_cases_of_accuracy() -> None:
+    heads = [h for h in sections(read(ROWS / "accuracy.csv")).splitlines() if h[:4] == "### "]
+    assert {head.removeprefix("### ") for head in heads} == {known.name for known in KNOWN}
 
 
 def public_names() -> list[str]:

@@ -29,7 +29,9 @@ OUTSIDE, INSIDE = "outside", "inside"
 class ManufactureOptions(Table):
     """Settings of the machine files."""
 
-    layer_height: Height = key(0.4e-3, "height of the print above the fabric")
+    layer_height: Height = key(
+        0.4e-3, "height of the whole print above the fabric, not of a layer of the slicer"
+    )
     print_density: Annotated[float, In("kg/m³", at_least=100, at_most=20e3)] = key(
         1.22e3, "density of the print"
     )

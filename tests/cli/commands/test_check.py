@@ -49,6 +49,23 @@ def test_triangles_and_unknowns_are_those_of_the_mesh(
     assert found["minutes"] is None
 
 
+@pytest.mark.parametrize(("length", "fits"), [("170 mm", True), ("200 mm", False)])
+def test_a_panel_too_large_for_the_bed_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], length: str, fits: bool
+) -> None:
+    scene = small_scene(MPI.COMM_SELF, tmp_path)
+    capsys.readouterr()
+    words = ["check", str(scene), *changes(length=length, edge_length="6 mm"), "--no-probe"]
+    assert run(MPI.COMM_SELF, words) == 0
+    text = capsys.readouterr().out
+    assert ("\nbed " in text) is not fits
+    if not fits:
+        assert "--bed-depth" in text
+        assert "panel 'wall'" in text
+    assert run(MPI.COMM_SELF, [*words, "--json"]) == 0
+    assert (json.loads(capsys.readouterr().out)["placing"] is None) is fits
+
+
 def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = small_scene(MPI.COMM_SELF, tmp_path)
     capsys.readouterr()

@@ -2,7 +2,6 @@
 
 import json
 import re
-import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,27 +56,20 @@ def test_wrong_words(capsys: pytest.CaptureFixture[str], words: list[str], messa
 
 
 LIBRARY = read_library()
-SITE = runpy.run_path(str(ROOT / "docs" / "_extensions" / "table_texts.py"))
 
 
-def test_page_has_the_tables_of_the_library() -> None:
+def test_the_page_explains_how_far_to_trust() -> None:
     page = (ROOT / "docs" / "materials.md").read_text(encoding="utf-8")
-    assert "```{table-of} materials\n" in page
-    markdown = "\n".join(SITE["table_of"]("materials"))
     for word, meaning in TRUSTS.items():
-        assert f"| {word} | {meaning} |\n" in markdown
+        assert f"| {word} | {meaning} |\n" in page
 
 
-def test_each_material_is_in_each_table() -> None:
-    text, markdown = table_text(LIBRARY.values()), "\n".join(SITE["table_of"]("materials"))
+def test_each_material_is_in_the_table() -> None:
+    text = table_text(LIBRARY.values())
     for name, entry in LIBRARY.items():
         assert f"\n{name} " in text
-        assert f"\n| {name} | " in markdown
-        assert f"\n- `{name}`, " in markdown
         assert entry.trust in material_details(entry)
     assert max(map(len, text.splitlines())) <= 96
-    heads = [line for line in markdown.splitlines() if line.startswith("| name |")]
-    assert ["c₁, c₂" in head for head in heads] == [True, False, False]
     fabrics = [entry for entry in LIBRARY.values() if entry.kind == "fabric"]
     assert "Prints" not in table_text(fabrics)
     assert table_text(fabrics).startswith("Fabrics\nname ")

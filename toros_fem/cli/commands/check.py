@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from toros_fem.products.actuators.cost import Cost
 
 log = logging.getLogger(__name__)
+BED = (
+    "After the design, make the machine files by `toros export RUN` with --bed-width and "
+    "--bed-depth:"
+)
 # Part of the machine's memory above which a run is warned of.
 CROWDED = 0.8
 
@@ -63,6 +67,8 @@ class Check(SceneCommand):
         lines += [f"doubt       {one}" for one in doubtful]
         for role, entry in scene.materials.items():
             lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
+        if cost is not None and cost.placing:
+            lines.append(f"bed         {BED} {cost.placing}")
         if cost is None:
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:
@@ -82,6 +88,7 @@ def _figures(found: Cost) -> dict[str, Any]:
         "parts": [asdict(part) for part in found.parts],
         "minutes": found.seconds and [end / 60 for end in found.seconds],
         "probe": found.probe and asdict(found.probe),
+        "placing": found.placing,
     }
 
 

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from mpi4py import MPI
 
 from toros_fem.base.errors import MeshSizeError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.making.sheets.layout import placing_fault
 from toros_fem.meshes.triangles import (
     expected_triangles,
     lowered_limit,
@@ -87,6 +89,8 @@ class Cost:
         parts: Parts of the run that take time.
         probe: What the time is known from; None leaves it unknown.
         checked: Whether the largest mesh is that of a check, beside which the print is kept.
+        placing: Why the panels fit on no bed of the default size, so that the design has no machine
+            files; None if they fit, or if that is not known.
     """
 
     triangles: int
@@ -96,6 +100,7 @@ class Cost:
     parts: Sequence[Part]
     probe: Probe | None = None
     checked: bool = False
+    placing: str | None = None
 
     @property
     def memory(self) -> float:
@@ -145,9 +150,11 @@ def actuator_cost(
     scene = scene.from_print() if from_print else scene
     level = probe_level(scene)
     area, made = sized(comm, scene, level)
-    tried = None
+    tried = placing = None
     if made is not None:
         scene.require_possible(made.pattern)
+        whole = made.whole.pattern
+        placing = on_first_rank(comm, lambda: placing_fault(whole))
         if probing:
             tried = probe(scene.problem(comm, made, level), scene.design.seed)
     finest, results = finest_triangles(scene, area, made), scene.results
@@ -172,7 +179,7 @@ def actuator_cost(
         likely = _times(CURVE_POINT, results.curve_steps, most)
         parts.append(Part("curve over the pressure", finest, likely))
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, largest, unknowns, comm.size, parts, tried, largest > finest)
+    return Cost(finest, largest, unknowns, comm.size, parts, tried, largest > finest, placing)
 
 
 def probe_level(scene: ActuatorScene) -> Level:

@@ -1,0 +1,111 @@
+"""Make the tables of the docs that come from code, as CSV files that any reader shows.
+
+python3 docs/make_tables.py
+python3 docs/make_tables.py --check    # exit code 1 if a table is not that of the code
+"""
+
+from __future__ import annotations
+
+import csv
+import inspect
+import io
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import toros_fem
+from toros_fem.cli.commands.materials import HEADER, row, sentence
+from toros_fem.cli.scene_files.layout import keys_of
+from toros_fem.materials.library.files import read_library
+from toros_fem.materials.library.material import LibraryMaterial
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.plausibility import RANGES
+
+FOLDER = Path(__file__).resolve().parent / "reference"
+Rows = Iterable[Sequence[str]]
+
+
+def scene_keys() -> Rows:
+    """Yield each key of scene files once, with the scenes that have it."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for kind in KINDS.values():
+        scene, keys = kind(), keys_of(kind)
+        for section, of in kind.tables().items():
+            for key, one in keys[section].items():
+                value = scene.value(key) if key in of.described() else one.default
+                entry = (f"[{section}]", key, one.help, one.written(value).strip('"'))
+                found.setdefault(entry, []).append(kind.KIND)
+        for section, of in kind.entries().items():
+            for key, one in of.described().items():
+                found.setdefault((f"[[{section}]]", key, one.help, ""), []).append(kind.KIND)
+    yield "table", "key", "meaning", "default", "scenes"
+    order = list(dict.fromkeys(entry[0] for entry in found))
+    for entry, kinds in sorted(found.items(), key=lambda item: order.index(item[0][0])):
+        yield *entry, ", ".join(kinds)
+
+
+def usual_ranges() -> Rows:
+    """Yield the dimensionless groups that scenes are judged by."""
+    yield "group", "meaning", "usual", "refused outside of", "source"
+    for name, one in RANGES.items():
+        usual, possible = (
+            f"{low:g} to {high:g}".replace("inf", "∞").replace("-", "−")
+            for low, high in (one.usual, one.possible)
+        )
+        yield name, one.words, usual, possible, one.source
+
+
+def materials() -> Rows:
+    """Yield the materials of the library."""
+    yield "kind", *HEADER, "c₁, c₂", "what it is, and its source"
+    for entry in read_library().values():
+        yield entry.kind, *row(entry), bounds_of(entry), source_of(entry)
+
+
+def bounds_of(entry: LibraryMaterial) -> str:
+    """Return the cell of c₁ and c₂; empty without both."""
+    bounds = [f"{c:g}" if c is not None else "–" for c in (entry.c1, entry.c2)]
+    return "" if bounds == ["–", "–"] else ", ".join(bounds)
+
+
+def source_of(entry: LibraryMaterial) -> str:
+    """Return title, source and note."""
+    text = f"{entry.title}. {sentence(entry.source)}"
+    if entry.knit_ratio is not None:
+        text += f" Modulus along the courses over that along the wales: {entry.knit_ratio:g}."
+    return text if entry.note is None else f"{text} {sentence(entry.note)}"
+
+
+def names() -> Rows:
+    """Yield the names of the package with the first sentence of their descriptions."""
+    yield "name", "what it is or does"
+    for name in toros_fem.public.__all__:
+        thing = getattr(toros_fem, name)
+        if callable(thing):
+            yield name, (inspect.getdoc(thing) or "").partition("\n")[0]
+
+
+TABLES = {table.__name__: table for table in (scene_keys, usual_ranges, materials, names)}
+
+
+def texts() -> Iterator[tuple[Path, str]]:
+    """Yield the file of each table, and its text."""
+    for name, table in TABLES.items():
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(table())
+        yield FOLDER / f"{name}.csv", text.getvalue()
+
+
+def main() -> int:
+    """Write the tables, or check that they are those of the code."""
+    if sys.argv[1:] == ["--check"]:
+        stale = [path.name for path, text in texts() if path.read_text(encoding="utf-8") != text]
+        print(*(f"{name} is not that of the code: run docs/make_tables.py" for name in stale))
+        return 1 if stale else 0
+    for path, text in texts():
+        path.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
