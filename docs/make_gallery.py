@@ -38,7 +38,8 @@ HEAD = """\
 Simulated prints of the demos; pictures and files are of the `--coarse` runs. To print one, leave
 `--coarse` out: a coarse print is a preview.
 ± is the [error of the mesh](../accuracy.md#the-interval-of-a-result).
-[Demos](../../demos/README.md) has the paper's values, and what falls short; [reports](../report.md#the-pictures) explain pictures.
+[Demos](../../demos/README.md) has the paper's values, and what falls short;
+[reports](../report.md#the-pictures) explain pictures.
 `worst` is the largest deviation from the asked stiffness. Files above 0.5 MB are not stored here;
 the command makes them."""
 
