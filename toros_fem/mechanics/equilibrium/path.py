@@ -170,16 +170,16 @@ def joins(model: SkinModel, newton: Newton, begin: PathPoint, end: PathPoint) ->
     backward = -_predicted(model, newton.factor, end, begin)
     if not explains(backward, EXPLAINED):
         return False
-    known = begin.motion is not None
-    if not known:
+    forward = begin.motion
+    if forward is None:
         model.set_density(begin.density)
         model.set_load(begin.load)
         if not newton.stable(begin.state):
             return False
-    forward = begin.motion if known else _predicted(model, newton.factor, begin, end)
+        forward = _predicted(model, newton.factor, begin, end)
     if not (explains(forward, EXPLAINED) and explains((forward + backward) / 2, SMALL)):
         return False
-    if known:
+    if begin.motion is not None:
         return True
     model.set_density(end.density)
     model.set_load(end.load)
