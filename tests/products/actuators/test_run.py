@@ -22,8 +22,7 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import densities, designer
-from toros_fem.products.actuators.pressure_curve import CurveFigures
-from toros_fem.products.actuators.result import OTHER_SHAPE
+from toros_fem.products.actuators.pressure_curve import NOT_FROM_REST, OTHER_SHAPE, CurveFigures
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.actuators.space_mapping import asked_next
 from toros_fem.products.tubes import bend as bend_demo
@@ -137,18 +136,24 @@ def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
     assert problem.solver.model.composite.membrane.smoothed
 
 
+@pytest.mark.parametrize(
+    ("joins", "doubt"), [(True, None), (False, OTHER_SHAPE), (None, NOT_FROM_REST)]
+)
 def test_a_shape_that_inflating_does_not_reach_is_told(
     alone: MPI.Comm,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
+    joins: bool | None,
+    doubt: str | None,
 ) -> None:
-    curve = CurveFigures(joins_rest=False)
+    curve = CurveFigures(points=3, joins_rest=joins)
+    assert curve.doubt == doubt
     monkeypatch.setattr(designer, "write_curve", lambda *_: curve)
     made = SHORT.run_design(alone, tmp_path)
-    assert OTHER_SHAPE in made.binding
-    assert OTHER_SHAPE in made.sentence()
-    assert OTHER_SHAPE in caplog.text
+    for told in (made.binding, made.sentence(), caplog.text):
+        assert ("inflat" in str(told)) is (doubt is not None)
+        assert doubt is None or doubt in told
 
 
 def test_a_run_without_pictures_shows_its_page(

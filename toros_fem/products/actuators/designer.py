@@ -32,7 +32,7 @@ from toros_fem.products.actuators.discovery import Discovery, densities_from, di
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
-from toros_fem.products.actuators.result import OTHER_SHAPE, ActuatorResult, Searched
+from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.plausibility import warn_of_doubts
 from toros_fem.results.result import write_summary
@@ -199,8 +199,8 @@ class Designer(Distributed, DensityDesigner):
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
-        if curve is not None and curve.joins_rest is False and self.comm.rank == 0:
-            log.warning("%s: it may not take the shape that is told", OTHER_SHAPE)
+        if curve is not None and curve.doubt is not None and self.comm.rank == 0:
+            log.warning("%s: it may not take the shape that is told", curve.doubt)
         summary, place = found.summary(), folder / FOLDER
         pattern, regions = printed.pattern, printed.regions
         guarded(

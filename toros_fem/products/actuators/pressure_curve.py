@@ -33,6 +33,8 @@ HALVINGS = 6
 PARTS = 12
 # Shapes that differ by less than this part of the skin's size are the same.
 JOINED = 1e-3
+OTHER_SHAPE = "inflated from rest, the skin takes another shape"
+NOT_FROM_REST = "inflating from rest to the curve's lowest pressure finds no equilibrium"
 # Pressures that differ by this fraction are the same.
 SAME = 1e-9
 
@@ -65,6 +67,13 @@ class CurveFigures:
     joins_rest: bool | None = None
     measured: Sequence[Mapping[str, Any]] = ()
     seconds: float | None = None
+
+    @property
+    def doubt(self) -> str | None:
+        """Why the print may not take the shape that is told; None where inflating reaches it."""
+        if self.joins_rest is False:
+            return OTHER_SHAPE
+        return NOT_FROM_REST if self.points and self.joins_rest is None else None
 
 
 @collective("problem.comm")

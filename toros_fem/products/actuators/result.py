@@ -58,9 +58,6 @@ class Searched:
         return found
 
 
-OTHER_SHAPE = "inflated from rest, the skin takes another shape"
-
-
 class Tried(Protocol):
     """What the print was simulated at, beyond its curve."""
 
@@ -109,8 +106,8 @@ class ActuatorResult(PrintedResult):
             found.append(f"all {rounds} corrections are used")
         elif rounds and state is State.MISSED:
             found.append(f"correction {rounds} hardly helped")
-        if self.curve is not None and self.curve.joins_rest is False:
-            found.append(OTHER_SHAPE)
+        if self.curve is not None and self.curve.doubt is not None:
+            found.append(self.curve.doubt)
         return tuple(found)
 
     def entries(self) -> dict[str, Any]:
