@@ -76,8 +76,8 @@ STIFF = ("stiffness_at_0_deg_n_per_m", "stiffness_at_90_deg_n_per_m")
 SHAPE = ("shape_distance_percent", "tip_direction_deg")
 DEMOS = (
     Demo("inflate", "Fig. 8a: swells, lengthens, saturates above about 10 kPa", (
-        "radius_when_saturated_percent", "length_when_saturated_percent",
         "radius_percent", "length_percent",
+        "radius_when_saturated_percent", "length_when_saturated_percent",
     )),
     Demo("bend", "Fig. 8b: 180° (5 kPa)", ("angle_deg", *SHAPE)),
     Demo("contract", "Fig. 8c: 8 % (10 kPa)", ("shortening_percent", *SHAPE)),

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import toros_fem
 from toros_fem.cli.commands.materials import HEADER, row, sentence
-from toros_fem.cli.scene_files.layout import keys_of
+from toros_fem.cli.scene_files.layout import FILES, keys_of
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.products.kinds import KINDS
@@ -29,16 +29,21 @@ def scene_keys() -> Rows:
     """Yield each key of scene files once, with the scenes that have it."""
     found: dict[tuple[str, ...], list[str]] = {}
     for kind in KINDS.values():
-        scene, keys = kind(), keys_of(kind)
+        scene, quick, keys = kind(), kind().coarse(), keys_of(kind)
         for section, of in kind.tables().items():
             for key, one in keys[section].items():
-                value = scene.value(key) if key in of.described() else one.default
-                entry = (f"[{section}]", key, one.help, one.written(value).strip('"'))
+                values = [one.default, one.default]
+                if key in of.described():
+                    values = [scene.value(key), quick.value(key)]
+                default, coarse = (one.written(value).strip('"') for value in values)
+                entry = (f"[{section}]", key, one.help, default, coarse * (coarse != default))
                 found.setdefault(entry, []).append(kind.KIND)
+        for key, one in keys[FILES].items():
+            found.setdefault((f"[{FILES}]", key, one.help, "", ""), []).append(kind.KIND)
         for section, of in kind.entries().items():
             for key, one in of.described().items():
-                found.setdefault((f"[[{section}]]", key, one.help, ""), []).append(kind.KIND)
-    yield "table", "key", "meaning", "default", "scenes"
+                found.setdefault((f"[[{section}]]", key, one.help, "", ""), []).append(kind.KIND)
+    yield "table", "key", "meaning", "default", "by --coarse", "scenes"
     order = list(dict.fromkeys(entry[0] for entry in found))
     for entry, kinds in sorted(found.items(), key=lambda item: order.index(item[0][0])):
         yield *entry, ", ".join(kinds)

@@ -71,9 +71,9 @@ class Stepping(Table):
 
     start: Annotated[str, OneOf(STARTS)] = key(
         "random",
-        "what the densities start from: noise, or the printable lines of a relaxed design; this "
-        "and its print have meshes of their own, so that edge length, levels, filter radius and "
-        "the steps of random densities play no part",
+        "what the densities start from: noise, or the printable lines of a relaxed design. With "
+        "relaxed, edge_length, levels, filter_radius and the steps of random densities do not "
+        "count: the relaxed design and its print have meshes of their own",
     )
     starts: Count = key(
         1,
