@@ -23,6 +23,7 @@ from toros_fem.products.actuators.cost import (
 )
 from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 from toros_fem.products.tubes import bend, contract
+from toros_fem.products.walker.walker import WalkerScene
 
 SMALL = bend.BendScene.of(length=0.06, edge_length=1e-3, filter_radius=2e-3)
 
@@ -77,12 +78,32 @@ def test_parts_of_a_design(alone: MPI.Comm) -> None:
     assert not any("lines" in part.name or "relaxed" in part.name for part in again.parts)
 
 
+def test_a_gait_and_its_repeat_count(alone: MPI.Comm) -> None:
+    robot = WalkerScene().coarse()
+    names = ["trial", "trial on another mesh"]
+    cost = actuator_cost(alone, robot, probing=False)
+    parts = {part.name: part for part in cost.parts}
+    own, other = (parts[name] for name in names)
+    assert own.triangles == pytest.approx(2 * cost.triangles, rel=1e-3)
+    assert other.triangles < own.triangles / 2
+    assert own.newton_steps == other.newton_steps
+    assert own.newton_steps[0] >= 17  # the cycle has so many equilibria
+    assert own.dearer > 1
+    once = actuator_cost(alone, robot.updated(estimate_error=False), probing=False)
+    assert [part.name for part in once.parts if part.name in names] == names[:1]
+    still = actuator_cost(alone, robot.updated(gait_steps=None), probing=False)
+    assert not any(part.name in names for part in still.parts)
+
+
 def test_time_grows_with_the_mesh_and_the_steps() -> None:
     def seconds(triangles: int, steps: int) -> tuple[float, float]:
         part = Part("design", triangles, (steps, 2 * steps))
         return Cost(triangles, triangles, 0, 1, (part,), Probe(1000, 10, 1.0)).seconds
 
+    contact = Part("trial", 1000, (50, 100), dearer=3.0)
+    dear = Cost(1000, 1000, 0, 1, (contact,), Probe(1000, 10, 1.0)).seconds
     none = seconds(1000, 0)
+    assert np.subtract(dear, none) == pytest.approx([15.0, 30.0])
     low, high = np.subtract(seconds(1000, 50), none)
     assert low == pytest.approx(5.0)
     assert high == pytest.approx(10.0)

@@ -43,6 +43,8 @@ FIXED, LINEAR, FACTOR, POWER = 5e-3, 3.3e-6, 0.147 / 12e3**1.43, 1.43
 # its cleaning, of a print of lines, and of a point of the curve.
 DESIGN_STEP, PRINT, LINE_PRINT = (6, 10), (20, 50), (40, 130)
 CURVE_POINT = (6, 20)
+# Those of an equilibrium on the ground, and the cost of one with contact and friction.
+TRIAL_POINT, IN_CONTACT = (20, 50), 5.0
 # Laying of lines takes as long as so many Newton steps.
 LAYING = (6, 15)
 # The probe's mesh is finer by this factor than the coarsest useful one.
@@ -56,11 +58,18 @@ AROUND = (5.0, 20.0)
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a run: triangles of its mesh, and fewest and most Newton steps that are likely."""
+    """A part of a run.
+
+    Attributes:
+        triangles: Those of its mesh.
+        newton_steps: Fewest and most that are likely.
+        dearer: Cost of a step over one without contact.
+    """
 
     name: str
     triangles: int
     newton_steps: tuple[int, int]
+    dearer: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -117,7 +126,7 @@ class Cost:
         unit = self.probe.per_step / _weight(self.probe.triangles)
         low, high = AROUND
         for part in self.parts:
-            weight = unit * _weight(part.triangles)
+            weight = unit * part.dearer * _weight(part.triangles)
             low += weight * part.newton_steps[0]
             high += weight * part.newton_steps[1]
         return low, high
@@ -178,6 +187,7 @@ def actuator_cost(
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)
         parts.append(Part("curve over the pressure", finest, likely))
+    parts += _trial_parts(scene, finest)
     unknowns = round(_unknowns(scene, made) * finest)
     return Cost(finest, largest, unknowns, comm.size, parts, tried, largest > finest, placing)
 
@@ -293,6 +303,19 @@ def _line_parts(scene: ActuatorScene, relaxed: int, finest: int) -> list[Part]:
     if steps := lines.density_iterations:
         own = steps + rounds * (scene.design.level_iterations + 1)
         parts.append(Part("densities from lines", finest, _times(DESIGN_STEP, steps, own)))
+    return parts
+
+
+def _trial_parts(scene: ActuatorScene, finest: int) -> list[Part]:
+    """Return the parts of a scene's trial, and of its repeat on another mesh."""
+    points, larger = scene.trial_size
+    if points == 0:
+        return []
+    own, steps = round(larger * finest), _times(TRIAL_POINT, points, points)
+    parts = [Part("trial", own, steps, IN_CONTACT)]
+    if scene.results.estimate_error:
+        other = round(own / scene.TRIAL_MESH**2)
+        parts.append(Part("trial on another mesh", other, steps, IN_CONTACT))
     return parts
 
 

@@ -440,6 +440,11 @@ class ActuatorScene(MeshedScene):
     def require_trial(self) -> None:
         """Check that `trial` has what it needs: this is told before the design, not after it."""
 
+    @property
+    def trial_size(self) -> tuple[int, float]:
+        """Equilibria of the scene's trial in contact, and its triangles over those of the design."""
+        return 0, 1.0
+
     def trial(
         self,
         comm: MPI.Comm,
