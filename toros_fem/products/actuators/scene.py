@@ -442,7 +442,7 @@ class ActuatorScene(MeshedScene):
 
     @property
     def trial_size(self) -> tuple[int, float]:
-        """Equilibria of the scene's trial in contact, and its triangles over those of the design."""
+        """Equilibria of its trial in contact, and their triangles over those of the design."""
         return 0, 1.0
 
     def trial(
