@@ -106,7 +106,8 @@ class _Pictures:
         with self._page("inflation.png", self.title) as figure:
             draw_inflation(figure, (0.01, 0.01, 0.98, 0.88), self.drawn, states)
         if self.drawn.skin.regions is not None:
-            dashed = " (dashed: target)" if self.drawn.skin.target is not None else ""
+            aim = self.drawn.skin.target is not None
+            dashed = " (dashed: target, dotted: lines along it)" if aim else ""
             with self._page("hero.png", size=STRIP) as figure:
                 draw_hero(figure, self.drawn, states, f"inflate it to {states[-1][0]}{dashed}")
 
