@@ -76,8 +76,11 @@ class UpperTangent:
         self.periodic: PeriodicTangent | None = None
         if model.images is not None:
             self.periodic = PeriodicTangent(model, model.images, self.triangles)
-        self._blocks = BlockPairs(model, self.triangles)
-        self._make_map()
+        blocks = BlockPairs(model, self.triangles)
+        self._twice = blocks.twice
+        self._make_map(blocks)
+        # Only contact adds entries later. The pairs take as much memory as the map.
+        self._blocks = None if model.contact is None else blocks
 
     def grow(self, state: Floats) -> bool:
         """Let the entries cover what acts at a state; return whether they are others now."""
@@ -85,12 +88,13 @@ class UpperTangent:
             term.grow(state)
         grown = self._generation != sum(term.generation for term in self._model.terms)
         if grown:
-            self._make_map()
+            assert self._blocks is not None
+            self._make_map(self._blocks)
         return grown
 
-    def _make_map(self) -> None:
+    def _make_map(self, blocks: BlockPairs) -> None:
         """Find the entries, and the place of each number among them (collective)."""
-        model, blocks, comm = self._model, self._blocks, self._model.skin.comm
+        model, comm = self._model, self._model.skin.comm
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
@@ -164,7 +168,7 @@ class UpperTangent:
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
         # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
-        self._entries[self._blocks.twice] *= 2
+        self._entries[self._twice] *= 2
         self._add_up(out)
 
     def _add_up(self, out: Floats) -> None:

@@ -84,30 +84,33 @@ class CondensedFactor:
         partition: Partition,
     ) -> None:
         self._comm, self.parts, self.interface = comm, partition.parts, partition.interface
-        part, size = partition.part, len(indptr) - 1
+        size = len(indptr) - 1
         starts = np.append(0, np.cumsum(comm.allgather(size)))
         begin = int(starts[comm.rank])
-        rows = begin + np.repeat(np.arange(size), np.diff(indptr))
-        columns = columns.astype(np.int64)
+        # The lists of entries are the largest arrays of a set-up: numbers have four bytes in them.
+        part = partition.part.astype(np.int32)
+        rows = np.repeat(np.arange(begin, begin + size, dtype=np.int32), np.diff(indptr))
         numbers = [comm.rank] if comm.size > 1 else range(partition.parts)
         count = len(self.interface)
-        at = np.full(starts[-1], -1, dtype=np.int64)
+        at = np.full(starts[-1], -1, dtype=np.int32)
         at[self.interface] = np.arange(count)
 
         # Entries in a row of the interface may belong to any part: all ranks get them.
         on = (at[rows] >= 0) & ((at[columns] >= 0) | (part[columns] != part[rows]))
         self._shared = np.flatnonzero(on)
         self._counts = np.array(comm.allgather(len(self._shared)), dtype=np.int64)
-        shared = np.concatenate(comm.allgather(np.stack([rows, columns], axis=1)[on]))
+        shared = np.concatenate(comm.allgather(np.stack([rows[on], columns[on]], axis=1)))
         corner = np.flatnonzero((at[shared] >= 0).all(axis=1))
         self._corner = np.sort(at[shared[corner]], axis=1), corner
 
         mine = at[begin : begin + size]
         self._own = np.flatnonzero(mine >= 0), mine[mine >= 0]
-        keep = np.flatnonzero(~on)
-        own = np.stack([rows[keep], columns[keep], keep])
-        others = np.stack([*shared.T, len(rows) + np.arange(len(shared))])
-        entries, zero = np.hstack([own, others]), len(rows) + len(shared)
+        keep, zero = np.flatnonzero(~on).astype(np.int32), len(rows) + len(shared)
+        entries = np.empty((3, len(keep) + len(shared)), dtype=np.int32)
+        entries[:, len(keep) :] = [*shared.T, np.arange(len(rows), zero)]
+        for place, own in enumerate((rows[keep], columns[keep], keep)):
+            entries[place, : len(keep)] = own
+        del on, keep, rows, columns
         self._values = np.zeros(zero + 1)
         with together(comm):
             self._parts = [
@@ -185,14 +188,21 @@ class _Part:
     """
 
     def __init__(
-        self, cholmod: Cholmod, inner: Ints, at: Ints, entries: Ints, zero: int, begin: int
+        self,
+        cholmod: Cholmod,
+        inner: Ints,
+        at: LocalInts,
+        entries: LocalInts,
+        zero: int,
+        begin: int,
     ) -> None:
         size, (rows, columns, source) = len(inner), entries
-        number: Ints = np.full(len(at), -1, dtype=np.int64)
+        number: LocalInts = np.full(len(at), -1, dtype=np.int32)
         number[inner] = np.arange(size)
         # Only what the part touches of the interface.
-        touched = np.append(columns[number[rows] >= 0], rows[number[columns] >= 0])
-        edge = np.unique(touched[at[touched] >= 0])
+        mine, there = number >= 0, at >= 0
+        touched = columns[mine[rows] & there[columns]], rows[mine[columns] & there[rows]]
+        edge = np.unique(np.append(*touched))
         self.place, count = at[edge], len(edge)
         chosen = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
         order = cholmod.order(*_lower(number[rows[chosen]], number[columns[chosen]], size)[:2])
@@ -207,7 +217,7 @@ class _Part:
         dense: Ints = np.full((count, count), zero)
         dense[np.minimum(i, j)[corner] - size, np.maximum(i, j)[corner] - size] = source[corner]
         upper = np.triu_indices(count)
-        self._source = np.append(source[chosen][place], dense[upper])
+        self._source = np.append(source[chosen][place], dense[upper]).astype(np.intp)
         lower = np.append(lower, (size + upper[1]).astype(np.int32))
         ends = pointers[-1] + np.cumsum(np.arange(count, 0, -1))
         pointers = np.append(pointers, ends.astype(np.int32))
@@ -248,14 +258,17 @@ class _Part:
         out[self._inner] = x[: len(self._inner)]
 
 
-def _lower(rows: Ints, columns: Ints, size: int) -> tuple[LocalInts, LocalInts, Ints]:
+def _lower(
+    rows: LocalInts, columns: LocalInts, size: int
+) -> tuple[LocalInts, LocalInts, LocalInts]:
     """Return pointers and rows of the first columns of a lower triangle, and their entries.
 
     Rows and columns are places of its entries or of their mirror images, each once.
     """
     first, second = np.minimum(rows, columns), np.maximum(rows, columns)
     shape = (size, int(second.max(initial=-1)) + 1)
-    matrix = csr_matrix((np.arange(len(rows)), (first, second)), shape=shape)
+    places = np.arange(len(rows), dtype=np.int32)
+    matrix = csr_matrix((places, (first, second)), shape=shape)
     matrix.sort_indices()
     return matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data
 
