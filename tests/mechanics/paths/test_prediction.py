@@ -126,6 +126,22 @@ def test_loads_off_the_line_do_not_count(
     assert prediction.motion(last.density, load) == alone.motion(last.density, load) > 0
 
 
+def test_the_tangent_to_another_force_is_not_that_of_a_pressure(
+    tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
+) -> None:
+    """The path comes from a load without the force, and goes on by pressure alone."""
+    before, density = path[0], path[0].density
+    force = np.zeros(tube_solver.skin.pattern.points.shape)
+    force[:, 0] = 1e-4
+    here, there = (replace(path[k].load, force=force) for k in (1, 2))
+    found = tube_solver.solve(density, here, before)
+    _, start = predicted(tube_solver, [before, found], there)
+    wanted = tube_solver.motion_to(density, there, found)
+    assert start.before is not None
+    np.testing.assert_allclose(start.before.motion, wanted, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(start.state - found.state, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
 def test_what_is_no_start_is_not_taken(
     tube_solver: EquilibriumSolver, path: Sequence[Equilibrium]
 ) -> None:

@@ -77,7 +77,8 @@ class Prediction:
         before = self.last
         same = same_design(self._solver.model, before.density, found.density)
         kept = self._points if same and not found.condition.snapped else []
-        tangent = self._tangent(found, found.density, before.load) if same else None
+        along = same and _on_a_line(before.load, found.load)
+        tangent = self._tangent(found, found.density, before.load) if along else None
         self._points = [*kept, Known(found, tangent)][-POINTS:]
 
     def motion(self, density: Floats, load: Load) -> float:
@@ -85,7 +86,8 @@ class Prediction:
 
         It is the root of the sum of squares over all vertices, in m; 0 where nothing is predicted.
         """
-        positions, step = self._solver.model.positions, self._step(density, load)
+        positions = self._solver.model.positions
+        step = self._step(self._slope(density, load), load)
         return 0.0 if step is None else norm(self._solver.skin.comm, positions(step))
 
     def start(self, density: Floats, load: Load) -> Equilibrium:
@@ -94,10 +96,10 @@ class Prediction:
         It is a trial at the predicted state, or the last equilibrium where the prediction leaves
         the stretch bounds, meets anything, or has more energy.
         """
-        last, step, model = self.last, self._step(density, load), self._solver.model
+        last, model, slope = self.last, self._solver.model, self._slope(density, load)
+        step = self._step(slope, load)
         if step is None:
             return last
-        slope = self._slope(density, load)
         self._solver.forget()  # the tangent at the last one: the model has another load now
         model.set_density(density)
         model.set_load(load)
@@ -108,14 +110,14 @@ class Prediction:
             return last
         return replace(last, state=state, complete=False, before=replace(last.point, motion=slope))
 
-    def _step(self, density: Floats, load: Load) -> Floats | None:
-        """Return the predicted change of the unknowns; None where there is none.
+    def _step(self, slope: Floats | None, load: Load) -> Floats | None:
+        """Return the predicted change of the unknowns from the last tangent; None without one.
 
         Where supports or bodies move they carry the skin along. Friction makes a path of steps.
         """
-        if load.moves_from(self.last.load) or self._solver.model.slides:
+        if self._solver.model.slides:
             return None
-        slope, places = self._slope(density, load), self._places(load)
+        places = self._places(load)
         if len(places) < 2:
             return slope
         points, along = self._points[-len(places) :], _amounts(load) - _amounts(self.last.load)
@@ -133,7 +135,7 @@ class Prediction:
         """Return the motion to a load by the tangent at the last equilibrium, or None."""
         last = self._points[-1]
         same = same_design(self._solver.model, last.at.density, density)
-        kept = same and _same_force(last.at.load, load)
+        kept = same and _on_a_line(last.at.load, load)
         found = last.slope(_amounts(load) - _amounts(last.at.load)) if kept else None
         if found is not None:
             return found
@@ -164,7 +166,7 @@ class Prediction:
             place = float(there @ along) / length**2 if length > 0 else 0.0
             off = np.linalg.norm(there - place * along) > ON_LINE * length
             again = any(abs(place - other) < ON_LINE for other in places)
-            if off or again or not _same_force(point.at.load, load):
+            if off or again or not _on_a_line(point.at.load, load):
                 break
             places.insert(0, place)
         return places
@@ -175,7 +177,10 @@ def _amounts(load: Load) -> Floats:
     return np.array([*load.pressures, load.weight, load.weight_of_bodies])
 
 
-def _same_force(one: Load, other: Load) -> bool:
+def _on_a_line(one: Load, other: Load) -> bool:
+    """Return whether two loads differ by pressures and weights alone."""
+    if other.moves_from(one):
+        return False
     if one.force is None or other.force is None:
         return one.force is other.force
     return np.array_equal(one.force, other.force)
