@@ -227,7 +227,7 @@ def table(rows: Rows, size: str) -> str:
     head = ("scene", "the paper", "as printed", "states", "as designed", "pressure", "islands")
     lines = []
     for demo in DEMOS:
-        own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
+        own = run_of(demo, rows, size)
         if not own:
             continue
         shown = [figure_of(own[key]) for key in demo.keys if key in own]
@@ -262,25 +262,28 @@ def checks(rows: Rows) -> str:
 def times(rows: Rows) -> str:
     """Return how long whole runs of coarse scenes take, from the start to the last summary."""
     plain = [demo for demo in DEMOS if not demo.changes]
-    took = {demo.name: time_of(row for row in rows if row.case == demo.name) for demo in plain}
+    took = {demo.name: time_of(run_of(demo, rows, "coarse").values()) for demo in plain}
     return markdown(("scene", "time"), [(f"`{name}`", time) for name, time in took.items() if time])
 
 
 def time_of(rows: Iterable[Row]) -> str | None:
-    """Return the time of the coarse run among rows of a scene; None if it is not known."""
-    found = (row.seconds for row in rows if row.variant == "coarse" and row.seconds)
-    return next(map(duration, found), None)
+    """Return the time of a run from its rows; None where other jobs ran beside it."""
+    return next((duration(row.seconds) for row in rows if row.seconds), None)
+
+
+def run_of(demo: Demo, rows: Rows, size: str) -> dict[str, Row]:
+    """Return the rows of a run by their figures."""
+    return {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
 
 
 def told_of(demo: Demo, rows: Rows, size: str) -> tuple[str, str | None]:
     """Return the first two figures of a run and those that miss, with states; and the time."""
-    own = {row.figure: row for row in rows if (row.case, row.variant) == (demo.name, size)}
-    told, seconds = [], None
+    own, told = run_of(demo, rows, size), []
     for number, row in enumerate(own[key] for key in demo.keys if key in own):
-        state, seconds = state_in(row), row.seconds
+        state = state_in(row)
         if number < 2 or state is State.MISSED:
             told.append(figure_of(row).words + f" ({state})" * bool(state))
-    return "; ".join(told), seconds and duration(seconds)  # None where other jobs ran beside it
+    return "; ".join(told), time_of(own.values())
 
 
 def headline(rows: Rows) -> str:

@@ -1,7 +1,8 @@
 """Make the tables of the docs that come from code, as CSV files that any reader shows.
 
-python3 docs/make_tables.py
-python3 docs/make_tables.py --check    # exit code 1 if a table is not that of the code
+    python3 docs/make_tables.py
+
+A test compares them with the code.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import csv
 import inspect
 import io
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -101,16 +101,6 @@ def texts() -> Iterator[tuple[Path, str]]:
         yield FOLDER / f"{name}.csv", text.getvalue()
 
 
-def main() -> int:
-    """Write the tables, or check that they are those of the code."""
-    if sys.argv[1:] == ["--check"]:
-        stale = [path.name for path, text in texts() if path.read_text(encoding="utf-8") != text]
-        print(*(f"{name} is not that of the code: run docs/make_tables.py" for name in stale))
-        return 1 if stale else 0
+if __name__ == "__main__":
     for path, text in texts():
         path.write_text(text, encoding="utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

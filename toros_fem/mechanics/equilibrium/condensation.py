@@ -200,11 +200,11 @@ class _Part:
         number: LocalInts = np.full(len(at), -1, dtype=np.int32)
         number[inner] = np.arange(size)
         # Only what the part touches of the interface.
-        mine, there = number >= 0, at >= 0
-        touched = columns[mine[rows] & there[columns]], rows[mine[columns] & there[rows]]
+        one, two = number[rows] >= 0, number[columns] >= 0
+        touched = columns[one & (at[columns] >= 0)], rows[two & (at[rows] >= 0)]
         edge = np.unique(np.append(*touched))
         self.place, count = at[edge], len(edge)
-        chosen = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
+        chosen = np.flatnonzero(one & two)
         order = cholmod.order(*_lower(number[rows[chosen]], number[columns[chosen]], size)[:2])
         self._inner, self._count = inner[order] - begin, count
         number[inner[order]] = np.arange(size)

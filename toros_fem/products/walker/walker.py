@@ -317,7 +317,7 @@ class WalkerScene(ActuatorScene):
     def trial_size(self) -> tuple[int, float]:
         """Equilibria of a cycle, and the half of the robot over the quarter that is designed."""
         steps = self.results.gait_steps
-        return (0, 1.0) if steps is None else (1 + steps * len(PHASES[self.contact.feet]), 2.0)
+        return (0 if steps is None else 1 + steps * len(PHASES[self.contact.feet])), 2.0
 
     def trial(
         self,
