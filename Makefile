@@ -2,11 +2,14 @@
 # pick another dolfinx.
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
+RANKS ?= $(shell test "$$(nproc 2>/dev/null || echo 1)" = 1 && echo 1 || echo 2)
+export FENICSX_GROUPS = all
 
 .PHONY: demo test quick fuzz forms lint docs pictures env
 
+demo: export FENICSX_GROUPS = run
 demo:
-	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
+	$(FENICSX) mpirun -n $(RANKS) python3 demos/bend.py --coarse --output output/bend
 
 test: forms
 	$(FENICSX) env OMP_NUM_THREADS=1 $(PYTEST) -q -n 2 --dist loadfile --no-loadscope-reorder

@@ -125,5 +125,5 @@ result = tf.DesignResult(
 )
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 if comm.rank == 0:
-    reached = fine.metrics_of(printed.evaluation.equilibrium)
+    reached = printed.metrics
     print(f"{reached} as printed; see {given.output}/shape.png")

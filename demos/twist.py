@@ -94,7 +94,7 @@ for _ in range(4):
     printed = tf.printed_lines(
         fine, lines.pattern, lines.regions, limits, island_area=20e-6, near=near
     )
-    reached = fine.metrics_of(printed.evaluation.equilibrium)["twist_deg"]
+    reached = printed.metrics["twist_deg"]
     if comm.rank == 0:
         print(f"asked {asked:.1f}°, printed {reached:.1f}° of {TWIST:g}°", flush=True)
     if best is None or abs(reached - TWIST) < abs(best[0] - TWIST):

@@ -211,7 +211,10 @@ class DesignProblem(Distributed, Generic[R]):
         return self.whole.parts
 
     def metrics_of(self, response: R) -> dict[str, float]:
-        """Return the values of all metrics by key, equal on all ranks (collective)."""
+        """Return the values of all metrics by key, equal on all ranks (collective).
+
+        A print has a mesh, and so a problem, of its own: see `PrintedDesign.metrics`.
+        """
         if not self.metrics:
             return {}
         found = self.physics.shape_of(response)
