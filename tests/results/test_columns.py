@@ -1,6 +1,7 @@
-"""Every column and key that a run writes is described, with the unit that its name ends in."""
+"""Every column and key that a run writes is described, with its files and the unit of its name."""
 
 import csv
+from collections import defaultdict
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ class Column(NamedTuple):
 
     key: str
     unit: str
+    files: str
     meaning: str
 
 
@@ -33,15 +35,16 @@ def column(key: str) -> Column | None:
     return next(iter(dotted + plain), None)
 
 
-def written() -> set[str]:
-    """Columns of tables and keys of JSON, of the runs in golden/file_heads.csv."""
-    found = set()
+def written() -> dict[str, set[str]]:
+    """Files by columns of tables and keys of JSON, of the runs in golden/file_heads.csv."""
+    found = defaultdict(set)
     with (GOLDEN / "file_heads.csv").open(encoding="utf-8") as file:
         for head, _ in csv.reader(file):
             name, separator, key = head.partition(": ")
             if separator and name.endswith((".csv", ".json")):
-                found |= set(key.split(", "))
-    return found
+                for one in key.split(", "):
+                    found[one].add(name.rpartition("/")[2])
+    return dict(found)
 
 
 def test_each_is_described_and_each_row_is_of_use() -> None:
@@ -49,6 +52,17 @@ def test_each_is_described_and_each_row_is_of_use() -> None:
     assert not [key for key, row in rows.items() if row is None]
     assert not set(COLUMNS) - set(rows.values())
     assert column("no such column") is None
+
+
+def test_each_tells_the_files_that_have_it() -> None:
+    files: dict[str, set[str]] = {row.key: set() for row in COLUMNS}
+    for key, names in written().items():
+        row = column(key)
+        assert row is not None
+        files[row.key] |= names
+    assert {row.key: row.files for row in COLUMNS} == {
+        key: " ".join(sorted(names)) for key, names in files.items()
+    }
 
 
 def test_units_are_those_of_the_names() -> None:

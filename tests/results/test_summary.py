@@ -133,7 +133,7 @@ def test_a_miss_is_said(result: DesignResult, printed: PrintedDesign) -> None:
     assert figures["shape_distance_percent"].why in said
     assert "tip direction" in said
     (iterations,) = [text for text in summary["binding"] if text.startswith("iterations")]
-    assert iterations == "iterations: all 1 iterations are done"
+    assert iterations == "iterations: all 1 iterations of the last stage are done"
     for text in summary["binding"]:
         assert text in said
     lax = Tolerances(figure=2.0, shape=2.0, direction=170.0)

@@ -113,7 +113,7 @@ def test_loop_descends_and_is_reproducible(
     assert objectives[-1] < 0.2 * objectives[0]
     assert objectives == [row.objective for row in runs[1].history]
     assert seen == [*range(7)] * 2
-    assert runs[0].reason == "All 6 iterations are done."
+    assert runs[0].reason == "All 6 iterations of the last stage are done."
     assert runs[0].density.min() >= 0
     assert runs[0].density.max() <= 1
 
@@ -156,5 +156,5 @@ def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSol
     assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
-    assert result.reason == "All 2 iterations are done.", "those of its last stage"
+    assert result.reason == "All 2 iterations of the last stage are done.", "those of its last stage"
     assert problem.fields.beta == 6.0, "the problem is left as it was"

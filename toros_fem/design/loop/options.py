@@ -193,5 +193,5 @@ def reason_to_end(
     if steps >= LOOK_BACK and slow():
         return f"T fell by less than {o.min_relative_decrease:g} of it in {LOOK_BACK} steps."
     if steps == stage.iterations:
-        return f"All {stage.iterations} iterations are done."
+        return f"All {stage.iterations} iterations of the last stage are done."
     return None
