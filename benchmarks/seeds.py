@@ -1,7 +1,8 @@
 """Whole designs again, from several random starts and on several machines.
 
 `tubes` designs coarse tubes from several seeds: with targets of the demos, and with others. Whether
-a target is reached is what the run says. Nothing hints at a direction.
+a target is reached is what the run says. Nothing hints at a direction. Where the run simulates its
+print on a finer mesh too, rows of the size "finer" have what that mesh tells.
 
 `kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
 rounds, figure and time spread.
@@ -116,6 +117,8 @@ TUBES: dict[str, ActuatorScene] = {
     "half a helix": HalfHelix.of(**CHECKED),
 }
 SEEDS = range(3)
+# Size of rows that a finer mesh tells of the same print.
+FINER = "finer"
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
 TYPES = ("Haswell", "SkylakeX")
@@ -151,6 +154,10 @@ def tube_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row
     found, seconds = designed(TUBES[title].coarse().updated(**changes, seed=seed))
     told = [figure for figure in found.figures if figure.state is not None]
     yield from figure_rows(place, told, round(seconds, 1))
+    others = {} if found.errors is None else found.errors.other_meshes
+    ratio, finest = min(others.items(), default=(1.0, {}))
+    for one in told if ratio < 1 else ():
+        yield Row(*place[:2], FINER, one.key, finest.get(one.key), one.unit, one.target)
     yield Row(*place, "state", None, seconds=round(seconds, 1), note=str(overall(told)))
 
 
@@ -193,7 +200,8 @@ def tubes_table(rows: Rows) -> str:
             continue
         counts = [sum(row.note == state for row in states) for state in State]
         shown = [
-            _spread([figure_of(row) for row in own if row.figure == key])
+            _spread([figure_of(r) for r in own if r.figure == key and r.size != FINER])
+            + _finer([figure_of(r) for r in own if r.figure == key and r.size == FINER])
             for key in dict.fromkeys(row.figure for row in own)
             if key != "state"
         ]
@@ -204,14 +212,19 @@ def tubes_table(rows: Rows) -> str:
 
 
 def _spread(figures: list[Figure]) -> str:
-    one = figures[0]
-    values = [one.value for one in figures if one.value is not None]
     widths = [one.interval for one in figures if one.interval is not None]
-    if not values:
-        return f"{one.label} {NONE}"
-    ends = " to ".join(formatted(end, one.unit, 3) for end in sorted({min(values), max(values)}))
-    width = f", ± {formatted(max(widths), one.unit, 2)}" if widths else ""
-    return f"{one.label} {ends}{width}"
+    width = f", ± {formatted(max(widths), figures[0].unit, 2)}" if widths else ""
+    return f"{figures[0].label} {_ends(figures)}{width}"
+
+
+def _finer(figures: list[Figure]) -> str:
+    return f" (finer {_ends(figures)})" if figures else ""
+
+
+def _ends(figures: list[Figure]) -> str:
+    values = [one.value for one in figures if one.value is not None]
+    ends = sorted({min(values), max(values)}) if values else []
+    return " to ".join(formatted(end, figures[0].unit, 3) for end in ends) or NONE
 
 
 def kernels_table(rows: Rows) -> str:
