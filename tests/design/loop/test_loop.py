@@ -156,5 +156,5 @@ def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSol
     assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
-    assert result.reason == "All 2 iterations of the last stage are done.", "those of its last stage"
+    assert result.reason == "All 2 iterations of the last stage are done."
     assert problem.fields.beta == 6.0, "the problem is left as it was"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,6 @@ class PrintedDesign:
         pattern: The pattern that is printed on; that of a design of densities follows the print.
         cleaned: Print on each panel, and what it was made of.
         limits: Limits of the printer.
-        before, after: Printability of the contours, and of the print.
         cells: Whether each triangle of the pattern is printed, (t,): whether its centroid is.
         evaluation: The print, simulated, by its own problem; None without an equilibrium.
         failure: Reason for the missing equilibrium; empty if there is one.
@@ -62,11 +62,19 @@ class PrintedDesign:
     pattern: Pattern
     cleaned: CleanedRegions
     limits: PrintLimits
-    before: Printability
-    after: Printability
     cells: Bools
     evaluation: Evaluation | None
     failure: str
+
+    @cached_property
+    def before(self) -> Printability:
+        """Printability of the contours."""
+        return printability(self.pattern, self.contours, self.limits)
+
+    @cached_property
+    def after(self) -> Printability:
+        """Printability of the print."""
+        return printability(self.pattern, self.regions, self.limits)
 
     @property
     def metrics(self) -> dict[str, float]:
@@ -229,7 +237,7 @@ def printed(
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Measure a print, and simulate it as `simulate_binary` does (collective).
+    """Simulate a print as `simulate_binary` does (collective).
 
     A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
     on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank; `start`
@@ -242,13 +250,11 @@ def printed(
     skin, pattern = problem.skin, problem.whole.pattern
     pattern.require_flat_panels("a print")
 
-    def inspect() -> tuple[CleanedRegions, Printability, Printability, list[BaseGeometry]]:
+    def made() -> tuple[CleanedRegions, list[BaseGeometry]]:
         cleaned = cleaning()
-        before = printability(pattern, cleaned.contours, limits)
-        after = printability(pattern, cleaned.regions, limits)
-        return cleaned, before, after, part_regions(skin.pattern, cleaned.regions)
+        return cleaned, part_regions(skin.pattern, cleaned.regions)
 
-    cleaned, before, after, regions = on_first_rank(skin.comm, inspect)
+    cleaned, regions = on_first_rank(skin.comm, made)
     if like is not None and isinstance(problem, ShapeDesign):
         problem, like, start = followed(problem, like, regions)
         skin, pattern = problem.skin, problem.whole.pattern
@@ -274,4 +280,4 @@ def printed(
         evaluation = kept_evaluation(journal, problem, simulate, like)
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
-    return PrintedDesign(pattern, cleaned, limits, before, after, cells, evaluation, failure)
+    return PrintedDesign(pattern, cleaned, limits, cells, evaluation, failure)

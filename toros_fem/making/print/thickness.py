@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -13,6 +14,7 @@ from toros_fem.making.print.polygons import (
     fabric_of,
     opened,
     pieces_and_holes,
+    polygons_of,
     solid,
 )
 from toros_fem.making.print.widths import narrow_discs
@@ -164,9 +166,14 @@ def _flimsy(region: BaseGeometry, limit: float) -> BaseGeometry:
 
 def _without_corners(lost: BaseGeometry, limit: float) -> BaseGeometry:
     """Return the parts of a region that are longer than a limit."""
-    parts = shapely.get_parts(solid(lost, limit))
-    low, high = np.split(shapely.bounds(parts), 2, axis=1)
-    return shapely.union_all(parts[np.hypot(*(high - low).T) >= limit])
+
+    def long(shape: BaseGeometry) -> npt.NDArray[np.object_]:
+        parts = polygons_of(shape)
+        low, high = np.split(shapely.bounds(parts), 2, axis=1)
+        return parts[np.hypot(*(high - low).T) >= limit]
+
+    # Most are short, and slow to free from slivers.
+    return shapely.union_all(long(solid(shapely.MultiPolygon(list(long(lost))), limit)))
 
 
 def _rounded(region: BaseGeometry, outline: BaseGeometry, width: float, gap: float) -> BaseGeometry:

@@ -10,6 +10,7 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
@@ -77,8 +78,12 @@ class Attempt:
     @property
     def clean(self) -> bool:
         """Whether the contours can be printed before they are cleaned."""
-        before = self.printed.before
-        return not (before.lines.narrow or before.gaps.narrow or before.free_islands)
+
+        def found() -> bool:
+            before = self.printed.before
+            return not (before.lines.narrow or before.gaps.narrow or before.free_islands)
+
+        return on_first_rank(self.problem.comm, found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,11 +110,15 @@ class DensityDesigner(Job):
         steps = sum(level.iterations for level in options)
         printed: PrintedDesign | None = None
 
+        def hung() -> bool:
+            assert printed is not None
+            return not printed.before.free_islands
+
         def polished(result: DesignResult) -> DesignResult:
             nonlocal steps, printed
             printed = self.print_of(result)
             polishing = self.scene.design.polish_iterations
-            if not polishing or not printed.before.free_islands:
+            if not polishing or on_first_rank(self.comm, hung):
                 return result
             rules = rules_of[result.history[-1].level]
             last = replace(rules.stages[-1], iterations=polishing)
