@@ -166,3 +166,22 @@ def test_why_there_are_no_wheels(tmp_path: Path, answer: str | None, reason: str
     assert f"wheels: {reason}" in re.sub(
         r"/\S*/", "", environment_script(tmp_path, FENICSX_WHEELS="1")
     )
+
+
+def test_runs_need_fewer_packages_than_tests() -> None:
+    function = "source <(sed -n '/^requirements()/,/^}/p' scripts/fenicsx); checkout=$PWD"
+    found = {
+        (how, groups): {
+            re.split(r"[\[<>=; ]", line)[0]
+            for line in run(
+                "bash", "-c", f'{function}; requirements "$0" {how} {groups}', sys.executable,
+                cwd=ROOT,
+            ).splitlines()
+        }
+        for how in ("with", "beside")
+        for groups in ("run", "all")
+    }  # fmt: skip
+    for how in ("with", "beside"):
+        assert found[how, "all"] > found[how, "run"] >= {"scipy", "matplotlib", "ezdxf", "ipctk"}
+        assert found[how, "all"] - found[how, "run"] >= {"pytest", "sphinx", "ruff"}
+        assert ("dolfinx-solver-real" in found[how, "run"]) == (how == "with")
