@@ -50,8 +50,8 @@ PROBLEMS: list[weakref.ref[ShapeDesign]] = []
 
 @pytest.fixture(scope="module")
 def found(alone: MPI.Comm) -> Discovery:
-    def printed(*given: Any) -> LinePrint:
-        made = print_of_lines(*given)
+    def printed(*given: Any, **others: Any) -> LinePrint:
+        made = print_of_lines(*given, **others)
         PROBLEMS.append(weakref.ref(made.problem))
         return made
 

@@ -327,7 +327,9 @@ class _Search:
         free_dropped(self.job.comm)  # the problem of the last print, if that was not the best
         with self._timed("prints"):
             level, pressures = self.job.scene.print_level, relaxed.pressures or None
-            made = print_of_lines(self.job, level, self.plain, laid, near, pressures)
+            made = print_of_lines(
+                self.job, level, self.plain, laid, near, pressures, alike=mended is not None
+            )
         answer = None
         if strains is not None and not made.printed.failure:
             answer = Answer(strains, misses_of(made.case).strains_beyond(made.shape[1]))

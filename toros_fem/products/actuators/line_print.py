@@ -60,13 +60,17 @@ def print_of_lines(
     laid: LaidLines,
     near: Shape,
     pressures: Sequence[float] | None,
+    *,
+    alike: bool = False,
 ) -> LinePrint:
     """Print lines on a mesh that is moved onto them, and simulate this print (collective).
 
     Args:
         level, case: The mesh, and the case on it before it is moved.
-        near: The shape that its simulation on coarser meshes starts from.
+        near: The shape that its simulation starts from.
         pressures: Pressure of each chamber in Pa; None takes those of the case.
+        alike: Whether this shape is that of a print that is much the same. If not, the print is
+            simulated on coarser meshes first, where steps from a far start are cheap.
     """
     part, printer = case.pattern, job.scene.print
 
@@ -83,8 +87,11 @@ def print_of_lines(
     whole = case.whole.pattern, cleaned.regions
 
     def start() -> Any:
-        found = state_near(problem, *near_on_coarser(job, level, near, whole, pressures))
-        return state_near(problem, *near) if found is None else found
+        if not alike:
+            found = state_near(problem, *near_on_coarser(job, level, near, whole, pressures))
+            if found is not None:
+                return found
+        return state_near(problem, *near)
 
     made = printed(
         problem,
