@@ -110,15 +110,13 @@ class DensityDesigner(Job):
         steps = sum(level.iterations for level in options)
         printed: PrintedDesign | None = None
 
-        def hung() -> bool:
-            assert printed is not None
-            return not printed.before.free_islands
-
         def polished(result: DesignResult) -> DesignResult:
             nonlocal steps, printed
-            printed = self.print_of(result)
+            printed = made = self.print_of(result)
             polishing = self.scene.design.polish_iterations
-            if not polishing or on_first_rank(self.comm, hung):
+            if not polishing or not on_first_rank(
+                self.comm, lambda: len(made.before.free_islands)
+            ):
                 return result
             rules = rules_of[result.history[-1].level]
             last = replace(rules.stages[-1], iterations=polishing)
