@@ -114,9 +114,7 @@ class DensityDesigner(Job):
             nonlocal steps, printed
             printed = made = self.print_of(result)
             polishing = self.scene.design.polish_iterations
-            if not polishing or not on_first_rank(
-                self.comm, lambda: len(made.before.free_islands)
-            ):
+            if not polishing or not on_first_rank(self.comm, lambda: len(made.before.free_islands)):
                 return result
             rules = rules_of[result.history[-1].level]
             last = replace(rules.stages[-1], iterations=polishing)
