@@ -125,6 +125,6 @@ _, reached, result, printed = min(tries, key=lambda one: one[0])
 # for ParaView. `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+told = tf.write_results(given.output, result, printed, seconds=reporter.seconds)["verdict"]
 if comm.rank == 0:
-    print(f"{reached:.1f}° of {ANGLE:g}° as printed; see {given.output}/")
+    print(f"{reached:.1f}° of {ANGLE:g}° as printed; see {given.output}/. {told['words']}.")

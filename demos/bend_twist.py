@@ -102,9 +102,9 @@ for _ in range(5):
     fine, laid = tf.ShapeDesign(comm, case, rules[1]), (lines.pattern, lines.regions)
     printed = tf.printed_lines(fine, *laid, limits, island_area=20e-6, near=near)
     made, misses = LinePrint(case, regions_on(*laid, case.pattern), fine, printed), misses_of(case)
-    error = misses.error(made.shape[1])
+    error, reached = misses.error(made.shape[1]), made.metrics
     if comm.rank == 0:
-        print(f"{made.metrics}; largest miss {error / 0.03:.2f} of what may be", flush=True)
+        print(f"{reached}; largest miss {error / 0.03:.2f} of what may be", flush=True)
     step = mending(made, lines, misses)
     if error < missed:
         best, missed = (fine, printed), error
@@ -124,6 +124,6 @@ result = tf.DesignResult(
     fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
 )
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+reached = printed.metrics
 if comm.rank == 0:
-    reached = printed.metrics
     print(f"{reached} as printed; see {given.output}/shape.png")

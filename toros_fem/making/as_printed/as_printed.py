@@ -1,4 +1,4 @@
-"""The printed design, of a density or of lines: cleaned, measured, and simulated again."""
+"""The printed design, of a density or of lines: cleaned, simulated again, and measured."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def printed_lines(
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
-    """Clean, measure and simulate lines that come as polygons (collective).
+    """Clean and simulate lines that come as polygons (collective).
 
     A mesh whose edges follow the lines, by `Case.following`, sees them as they are. On others lines
     come out too stiff or with steps in their borders (docs/manufacture.md).
