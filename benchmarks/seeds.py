@@ -1,8 +1,8 @@
 """Whole designs again, from several random starts and on several machines.
 
 `tubes` designs coarse tubes from several seeds: with targets of the demos, and with others. Whether
-a target is reached is what the run says. Nothing hints at a direction. Where the run simulates its
-print on a finer mesh too, rows of the size "finer" have what that mesh tells.
+a target is reached is what the run says. Nothing hints at a direction. Where a finer mesh tells the
+figures of the print, rows of the size "print's mesh" have what that one tells alone.
 
 `kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
 rounds, figure and time spread.
@@ -102,7 +102,7 @@ class HalfHelix(RodScene):
         return whole * np.stack([np.cos(whole * at), np.sin(whole * at)])
 
 
-# The print is simulated on a finer mesh too, from which its interval comes, as in the demo's scene.
+# A finer mesh tells the figures of the print, as in the demo's scene.
 CHECKED: dict[str, Any] = {"check_refinement": 1.5}
 # Scenes by their titles; their coarse variants are designed.
 TUBES: dict[str, ActuatorScene] = {
@@ -117,8 +117,8 @@ TUBES: dict[str, ActuatorScene] = {
     "half a helix": HalfHelix.of(**CHECKED),
 }
 SEEDS = range(3)
-# Size of rows that a finer mesh tells of the same print.
-FINER = "finer"
+# Size of rows that the mesh of a print tells alone, where a finer one is told.
+OWN = "print's mesh"
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
 TYPES = ("Haswell", "SkylakeX")
@@ -154,10 +154,9 @@ def tube_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row
     found, seconds = designed(TUBES[title].coarse().updated(**changes, seed=seed))
     told = [figure for figure in found.figures if figure.state is not None]
     yield from figure_rows(place, told, round(seconds, 1))
-    others = {} if found.errors is None else found.errors.other_meshes
-    ratio, finest = min(others.items(), default=(1.0, {}))
-    for one in told if ratio < 1 else ():
-        yield Row(*place[:2], FINER, one.key, finest.get(one.key), one.unit, one.target)
+    meshes = {} if found.errors is None else found.errors.meshes
+    for one in told if min(meshes, default=1.0) < 1 else ():
+        yield Row(*place[:2], OWN, one.key, meshes[1.0].get(one.key), one.unit, one.target)
     yield Row(*place, "state", None, seconds=round(seconds, 1), note=str(overall(told)))
 
 
@@ -200,8 +199,8 @@ def tubes_table(rows: Rows) -> str:
             continue
         counts = [sum(row.note == state for row in states) for state in State]
         shown = [
-            _spread([figure_of(r) for r in own if r.figure == key and r.size != FINER])
-            + _finer([figure_of(r) for r in own if r.figure == key and r.size == FINER])
+            _spread([figure_of(r) for r in own if r.figure == key and r.size != OWN])
+            + _coarser([figure_of(r) for r in own if r.figure == key and r.size == OWN])
             for key in dict.fromkeys(row.figure for row in own)
             if key != "state"
         ]
@@ -217,8 +216,8 @@ def _spread(figures: list[Figure]) -> str:
     return f"{figures[0].label} {_ends(figures)}{width}"
 
 
-def _finer(figures: list[Figure]) -> str:
-    return f" (finer {_ends(figures)})" if figures else ""
+def _coarser(figures: list[Figure]) -> str:
+    return f" ({OWN} {_ends(figures)})" if figures else ""
 
 
 def _ends(figures: list[Figure]) -> str:

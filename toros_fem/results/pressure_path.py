@@ -37,6 +37,7 @@ class PathResult(RunResult):
             fields and pictures.
         tolerance: Part of its target that a metric may be off by and count as reached.
         intervals: Half-width of the interval of each metric at the last point, by key, if known.
+        told: Values of metrics there that are told in place of the last point's, by key.
     """
 
     pattern: Pattern
@@ -49,14 +50,16 @@ class PathResult(RunResult):
     seconds: Mapping[str, float] = field(default_factory=dict)
     tolerance: float = TOLERANCE
     intervals: Mapping[str, float] = field(default_factory=dict)
+    told: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, pressure and volume at the last point."""
         last = self.points[-1]
+        told = {**last.metrics, **self.told}
         return (
             *(
-                m.figure(last.metrics[m.key], self.intervals.get(m.key), self.tolerance)
+                m.figure(told[m.key], self.intervals.get(m.key), self.tolerance)
                 for m in self.metrics
             ),
             *state_figures(last.result.pressure, last.result, self.whole.parts),

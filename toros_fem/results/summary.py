@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
@@ -68,6 +69,8 @@ class PrintedResult(RunResult):
         shape: How far its shape is from the target, as of `Miss.values`; empty if the design
             compares no positions, and without an equilibrium.
         tolerances: What counts as reached.
+        limit: Positions of all vertices of the print's mesh that are told, (n, 3), in m; None takes
+            those of `limit_shape`.
     """
 
     design: DesignResult
@@ -78,6 +81,7 @@ class PrintedResult(RunResult):
     seconds: Mapping[str, float] = field(default_factory=dict)
     shape: Mapping[str, float] = field(default_factory=dict)
     tolerances: Tolerances = DEFAULT
+    limit: Floats | None = None
 
     @property
     def problem(self) -> ShapeProblem:

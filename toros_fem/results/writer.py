@@ -98,14 +98,14 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         "rho_projected": whole_cells(designed, final.projected),
         "printed": printed.cells.astype(np.float64),
     }
-    told = whole.at_vertices(problem.physics.shape_of(shown.equilibrium))
+    limit = problem.physics.shape_of(shown.equilibrium) if found.limit is None else found.limit
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
     density = fields["rho_projected"] if printed.evaluation is None else None
-    frame = Frame("print", 0, "", told, density, values, note)
+    frame = Frame("print", 0, "", whole.at_vertices(limit), density, values, note)
     seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
 
     def write() -> None:

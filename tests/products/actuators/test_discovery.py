@@ -23,6 +23,7 @@ from toros_fem.products.actuators.discovery import (
     densities_from,
     discover,
 )
+from toros_fem.products.actuators.estimates import MeshValues, values_on
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import WIDER, farthest, mending
@@ -104,6 +105,43 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     assert np.linalg.norm(misses(after.shape[1])) < 0.5 * step.before
     far = space_mapping.Aim(9 * best.metrics["twist_deg"], 60.0)
     assert mending(made, best.laid, replace(misses, aims={"twist_deg": far})) is None
+
+
+@pytest.mark.slow
+def test_prints_are_judged_by_a_finer_mesh(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it misses, the next print is judged with what that mesh told beyond."""
+    prints: list[LinePrint] = []
+    told: list[float] = []
+
+    def printed(*given: Any, **others: Any) -> LinePrint:
+        prints.append(print_of_lines(*given, **others))
+        return prints[-1]
+
+    def finer(*given: Any) -> MeshValues:
+        values = values_on(*given)
+        told.append(values.values["twist_deg"])
+        return values
+
+    def enough(search: Any, rounds: Any) -> bool:
+        return search.beyond is None
+
+    monkeypatch.setattr(discovery, "print_of_lines", printed)
+    monkeypatch.setattr(discovery, "values_on", finer)
+    monkeypatch.setattr(discovery, "mending", lambda *_: None)
+    monkeypatch.setattr(discovery._Search, "enough", enough)
+    found = discover(Job(alone, TINY.updated(check_refinement=1.5, estimate_error=True)))
+    first, second = found.rounds
+    own = [made.printed.metrics["twist_deg"] for made in prints]
+    beyond = told[0] - own[0]
+    assert first.metrics["twist_deg"] == own[0]
+    assert second.metrics["twist_deg"] - own[1] == pytest.approx(beyond, rel=0.2)
+    assert abs(beyond) > 1e-4
+    # The best print, here the second, is judged by its own finer mesh.
+    assert found.best.laid is second.laid
+    assert found.finer.values["twist_deg"] == told[1]
+    assert found.best.metrics["twist_deg"] == pytest.approx(told[1], rel=1e-3)
 
 
 @pytest.mark.slow

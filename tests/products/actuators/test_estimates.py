@@ -16,6 +16,10 @@ from toros_fem.products.actuators import estimates
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors, trial_intervals
 
 
+def mean(_: Pattern, positions: np.ndarray) -> float:
+    return 1e3 * float(positions[:, 0].mean())
+
+
 def found(
     monkeypatch: pytest.MonkeyPatch,
     meshes: int = 9,
@@ -36,39 +40,38 @@ def found(
             raise NoEquilibriumError(f"none on mesh {level}.")
         return level
 
-    def told(level: int) -> dict[str, float]:
-        return {"x_mm": 100.0 - (10 * level if level > 0 else level)}
-
     def shape(level: int) -> LimitShape:
-        at = np.full_like(pattern.points, 1e-3 * told(level)["x_mm"])
+        at = pattern.points - pattern.points.mean(axis=0)
+        at += 0.1 - 1e-3 * (10 * level if level > 0 else level)
         return LimitShape(pattern, at, at, printed)
 
-    def own(level: int, keys: list[str]) -> dict[str, float]:
-        return {key: shape(level).half_width(mean) for key in keys}
+    def read(level: int, keys: list[str]) -> tuple[LimitShape, dict[str, Any]]:
+        return shape(level), dict.fromkeys(keys, mean)
 
     monkeypatch.setattr(estimates, "simulated_on", simulated)
-    monkeypatch.setattr(estimates, "_told", told)
-    monkeypatch.setattr(estimates, "_half_widths", own)
+    monkeypatch.setattr(estimates, "_read", read)
     scene = SimpleNamespace(
         coarser=coarser,
-        finer=lambda level, ratio: (1 / ratio, level - 1),
-        results=SimpleNamespace(check_refinement=refinement),
+        checked=lambda level: None if refinement is None else (1 / refinement, level - 1),
     )
     job: Any = SimpleNamespace(scene=scene, comm=MPI.COMM_SELF)
-
-    def mean(_: Pattern, positions: np.ndarray) -> float:
-        return 1e3 * float(positions[:, 0].mean())
 
     level: Any = 0
     return metric_errors(job, level, shape(0), {"x_mm": mean}, None, None)
 
 
+def values(errors: MetricErrors) -> dict[float, float]:
+    return {ratio: round(table["x_mm"], 9) for ratio, table in sorted(errors.meshes.items())}
+
+
 def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     both = found(monkeypatch)
-    assert both.other_meshes == {2.0: {"x_mm": 90.0}, 4.0: {"x_mm": 80.0}}
+    assert values(both) == {1.0: 100.0, 2.0: 90.0, 4.0: 80.0}
+    assert both.told["x_mm"] == pytest.approx(100.0)
     assert both.failure is None
+    assert both.limit is None
     near, far = found(monkeypatch, without=(2,)), found(monkeypatch, without=(1,))
-    assert (list(near.other_meshes), list(far.other_meshes)) == ([2.0], [4.0])
+    assert (list(near.meshes), list(far.meshes)) == ([1.0, 2.0], [1.0, 4.0])
     assert near.intervals["x_mm"] > both.intervals["x_mm"], "a single mesh counts as of order 1"
     rest = near.intervals["x_mm"] - 1.25 * 10 / (2 - 1)
     assert far.intervals["x_mm"] == pytest.approx(rest + 1.25 * 20 / (4 - 1))
@@ -79,26 +82,29 @@ def test_without_any_coarser_mesh_the_reason_is_told(monkeypatch: pytest.MonkeyP
     none = found(monkeypatch, without=(1, 2))
     assert none.failure == "none on mesh 1."
     assert not none.intervals
-    assert not none.other_meshes
+    assert values(none) == {1.0: 100.0}
     assert found(monkeypatch, meshes=0).failure == "there is no coarser mesh."
 
 
-def test_a_finer_mesh_narrows_the_interval(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is that of the finer mesh around its value, seen from what is told."""
+def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So is its shape, at the vertices of the print's mesh."""
     alone, checked = found(monkeypatch), found(monkeypatch, refinement=2.0)
-    assert checked.other_meshes == {0.5: {"x_mm": 101.0}, 2.0: {"x_mm": 90.0}, 4.0: {"x_mm": 80.0}}
+    assert values(checked) == {0.5: 101.0, 1.0: 100.0, 2.0: 90.0, 4.0: 80.0}
+    assert checked.told["x_mm"] == pytest.approx(101.0)
     pattern = square(n=2)
+    assert mean(pattern, checked.limit) == pytest.approx(101.0)
     fine = LimitShape(pattern, pattern.points, pattern.points + 0.101, np.ones(8))
     at_rest = 1e3 * float(pattern.points[:, 0].mean())
     own = 0.03 * fine.edges_to_width * (101 - at_rest)
-    width = 1.0 + half_width(own, {2.0: 1.0, 4.0: 11.0, 8.0: 21.0})
+    width = half_width(own, {2.0: 1.0, 4.0: 11.0, 8.0: 21.0})
     assert checked.intervals["x_mm"] == pytest.approx(width)
     assert width < alone.intervals["x_mm"]
     # Where it has no equilibrium the coarser meshes tell the interval.
-    assert found(monkeypatch, refinement=2.0, without=(-1,)).intervals == alone.intervals
+    failed = found(monkeypatch, refinement=2.0, without=(-1,))
+    assert (failed.intervals, failed.told) == (alone.intervals, alone.told)
     # Alone it counts as of order 1.
     single = found(monkeypatch, refinement=2.0, meshes=0)
-    assert single.intervals["x_mm"] == pytest.approx(1.0 + half_width(own, {2.0: 1.0}))
+    assert single.intervals["x_mm"] == pytest.approx(half_width(own, {2.0: 1.0}))
 
 
 @pytest.mark.parametrize(("ratio", "width"), [(1.5, 7.5), (0.5, 3.0 + 3.75)])

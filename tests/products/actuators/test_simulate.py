@@ -41,13 +41,15 @@ def test_a_finer_mesh_is_told(alone: MPI.Comm, tmp_path: Path) -> None:
     checked = SMALL.updated(estimate_error=True, check_refinement=2.0, curve_steps=1)
     found = checked.run_simulation(alone, tmp_path)
     errors_of = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["errors"]
-    assert [*errors_of["other_meshes"]] == ["1.5", "2.25", "0.5"]
+    assert [*errors_of["meshes"]] == ["1.0", "1.5", "2.25", "0.5"]
     (length,) = (figure for figure in found.figures if figure.key == "length_ratio")
-    finer = errors_of["other_meshes"]["0.5"]["length_ratio"]
+    finer = errors_of["meshes"]["0.5"]["length_ratio"]
     again = SMALL.updated(edge_length=2.25e-3, curve_steps=1)
     near = again.run_simulation(alone, tmp_path / "again").value("length_ratio")
     assert finer == pytest.approx(near, rel=1e-6)
-    assert abs(length.value - finer) < length.interval < 0.1 * abs(length.value - 1)
+    assert length.value == finer
+    assert found.points[-1].metrics["length_ratio"] == errors_of["meshes"]["1.0"]["length_ratio"]
+    assert 0 < length.interval < 0.1 * abs(length.value - 1)
 
 
 def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:

@@ -249,11 +249,8 @@ def finest_triangles(scene: ActuatorScene, area: float, made: Case | None) -> in
 
 def _largest_triangles(scene: ActuatorScene, finest: int) -> int:
     """Return the triangles of the finer mesh of the check, or those of the finest without one."""
-    results = scene.results
-    if not results.estimate_error or results.check_refinement is None:
-        return finest
-    ratio, _ = scene.finer(scene.finest_level, results.check_refinement)
-    return round(finest / ratio**2)
+    checked = scene.checked(scene.finest_level)
+    return finest if checked is None else round(finest / checked[0] ** 2)
 
 
 def _unknowns(scene: ActuatorScene, made: Case | None) -> float:

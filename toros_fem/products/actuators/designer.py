@@ -195,7 +195,7 @@ class Designer(Distributed, DensityDesigner):
             self._check()
             errors = self._errors(found)
             if errors is not None:
-                found = replace(found, errors=errors, intervals=errors.intervals)
+                found = found.with_errors(errors)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
@@ -242,7 +242,9 @@ class Designer(Distributed, DensityDesigner):
         measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
         regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
-        return metric_errors(self, self._print_level, shape, measures, regions, pressures)
+        lines, level = found.search.lines, self._print_level
+        finer = lines.finer if found.search.laid and lines is not None else None
+        return metric_errors(self, level, shape, measures, regions, pressures, finer)
 
     def _on_other_mesh(self, printed: PrintedDesign, made: Evaluation[Equilibrium]) -> Evaluation:
         """Return the simulated print on the mesh where its trial is repeated."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines, changed
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -23,6 +23,8 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.estimates import MeshValues, values_on
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
@@ -30,6 +32,7 @@ from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.actuators.other_mesh import Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
+from toros_fem.results.shape_miss import shape_of
 
 # Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
@@ -86,12 +89,14 @@ class Discovery:
         rounds: All rounds, in the order in which they were made.
         best: The round whose print is closest to the targets.
         made: Its print.
+        finer: What a finer mesh tells of this print; None where it was not asked.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
     """
 
     rounds: Sequence[Round]
     best: Round
     made: LinePrint
+    finer: MeshValues | None
     seconds: Mapping[str, float]
 
     def result(self) -> DesignResult:
@@ -148,22 +153,29 @@ def discover(job: Job) -> Discovery:
     change their widths, by what the print misses (`mending`). Where this does not promise enough,
     the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
     places of cross-sections do not all count, metrics are asked for, if they are in fields of the
-    scene (`targets`).
+    scene (`targets`). Where a finer mesh is told (`check_refinement`) and misses the targets by
+    more than their tolerances, the search goes on with what this mesh has told beyond the other.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
         TorosError: A number is out of its bounds.
     """
     search = _Search(job)
-    rounds = correct(search.first(), search.again, search.enough, job.scene.design.corrections)
+    most = job.scene.design.corrections
+    rounds = correct(search.first(), search.again, search.enough, most)
     assert search.best is not None
-    best, made = search.best
-    if not np.isfinite(best.error):
+    if not np.isfinite(search.best[0].error):
         raise NoEquilibriumError(
             "no print of the relaxed design has an equilibrium: "
             f"{rounds[0].failure} Ask for less, or for finer lines (laid_width)."
         )
-    return Discovery(tuple(rounds), best, made, dict(search.seconds))
+    while (judged := search.compared()) is not None:
+        left = most + 1 - len(rounds)
+        if judged.error < TOLERANCE or not left:
+            break
+        rounds += correct(judged, search.again, search.enough, left)[1:]
+    best, made = search.best
+    return Discovery(tuple(rounds), best, made, search.finer, dict(search.seconds))
 
 
 class _Search:
@@ -173,6 +185,9 @@ class _Search:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
         best: The best round and its print. Only this print keeps its problem.
+        finer: What a finer mesh tells of the best print; None where it was not asked.
+        beyond: That minus what the print's own mesh tells, of the last print with both, at the
+            vertices of its mesh, (n, 3), in m.
         number: Of the next round.
         seconds: As of `Discovery`.
     """
@@ -182,6 +197,8 @@ class _Search:
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint] | None = None
+        self.finer: MeshValues | None = None
+        self.beyond: tuple[Pattern, Floats] | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
 
@@ -239,6 +256,8 @@ class _Search:
     def _asked_again(self, rounds: Sequence[Round]) -> Round | None:
         """Return a round that asks for what the prints of laid lines have missed."""
         laid = [one for one in rounds if one.mended is None]
+        if not laid:
+            return None
         near = [k for k, one in enumerate(laid) if _near(one)]
         # Once lines are near, all later ones are like them: only these tell what one more asks for.
         begin, like = (near[0], laid[near[0]].laid) if near else (0, None)
@@ -330,33 +349,51 @@ class _Search:
             made = print_of_lines(
                 self.job, level, self.plain, laid, near, pressures, alike=mended is not None
             )
-        answer = None
-        if strains is not None and not made.printed.failure:
-            answer = Answer(strains, misses_of(made.case).strains_beyond(made.shape[1]))
-        of_metrics = of_shape = missed = uncertain = np.inf
-        failure = made.printed.failure
-        if not failure:
-            misses, shape = misses_of(made.case), made.shape[1]
-            of_metrics, of_shape = misses.of_metrics(shape), misses.of_shape(shape)
-            missed = float(np.linalg.norm(misses(shape)))
-            uncertain = made.limit.half_width(lambda _, positions: misses(positions))
+        if self.beyond is not None:
+            made = made.compared_with(*self.beyond)
         found = Round(
             asked,
             relaxed,
             laid,
-            made.metrics,
-            of_metrics,
-            of_shape,
-            missed,
-            uncertain,
-            failure,
-            answer,
-            mended,
+            **_judged(made, strains),
+            failure=made.printed.failure,
+            mended=mended,
         )
         if self.best is None or found.missed < self.best[0].missed:
-            self.best = found, made
-        _report(self.job.comm, self.number, made.problem.metrics, found)
+            self.best, self.finer = (found, made), None
+        how = "" if mended is None else ", mended"
+        _report(self.job.comm, f"round {self.number}", made.problem.metrics, found, how)
         self.number += 1
+        return found
+
+    def compared(self) -> Round | None:
+        """Judge the best print by a finer mesh; None without one, or if it was so judged."""
+        assert self.best is not None
+        best, made = self.best
+        job, checked = self.job, self.job.scene.checked(self.job.scene.print_level)
+        if checked is None or self.finer is not None:
+            return None
+        evaluation, printed = made.printed.evaluation, (made.printed.pattern, made.printed.regions)
+        assert evaluation is not None
+        keys = [*made.metrics, *shape_of(evaluation)]
+        near, pressures = (
+            (made.limit.pattern, made.limit.computed),
+            evaluation.equilibrium.pressures,
+        )
+        try:
+            with self._timed("prints"):
+                self.finer = values_on(job, checked[1], near, printed, pressures, keys)
+        except TorosError:  # of the finer mesh; raised by all ranks or by none
+            return None
+        finally:
+            free_dropped(job.comm)
+        pattern = made.case.pattern
+        self.beyond = pattern, self.finer.at_vertices(pattern) - made.limit.limit
+        made = made.compared_with(*self.beyond)
+        strains = None if best.answer is None else best.answer.asked
+        found = replace(best, **_judged(made, strains))
+        self.best = found, made
+        _report(job.comm, "on a finer mesh", made.problem.metrics, found)
         return found
 
     @contextmanager
@@ -391,6 +428,22 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
         return None
 
 
+def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
+    """Return what a round tells of its print, of which strains were asked."""
+    infinite = dict.fromkeys(("of_metrics", "of_shape", "missed", "uncertain"), np.inf)
+    if made.printed.failure:
+        return {"metrics": {}, "answer": None, **infinite}
+    misses, shape = misses_of(made.case), made.shape[1]
+    return {
+        "metrics": made.metrics,
+        "answer": None if strains is None else Answer(strains, misses.strains_beyond(shape)),
+        "of_metrics": misses.of_metrics(shape),
+        "of_shape": misses.of_shape(shape),
+        "missed": float(np.linalg.norm(misses(shape))),
+        "uncertain": made.limit.half_width(lambda _, positions: misses(positions)),
+    }
+
+
 def _near(one: Round) -> bool:
     """Return whether the lines of a round may stay where they are."""
     return one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
@@ -400,7 +453,9 @@ def _best(rounds: Sequence[Round]) -> Round:
     return min(rounds, key=lambda one: one.missed)
 
 
-def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round) -> None:
+def _report(
+    comm: MPI.Comm, name: str, metrics: Sequence[Metric], made: Round, how: str = ""
+) -> None:
     """Print a line on a round, on the first rank."""
     if comm.rank:
         return
@@ -412,6 +467,5 @@ def _report(comm: MPI.Comm, number: int, metrics: Sequence[Metric], made: Round)
     ]
     lines = sum(len(f.lines) for f in made.laid.families)
     found = "no equilibrium" if made.failure else "; ".join(parts)
-    how = "" if made.mended is None else ", mended"
     shape = "" if made.failure else f"; shape off by {100 * made.of_shape:.2g} %"
-    print_line(f"round {number}: {lines} lines{how}, as printed {found}{shape}")
+    print_line(f"{name}: {lines} lines{how}, as printed {found}{shape}")

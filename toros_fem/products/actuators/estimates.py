@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,9 +20,15 @@ from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Printed, coarser_levels, simulated_on
-from toros_fem.results.shape_miss import quantities_of, shape_of
+from toros_fem.products.actuators.other_mesh import (
+    Printed,
+    Shape,
+    coarser_levels,
+    simulated_on,
+)
+from toros_fem.results.shape_miss import quantities_of
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -37,28 +43,56 @@ Measures = Mapping[str, Callable[[Pattern, Floats], float]]
 OnOtherMesh = Callable[[], Evaluation[Equilibrium]]
 
 
-@dataclass(frozen=True)
-class MetricErrors:
-    """How far metrics may be off because of their mesh.
+@dataclass(frozen=True, eq=False)
+class MeshValues:
+    """What one mesh tells of a print.
 
     Attributes:
-        computed: Values of the equilibrium on its mesh, by key; those that are told are its limit.
-        other_meshes: Those that would be told on other meshes, by the ratio of their edge lengths:
-            below 1 on a finer one. Empty where there is none.
-        intervals: Half-width of the interval of each, by key.
+        shape: The shape there.
+        values: Values of the limit, by key; a target may be unknown on other meshes.
+        widths: The part of each half-width that the mesh tells on its own, by key.
+    """
+
+    shape: LimitShape
+    values: Mapping[str, float]
+    widths: Mapping[str, float]
+
+    def at_vertices(self, pattern: Pattern) -> Floats:
+        """Return the limit at the vertices of another mesh, (n, 3), in m."""
+        return make_transfer(self.shape.pattern, pattern).positions(self.shape.limit)
+
+
+@dataclass(frozen=True)
+class MetricErrors:
+    """What several meshes tell of a print, and how far that may be off.
+
+    Attributes:
+        computed: Values of the equilibrium on the print's mesh, by key.
+        meshes: Values of the limit on each mesh, by its edge length over that of the print's mesh.
+        intervals: Half-width of the interval of each value that is told, by key.
+        limit: Limit on the finer mesh at the vertices of the print's mesh, (n, 3), in m; None
+            without a finer mesh.
         failure: Why there is nothing to compare with; None if there is.
         seconds: Wall time.
     """
 
     computed: Mapping[str, float]
-    other_meshes: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
+    meshes: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
     intervals: Mapping[str, float] = field(default_factory=dict)
+    limit: Floats | None = None
     failure: str | None = None
     seconds: float | None = None
 
+    @property
+    def told(self) -> dict[str, float]:
+        """Values that are told, by key: those of the finest mesh."""
+        fine = sorted((ratio for ratio in self.meshes if ratio <= 1), reverse=True)
+        return {key: value for ratio in fine for key, value in self.meshes[ratio].items()}
+
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it; the intervals are with the figures."""
-        return {name: value for name, value in asdict(self).items() if name != "intervals"}
+        names = ("computed", "meshes", "failure", "seconds")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def words(self) -> str:
@@ -73,10 +107,11 @@ def metric_errors(
     measures: Measures,
     printed: Printed | None,
     pressures: Sequence[float] | None,
+    finer: MeshValues | None = None,
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on other meshes (collective).
 
-    With a finer mesh the interval is that of the finer one, and how far what is told lies from it.
+    With a finer mesh, by `check_refinement`, its values are told, with its intervals.
 
     Args:
         job: What was printed.
@@ -86,61 +121,84 @@ def metric_errors(
             what the shape misses.
         printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.
+        finer: What the finer mesh tells, if this is known.
     """
     begin, scene = time.perf_counter(), job.scene
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
-    told: dict[float, Mapping[str, float]] = {}
-    own = {1.0: {key: shape.half_width(measure) for key, measure in measures.items()}}
+    found = {1.0: values_of(shape, measures)}
     failure, near = None, (shape.pattern, shape.computed)
     try:
         others = coarser_levels(scene, level)
     except ParameterError as caught:  # raised by all ranks or by none, as below
         others, failure = {}, str(caught)
-    if scene.results.check_refinement is not None:
-        ratio, finer = scene.finer(level, scene.results.check_refinement)
-        others[ratio] = finer
+    if (checked := scene.checked(level)) is not None:
+        ratio, other = checked
+        if finer is None:
+            others[ratio] = other
+        else:
+            found[ratio] = finer
     for ratio, other in others.items():
         try:
-            made = simulated_on(job, other, near, printed, pressures)
+            found[ratio] = values_on(job, other, near, printed, pressures, [*measures])
         except TorosError as caught:
             failure = failure or str(caught)
             if ratio < 1 and job.comm.rank == 0:
                 log.warning("the check on a finer mesh is left out: %s", caught)
-        else:
-            told[ratio] = _told(made)
-            if ratio < 1:
-                own[ratio] = _half_widths(made, [*measures])
-            del made
         free_dropped(job.comm)
-    if not told:
-        return MetricErrors(computed, failure=failure)
-    here = {1.0: {key: measure(shape.pattern, shape.limit) for key, measure in measures.items()}}
-    widths = {key: _interval(_finite(here | told, key), _finite(own, key)) for key in measures}
+    finest = min(found)
+    limit = None if finest == 1 else found[finest].at_vertices(shape.pattern)
+    widths = {key: _interval(*_of_key(found, key)) for key in measures}
     intervals = {key: width for key, width in widths.items() if width is not None}
-    return MetricErrors(computed, told, intervals, seconds=time.perf_counter() - begin)
+    failure = failure if len(found) == 1 else None
+    meshes = {ratio: one.values for ratio, one in found.items()}
+    seconds = time.perf_counter() - begin
+    return MetricErrors(computed, meshes, intervals, limit, failure, seconds)
 
 
-def _finite(tables: Mapping[float, Mapping[str, float]], key: str) -> dict[float, float]:
-    """Return a value of each mesh; a target may be unknown on some."""
-    values = {ratio: table.get(key, np.nan) for ratio, table in tables.items()}
-    return {ratio: value for ratio, value in values.items() if np.isfinite(value)}
+def values_of(shape: LimitShape, measures: Measures) -> MeshValues:
+    """Return what the mesh of a shape tells."""
+    found = {key: measure(shape.pattern, shape.limit) for key, measure in measures.items()}
+    values = {key: value for key, value in found.items() if np.isfinite(value)}
+    return MeshValues(shape, values, {key: shape.half_width(measures[key]) for key in values})
+
+
+def values_on(
+    job: Job,
+    level: Level,
+    near: Shape,
+    printed: Printed | None,
+    pressures: Sequence[float] | None,
+    keys: Sequence[str],
+) -> MeshValues:
+    """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
+
+    Keys are those of metrics, and of what the shape misses.
+    """
+    return values_of(*_read(simulated_on(job, level, near, printed, pressures), keys))
+
+
+def _of_key(
+    found: Mapping[float, MeshValues], key: str
+) -> tuple[dict[float, float], dict[float, float]]:
+    """Return the values of all meshes, and their own parts of half-widths from the print's on."""
+    known = {ratio: one for ratio, one in found.items() if key in one.values}
+    own = {ratio: one.widths[key] for ratio, one in known.items() if ratio <= 1}
+    return {ratio: one.values[key] for ratio, one in known.items()}, own
 
 
 def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> float | None:
-    """Return the half-width around the value of the mesh 1; None where no other mesh tells one.
-
-    It is that of the finest mesh, from the coarser ones, and how far the value lies from there.
+    """Return the half-width around the value of the finest mesh; None without a coarser one.
 
     Args:
         values: Of each mesh, by its edge length over that of the print's mesh.
-        own: Parts of half-widths that meshes tell on their own.
+        own: Parts of half-widths that meshes tell on their own; those without are coarser.
     """
-    if 1.0 not in values.keys() & own.keys():
+    known = values.keys() & own.keys()
+    if not known:
         return None
-    finest = min(values.keys() & own.keys())
-    best = values[finest]
-    changes = {r / finest: abs(value - best) for r, value in values.items() if r > finest}
-    return abs(values[1.0] - best) + half_width(own[finest], changes) if changes else None
+    finest = min(known)
+    changes = {r / finest: abs(v - values[finest]) for r, v in values.items() if r > finest}
+    return half_width(own[finest], changes) if changes else None
 
 
 def trial_intervals(
@@ -173,7 +231,8 @@ def trial_intervals(
             part = (own or {}).get(figure.key, 0.0)
             parts = {1.0: part, scene.TRIAL_MESH: part}
             width = _interval({1.0: one, scene.TRIAL_MESH: two}, parts)
-            found |= {} if width is None else {figure.key: width}
+            away = abs(one - two) if scene.TRIAL_MESH < 1 else 0.0  # the interval is around two
+            found |= {} if width is None else {figure.key: away + width}
     return found
 
 
@@ -184,13 +243,8 @@ def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
     return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
 
 
-def _told(made: Evaluation[Equilibrium]) -> dict[str, float]:
-    return {**made.problem.metrics_of(made.equilibrium), **shape_of(made)}
-
-
-def _half_widths(made: Evaluation[Equilibrium], keys: Sequence[str]) -> dict[str, float]:
-    """Return the part of each half-width that a mesh tells on its own."""
+def _read(made: Evaluation[Equilibrium], keys: Sequence[str]) -> tuple[LimitShape, Measures]:
+    """Return the limit of a print, and what its problem measures (collective)."""
     problem = made.problem
     assert isinstance(problem, ShapeDesign)
-    shape = limit_shape(problem.solver, made.equilibrium)
-    return {key: shape.half_width(m) for key, m in measures_of(problem, keys).items()}
+    return limit_shape(problem.solver, made.equilibrium), measures_of(problem, keys)

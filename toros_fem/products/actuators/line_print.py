@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
@@ -14,7 +15,8 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, state
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
-from toros_fem.meshes.pattern import Regions
+from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.other_mesh import Shape, near_on_coarser
 
@@ -29,17 +31,22 @@ class LinePrint:
     Attributes:
         case: What is designed, on this mesh.
         regions: The lines on its panels, polygons in m.
+        beyond: What a finer mesh has told of a similar print, minus what its own mesh did, at the
+            vertices of this mesh, (n, 3), in m; None where no finer mesh was asked.
     """
 
     case: Case
     regions: Regions
     problem: ShapeDesign
     printed: PrintedDesign
+    beyond: Floats | None = None
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Metrics of the print, by key; empty without an equilibrium."""
-        return self.printed.metrics
+        """Metrics of the shape, by key; empty without an equilibrium."""
+        if self.printed.failure:
+            return {}
+        return {metric.key: metric.value(*self.shape) for metric in self.problem.metrics}
 
     @property
     def limit(self) -> LimitShape:
@@ -49,8 +56,16 @@ class LinePrint:
 
     @property
     def shape(self) -> Shape:
-        """The mesh, and its shape under pressure."""
-        return self.case.pattern, self.limit.limit
+        """The mesh, and its shape under pressure, with what a finer mesh tells beyond."""
+        limit = self.limit.limit
+        return self.case.pattern, limit if self.beyond is None else limit + self.beyond
+
+    def compared_with(self, pattern: Pattern, beyond: Floats) -> LinePrint:
+        """Return it with what a finer mesh has told of a similar print on another mesh."""
+        if self.printed.failure:
+            return self
+        there = make_transfer(pattern, self.case.pattern).at_vertices(beyond)
+        return replace(self, beyond=there)
 
 
 def print_of_lines(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -92,6 +92,21 @@ class ActuatorResult(PrintedResult):
     curve: CurveFigures | None = None
     trial: Tried | None = None
     corrections: int = 0
+
+    def with_errors(self, errors: MetricErrors) -> ActuatorResult:
+        """Return it with errors, and with the values and the shape that they tell."""
+        told = errors.told
+        metrics, shape = (
+            {k: told.get(k, v) for k, v in x.items()} for x in (self.metrics, self.shape)
+        )
+        return replace(
+            self,
+            errors=errors,
+            intervals=errors.intervals,
+            metrics=metrics,
+            shape=shape,
+            limit=errors.limit,
+        )
 
     @property
     def figures(self) -> tuple[Figure, ...]:

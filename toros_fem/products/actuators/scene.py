@@ -207,6 +207,11 @@ class MeshedScene(Scene):
         """Return a mesh with edges so many times shorter, and their length over those of this."""
         return 1 / refinement, level.scaled(1 / refinement)
 
+    def checked(self, level: Level) -> tuple[float, Level] | None:
+        """Return the finer mesh whose figures are told, as of `finer`; None without one."""
+        wanted, refinement = self.results.estimate_error, self.results.check_refinement
+        return None if refinement is None or not wanted else self.finer(level, refinement)
+
     def from_print(self) -> Self:
         """Return the scene whose densities start from a given print, with steps for them."""
         if self.design.start == "relaxed" and not self.lines.density_iterations:

@@ -135,7 +135,7 @@ def simulate_actuator(
         if pattern is None or regions is not None:
             shape = limit_shape(solver, last)
             errors = metric_errors(job, level, shape, measures, regions, last.pressures)
-        found = replace(found, errors=errors, intervals=errors.intervals)
+        found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)
     return found
