@@ -1,7 +1,7 @@
 """Told intervals against limits from finer meshes.
 
 A run tells each figure of a print with an interval, from coarser meshes and from two elements on
-its own (`products.actuators.estimates`). Here prints of six kinds are drawn by seeds on a small
+its own (`products.actuators.estimates`). Here prints of seven kinds are drawn by seeds on a small
 tube, at several pressures. Each is simulated on three meshes, as a run does it, and on two finer
 ones, from whose computed shapes the limit is extrapolated. The intervals should hold it.
 """
@@ -51,7 +51,7 @@ SEEN, NEW = "prints of the choice", "other prints"
 # Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
 OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
 # What is needed to try another rule.
-ACROSS, FROM_REST = "edges over width", "change from rest"
+ACROSS, FROM_REST, CORRECTION = "edges over width", "change from rest", "correction"
 
 
 def helices(rng: np.random.Generator) -> Lines:
@@ -98,13 +98,23 @@ def waves(rng: np.random.Generator) -> Lines:
     return [np.column_stack([AROUND * (k / count + wave), LENGTH * along]) for k in range(count)]
 
 
-KINDS: Mapping[str, Callable[[np.random.Generator], Lines]] = {
-    "helices": helices,
-    "braid": braid,
-    "ribs": ribs,
-    "leaning ribs": leaning_ribs,
-    "rings": rings,
-    "waves": waves,
+class Kind(NamedTuple):
+    """Prints of one kind: how lines are drawn, their least and largest width in m and pressure."""
+
+    lines: Callable[[np.random.Generator], Lines]
+    widths: tuple[float, float] = (1.0e-3, 2.2e-3)
+    pressures: tuple[float, float] = (3e3, 8e3)
+
+
+KINDS: Mapping[str, Kind] = {
+    "helices": Kind(helices),
+    "braid": Kind(braid),
+    "ribs": Kind(ribs),
+    "leaning ribs": Kind(leaning_ribs),
+    "rings": Kind(rings),
+    "waves": Kind(waves),
+    # As much pressure over stiffness as in the demos that design lines.
+    "soft leaning ribs": Kind(leaning_ribs, (1.0e-3, 1.4e-3), (10e3, 14e3)),
 }
 
 
@@ -135,7 +145,9 @@ def _around(count: int, turns: float) -> Lines:
 def drawn(kind: str, seed: int, pattern: Pattern) -> tuple[list[BaseGeometry], float]:
     """Return lines on the tube's wall between printed ends, and a pressure in Pa."""
     rng = np.random.default_rng([54, list(KINDS).index(kind), seed])
-    width, pressure, lines = rng.uniform(1.0e-3, 2.2e-3), rng.uniform(3e3, 8e3), KINDS[kind](rng)
+    of_kind = KINDS[kind]
+    width, pressure = rng.uniform(*of_kind.widths), rng.uniform(*of_kind.pressures)
+    lines = of_kind.lines(rng)
     regions = [pattern.outline(k) for k in range(len(pattern.panel_names))]
     wall = pattern.panel_index("wall")
     corner = np.array(regions[wall].bounds[:2])
@@ -200,6 +212,7 @@ def rows_of(
                 OWN: factor * shape.half_width(measure),
                 ACROSS: shape.edges_to_width,
                 FROM_REST: value - rest,
+                CORRECTION: factor * shape.correction(measure),
             }
             for k in range(1, COARSER_MESHES + 1):
                 if other := found.get(edge * COARSER**k):

@@ -97,7 +97,7 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
 
 
 def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
-    """The change from a coarser mesh, the correction on this one, and the change from rest."""
+    """The change from a coarser mesh, half of the correction, and the change from rest."""
     pattern = square(n=3)
     at_rest = float(pattern.points[:, 0].mean())
     # The left third is printed: it is as wide as two edges of its size.
@@ -109,7 +109,7 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
     def middle(_: Pattern, positions: np.ndarray) -> float:
         return float(positions[:, 0].mean())
 
-    own = 0.02 + 0.03 * shape.edges_to_width * 0.12
+    own = 0.02 / 2 + 0.03 * shape.edges_to_width * 0.12
     rest = shape.half_width(middle)
 
     def interval(others: dict[float, float]) -> float:

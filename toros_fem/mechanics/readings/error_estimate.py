@@ -31,9 +31,11 @@ TOLERANCE = 1e-6
 
 # Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
-# Parts of the change from rest in the half-width of an interval, beside the whole correction. The
-# first is a factor on the length of edges over the width of printed lines. The second is one on the
-# mean square of angles at edges, by which a skin of triangles is no round one.
+# Part of the correction in the half-width of an interval.
+CORRECTED = 0.5
+# Parts of the change from rest in it. The first is a factor on the length of edges over the width
+# of printed lines. The second is one on the mean square of angles at edges, by which a skin of
+# triangles is no round one.
 ACROSS, ROUND = 0.03, 1.0
 # Safety factor of half-widths, of Roache (1997) for three meshes.
 SAFETY = 1.25
@@ -173,17 +175,20 @@ class LimitShape:
     density: Floats | None
 
     def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
-        """Return the part of a half-width that one mesh tells, of several numbers as a distance.
+        """Return the part of a half-width that one mesh tells, of several numbers as a distance."""
+        told, rest = (measure(self.pattern, at) for at in (self.limit, self.pattern.points))
+        return CORRECTED * self.correction(measure) + self._coarseness * _distance(rest, told)
+
+    def correction(self, measure: Callable[[Pattern, Floats], Any]) -> float:
+        """Return how far the limit is from what is computed, of several numbers as a distance.
 
         A distance may be least at the limit: what changes on its other side counts too.
         """
-        told = measure(self.pattern, self.limit)
-
-        def away(positions: Floats) -> float:
-            return float(np.linalg.norm(np.subtract(measure(self.pattern, positions), told)))
-
-        corrected = max(away(self.computed), away(2 * self.limit - self.computed))
-        return corrected + self._coarseness * away(self.pattern.points)
+        told, both = (
+            measure(self.pattern, self.limit),
+            (self.computed, 2 * self.limit - self.computed),
+        )
+        return max(_distance(measure(self.pattern, at), told) for at in both)
 
     @cached_property
     def edges_to_width(self) -> float:
@@ -197,6 +202,10 @@ class LimitShape:
         angles = dihedral_angles(self.limit, pattern.triangles, pattern.edges)
         turned = float(np.mean(angles[np.abs(angles) < CREASE] ** 2))
         return ACROSS * self.edges_to_width + ROUND * turned
+
+
+def _distance(one: Any, two: Any) -> float:
+    return float(np.linalg.norm(np.subtract(one, two)))
 
 
 def half_width(own: float, changes: Mapping[float, float]) -> float:

@@ -169,13 +169,17 @@ def discover(job: Job) -> Discovery:
             "no print of the relaxed design has an equilibrium: "
             f"{rounds[0].failure} Ask for less, or for finer lines (laid_width)."
         )
+    known: tuple[Round, LinePrint, MeshValues] | None = None
     while (judged := search.compared()) is not None:
+        assert search.finer is not None
+        if known is None or judged.missed < known[0].missed:
+            known = judged, search.best[1], search.finer
         left = most + 1 - len(rounds)
-        if judged.error < TOLERANCE or not left:
+        if known[0] is not judged or judged.error < TOLERANCE or not left:
             break
         rounds += correct(judged, search.again, search.enough, left)[1:]
-    best, made = search.best
-    return Discovery(tuple(rounds), best, made, search.finer, dict(search.seconds))
+    best, made, finer = (*search.best, None) if known is None else known
+    return Discovery(tuple(rounds), best, made, finer, dict(search.seconds))
 
 
 class _Search:
