@@ -41,6 +41,15 @@ def test_figures_of_one_unit_share_axes() -> None:
     assert (low, high) == (77.0, 83.0)
 
 
+def test_a_finer_mesh_is_named() -> None:
+    for finer in (False, True):
+        figure = Page(figsize=(8, 4.5))
+        draw_curve(figure, Curve(ROWS, 4e3, finer=finer), [ANGLE, LENGTH])
+        below = figure.axes[-1].get_xlabel()
+        assert ("finer mesh" in below) is finer
+        assert below.startswith("pressure (kPa)")
+
+
 def test_measured_values_stand_beside_ours() -> None:
     figure = Page(figsize=(8, 4.5))
     measured = [Measured("angle_deg", 3e3, 50.0, 60.0, "paper"),

@@ -18,6 +18,7 @@ from toros_fem.results.pictures.words import Word, write_words
 from toros_fem.results.runs.run_folder import Curve
 
 PRESSURE = "pressure (kPa)"
+FINER = "; dots with intervals are of a finer mesh than lines"
 # Feet whose paths end nearer than this, over the extent of all, have one name.
 SAME = 0.01
 # Of curves on the same axes, in turn.
@@ -41,7 +42,12 @@ def draw_curve(figure: Figure, curve: Curve, figures: Sequence[Told]) -> None:
         shown = [told for told in figures if told.unit == unit]
         axes.margins(y=0.12)
         draw_over_pressure(axes, curve, shown)
-    grid[-1].set_xlabel(PRESSURE)
+    grid[-1].set_xlabel(pressure_label(curve))
+
+
+def pressure_label(curve: Curve) -> str:
+    """Return what stands below the axis of pressures of a curve."""
+    return PRESSURE + (FINER if curve.finer else "")
 
 
 def draw_over_pressure(axes: Axes, curve: Curve, figures: Sequence[Told]) -> None:

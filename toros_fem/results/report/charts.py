@@ -14,7 +14,11 @@ from matplotlib.figure import Figure as Canvas
 
 from toros_fem.measures.figures import Figure
 from toros_fem.results.pictures import style
-from toros_fem.results.pictures.curves import PRESSURE, draw_history, draw_over_pressure
+from toros_fem.results.pictures.curves import (
+    draw_history,
+    draw_over_pressure,
+    pressure_label,
+)
 from toros_fem.results.report.tables import metrics_of
 from toros_fem.results.runs.run_folder import Run
 
@@ -47,7 +51,7 @@ def over_pressure(run: Run) -> list[Chart]:
     def draw(metric: Figure, axes: Axes) -> None:
         rows = [row for row in whole.rows if metric.key in row]
         draw_over_pressure(axes, replace(whole, rows=rows), [metric])
-        axes.set_xlabel(PRESSURE)
+        axes.set_xlabel(pressure_label(whole))
 
     by_target = sorted(found, key=lambda metric: metric.target is None)
     return [chart("pressure", partial(draw, metric)) for metric in by_target]

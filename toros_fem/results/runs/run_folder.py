@@ -41,12 +41,14 @@ class Curve:
         rows: Values by key, "pressure_pa" among them, by rising pressure.
         pressure: Pressure of the design in Pa; None for none.
         broken: Whether it ends for want of an equilibrium, at its lower and upper end.
+        finer: Whether figures at the pressure of the design come from a finer mesh.
     """
 
     rows: Sequence[Mapping[str, float]]
     pressure: float | None = None
     measured: Sequence[Measured] = ()
     broken: tuple[bool, bool] = (False, False)
+    finer: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,8 @@ class Run:
         measured = [Measured(*map(one.get, names)) for one in told.get("measured") or ()]
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
-        return Curve(rows, pressure, measured, broken)
+        meshes = (self.summary.entries.get("errors") or {}).get("meshes") or {}
+        return Curve(rows, pressure, measured, broken, min(map(float, meshes), default=1.0) < 1)
 
 
 def read_run(folder: str | Path) -> Run:
