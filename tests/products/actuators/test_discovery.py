@@ -107,6 +107,15 @@ def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> No
     assert mending(made, best.laid, replace(misses, aims={"twist_deg": far})) is None
 
 
+def test_only_a_finer_mesh_that_misses_asks_for_more() -> None:
+    """What the print's own mesh misses, all rounds have tried to mend."""
+    reached: Any = SimpleNamespace(error=0.02)
+    missed: Any = SimpleNamespace(error=0.04)
+    assert discovery._misled(reached, missed)
+    assert not discovery._misled(missed, missed)
+    assert not discovery._misled(reached, reached)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("worse", [False, True])
 def test_prints_are_judged_by_a_finer_mesh(
@@ -135,6 +144,7 @@ def test_prints_are_judged_by_a_finer_mesh(
     monkeypatch.setattr(discovery, "values_on", finer)
     monkeypatch.setattr(discovery, "mending", lambda *_: None)
     monkeypatch.setattr(discovery._Search, "enough", enough)
+    monkeypatch.setattr(discovery, "_misled", lambda *_: True)
     found = discover(Job(alone, TINY.updated(check_refinement=1.5, estimate_error=True)))
     first, second = found.rounds
     own = [made.printed.metrics["twist_deg"] for made in prints]

@@ -153,8 +153,8 @@ def discover(job: Job) -> Discovery:
     change their widths, by what the print misses (`mending`). Where this does not promise enough,
     the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
     places of cross-sections do not all count, metrics are asked for, if they are in fields of the
-    scene (`targets`). Where a finer mesh is told (`check_refinement`) and misses the targets by
-    more than their tolerances, the search goes on with what this mesh has told beyond the other.
+    scene (`targets`). Where only a finer mesh (`check_refinement`) tells that the best print misses
+    a tolerance, the search goes on with what this mesh has told beyond the other.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -170,12 +170,15 @@ def discover(job: Job) -> Discovery:
             f"{rounds[0].failure} Ask for less, or for finer lines (laid_width)."
         )
     known: tuple[Round, LinePrint, MeshValues] | None = None
-    while (judged := search.compared()) is not None:
+    while True:
+        before, judged = search.best[0], search.compared()
+        if judged is None:
+            break
         assert search.finer is not None
         if known is None or judged.missed < known[0].missed:
             known = judged, search.best[1], search.finer
         left = most + 1 - len(rounds)
-        if known[0] is not judged or judged.error < TOLERANCE or not left:
+        if known[0] is not judged or not _misled(before, judged) or not left:
             break
         rounds += correct(judged, search.again, search.enough, left)[1:]
     best, made, finer = (*search.best, None) if known is None else known
@@ -446,6 +449,11 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
         "missed": float(np.linalg.norm(misses(shape))),
         "uncertain": made.limit.half_width(lambda _, positions: misses(positions)),
     }
+
+
+def _misled(before: Round, judged: Round) -> bool:
+    """Return whether only a finer mesh tells that a print misses a tolerance."""
+    return before.error < TOLERANCE <= judged.error
 
 
 def _near(one: Round) -> bool:
