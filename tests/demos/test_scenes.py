@@ -24,7 +24,7 @@ def test_every_demo_is_a_scene() -> None:
     assert {path.stem for path in FOLDER.glob("*.toml")} == demos == {*CONFIGS, "own_design"}
 
 
-# Demos whose intervals come from a finer mesh.
+# Demos whose figures come from a finer mesh.
 CHECKED = {"bend": 2.0, "contract": 1.5, "twist": 1.5, "bend_twist": 1.5, "walker": 2.0}
 
 

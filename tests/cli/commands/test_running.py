@@ -24,6 +24,7 @@ def test_fabric_beyond_its_tests(tmp_path: Path) -> None:
     [
         ("bend", "", "not certain", True),
         ("bend", "check_refinement = 2", "not certain", False),
+        ("twist", "", "not certain", True),
         ("bend", "", "missed", False),
         ("bend", "", None, False),
         ("tile", "", "not certain", False),
@@ -37,3 +38,4 @@ def test_an_uncertain_run_says_how_to_go_on(
     path.write_text(f'kind = "{kind}"\n[results]\n{results}\n' if results else f'kind = "{kind}"\n')
     words = narrower(read_scene(path), Path("run"), {"verdict": {"state": state}})
     assert words.endswith("toros resume run --set check_refinement=2") == said == bool(words)
+    assert ("lines may be corrected" in words) == (kind == "twist")

@@ -107,6 +107,17 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert single.intervals["x_mm"] == pytest.approx(half_width(own, {2.0: 1.0}))
 
 
+def test_what_is_not_known_at_rest_too_has_no_interval() -> None:
+    pattern = square(n=2)
+    shape = LimitShape(pattern, pattern.points, 1.1 * pattern.points, None)
+
+    def leaning(_: Pattern, positions: np.ndarray) -> float:
+        return np.nan if positions is pattern.points else 1.0
+
+    told = estimates.values_of(shape, {"x_mm": mean, "lean_deg": leaning})
+    assert [*told.values] == [*told.widths] == ["x_mm"]
+
+
 @pytest.mark.parametrize(("ratio", "width"), [(1.5, 7.5), (0.5, 3.0 + 3.75)])
 def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None:
     """Its figures have intervals of order 1; what is missing on one mesh has none."""

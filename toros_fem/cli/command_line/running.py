@@ -93,7 +93,9 @@ def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> str:
     possible = key in scene.kind.described() and scene.config.value(key) is None
     if state != State.NOT_CERTAIN or not possible:
         return ""
-    return f". For narrower intervals: toros resume {folder} --set {key}=2"
+    lines = "start" in scene.kind.described() and scene.config.value("start") == "relaxed"
+    also = ", by which lines may be corrected again" if lines else ""
+    return f". For narrower intervals{also}: toros resume {folder} --set {key}=2"
 
 
 def beyond_tests(scene: SceneFile, used: float | None) -> str:

@@ -176,18 +176,19 @@ class LimitShape:
 
     def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return the part of a half-width that one mesh tells, of several numbers as a distance."""
-        told, rest = (measure(self.pattern, at) for at in (self.limit, self.pattern.points))
-        return CORRECTED * self.correction(measure) + self._coarseness * _distance(rest, told)
+        told = measure(self.pattern, self.limit)
+        from_rest = _distance(measure(self.pattern, self.pattern.points), told)
+        return CORRECTED * self._correction(measure, told) + self._coarseness * from_rest
 
     def correction(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return how far the limit is from what is computed, of several numbers as a distance.
 
         A distance may be least at the limit: what changes on its other side counts too.
         """
-        told, both = (
-            measure(self.pattern, self.limit),
-            (self.computed, 2 * self.limit - self.computed),
-        )
+        return self._correction(measure, measure(self.pattern, self.limit))
+
+    def _correction(self, measure: Callable[[Pattern, Floats], Any], told: Any) -> float:
+        both = self.computed, 2 * self.limit - self.computed
         return max(_distance(measure(self.pattern, at), told) for at in both)
 
     @cached_property

@@ -30,6 +30,7 @@ from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
+from toros_fem.products.actuators.misses import misses_of
 from toros_fem.products.actuators.other_mesh import simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
@@ -168,8 +169,11 @@ class Designer(Distributed, DensityDesigner):
             return other.case(comm, scene.density_level).following(comm, found.made.regions)
 
         chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
-        aims = aims_of(found.made.problem.metrics)
-        return chosen if largest_error(chosen.metrics, aims) < found.best.error else None
+        made = found.made
+        # Both are judged by their own meshes.
+        lines = misses_of(made.case).error(made.limit.limit)
+        better = largest_error(chosen.metrics, aims_of(made.problem.metrics)) < lines
+        return chosen if better else None
 
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Searched

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -33,6 +34,8 @@ from toros_fem.products.actuators.other_mesh import Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
 from toros_fem.results.shape_miss import shape_of
+
+log = logging.getLogger(__name__)
 
 # Below these errors of metrics and of the shape the number of lines stays when they are laid anew.
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
@@ -86,8 +89,10 @@ class Discovery:
     """Lines that were found from a random start.
 
     Attributes:
-        rounds: All rounds, in the order in which they were made.
-        best: The round whose print is closest to the targets.
+        rounds: All rounds, in the order in which they were made. Those after a finer mesh was asked
+            have what it told beyond the print's mesh.
+        best: The round whose print is closest to the targets, judged by the finer mesh if there is
+            one.
         made: Its print.
         finer: What a finer mesh tells of this print; None where it was not asked.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
@@ -233,7 +238,9 @@ class _Search:
         if failed and last.mended is not None and last.mended.whole:
             return self._mended(best, last.mended.halved)
         found = None if failed else self._mending(best)
-        if found is None or (found.promised > ENOUGH * found.before and best.error > FINE):
+        laid = any(one.mended is None for one in rounds)  # what may be asked for again
+        far = best.error > FINE and laid
+        if found is None or (far and found.promised > ENOUGH * found.before):
             return self._asked_again(rounds)
         return self._mended(best, found)
 
@@ -380,6 +387,7 @@ class _Search:
         job, checked = self.job, self.job.scene.checked(self.job.scene.print_level)
         if checked is None or self.finer is not None:
             return None
+        free_dropped(job.comm)  # the problem of the last print, if that was not the best
         evaluation, printed = made.printed.evaluation, (made.printed.pattern, made.printed.regions)
         assert evaluation is not None
         keys = [*made.metrics, *shape_of(evaluation)]
@@ -390,7 +398,9 @@ class _Search:
         try:
             with self._timed("prints"):
                 self.finer = values_on(job, checked[1], near, printed, pressures, keys)
-        except TorosError:  # of the finer mesh; raised by all ranks or by none
+        except TorosError as caught:  # raised by all ranks or by none
+            if job.comm.rank == 0:
+                log.warning("a finer mesh does not judge the print: %s", caught)
             return None
         finally:
             free_dropped(job.comm)

@@ -62,7 +62,7 @@ class MeshValues:
         return make_transfer(self.shape.pattern, pattern).positions(self.shape.limit)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MetricErrors:
     """What several meshes tell of a print, and how far that may be off.
 
@@ -147,7 +147,7 @@ def metric_errors(
         free_dropped(job.comm)
     finest = min(found)
     limit = None if finest == 1 else found[finest].at_vertices(shape.pattern)
-    widths = {key: _interval(*_of_key(found, key)) for key in measures}
+    widths = {key: _interval(found, key) for key in measures}
     intervals = {key: width for key, width in widths.items() if width is not None}
     failure = failure if len(found) == 1 else None
     meshes = {ratio: one.values for ratio, one in found.items()}
@@ -158,8 +158,9 @@ def metric_errors(
 def values_of(shape: LimitShape, measures: Measures) -> MeshValues:
     """Return what the mesh of a shape tells."""
     found = {key: measure(shape.pattern, shape.limit) for key, measure in measures.items()}
-    values = {key: value for key, value in found.items() if np.isfinite(value)}
-    return MeshValues(shape, values, {key: shape.half_width(measures[key]) for key in values})
+    widths = {key: shape.half_width(measure) for key, measure in measures.items()}
+    known = [key for key in measures if np.isfinite([found[key], widths[key]]).all()]
+    return MeshValues(shape, *({key: of[key] for key in known} for of in (found, widths)))
 
 
 def values_on(
@@ -177,28 +178,16 @@ def values_on(
     return values_of(*_read(simulated_on(job, level, near, printed, pressures), keys))
 
 
-def _of_key(
-    found: Mapping[float, MeshValues], key: str
-) -> tuple[dict[float, float], dict[float, float]]:
-    """Return the values of all meshes, and their own parts of half-widths from the print's on."""
+def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
+    """Return the half-width around the value of the finest mesh; None without a coarser one."""
     known = {ratio: one for ratio, one in found.items() if key in one.values}
-    own = {ratio: one.widths[key] for ratio, one in known.items() if ratio <= 1}
-    return {ratio: one.values[key] for ratio, one in known.items()}, own
-
-
-def _interval(values: Mapping[float, float], own: Mapping[float, float]) -> float | None:
-    """Return the half-width around the value of the finest mesh; None without a coarser one.
-
-    Args:
-        values: Of each mesh, by its edge length over that of the print's mesh.
-        own: Parts of half-widths that meshes tell on their own; those without are coarser.
-    """
-    known = values.keys() & own.keys()
-    if not known:
-        return None
-    finest = min(known)
-    changes = {r / finest: abs(v - values[finest]) for r, v in values.items() if r > finest}
-    return half_width(own[finest], changes) if changes else None
+    finest = min(known, default=np.inf)
+    changes = {
+        ratio / finest: abs(one.values[key] - known[finest].values[key])
+        for ratio, one in known.items()
+        if ratio > finest
+    }
+    return half_width(known[finest].widths[key], changes) if changes and finest <= 1 else None
 
 
 def trial_intervals(
@@ -229,10 +218,10 @@ def trial_intervals(
         one, two = figure.value, there.get(figure.key)
         if one is not None and two is not None:
             part = (own or {}).get(figure.key, 0.0)
-            parts = {1.0: part, scene.TRIAL_MESH: part}
-            width = _interval({1.0: one, scene.TRIAL_MESH: two}, parts)
-            away = abs(one - two) if scene.TRIAL_MESH < 1 else 0.0  # the interval is around two
-            found |= {} if width is None else {figure.key: away + width}
+            # Of a finer mesh, whose value is not told, the interval is around that value.
+            change, ratio = abs(one - two), scene.TRIAL_MESH
+            width = half_width(part, {max(ratio, 1 / ratio): change})
+            found[figure.key] = width + (change if ratio < 1 else 0.0)
     return found
 
 

@@ -43,20 +43,20 @@ class LinePrint:
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Metrics of the shape, by key; empty without an equilibrium."""
+        """Metrics of the shape, by key; empty without an equilibrium (collective)."""
         if self.printed.failure:
             return {}
         return {metric.key: metric.value(*self.shape) for metric in self.problem.metrics}
 
     @property
     def limit(self) -> LimitShape:
-        """Its shape under pressure as it is computed, and as it is told."""
+        """Its shape under pressure as it is computed, and as it is told (collective)."""
         assert self.printed.evaluation is not None
         return limit_shape(self.problem.solver, self.printed.evaluation.equilibrium)
 
     @property
     def shape(self) -> Shape:
-        """The mesh, and its shape under pressure, with what a finer mesh tells beyond."""
+        """The mesh, and its shape with what a finer mesh tells beyond (collective)."""
         limit = self.limit.limit
         return self.case.pattern, limit if self.beyond is None else limit + self.beyond
 

@@ -154,8 +154,9 @@ class Results(Table):
     )
     check_refinement: Annotated[float, In(at_least=1.2, at_most=8)] | None = key(
         None,
-        "edge length over that of a finer mesh, which simulates the print once more and whose "
-        "values are told (of an own mesh the nearest power of 2); none leaves it out",
+        "edge length over that of a finer mesh, on which the print is simulated once more: its "
+        "values are told, and lines are corrected by them (of an own mesh the nearest power of 2); "
+        "none leaves it out",
         free=True,
     )
     curve_pressure: Modulus | None = key(

@@ -16,7 +16,7 @@ from toros_fem.results.runs.summary_file import Summary
 
 # Charts at most, and curves with labels of their own.
 MOST, CURVES = 4, 8
-COLOURS = (*SERIES, "#56B4E9", SOFT)
+COLOURS = (*SERIES, SOFT)
 
 
 def draw_study(

@@ -39,7 +39,7 @@ SILHOUETTE = _rgb("#3A3326")
 # For the target and whatever is to be looked at, and for a second line.
 ACCENT, SECOND = "#D55E00", "#0072B2"
 # Of curves beside each other, told apart also by those who see few colours (Okabe & Ito 2008).
-SERIES = (DARK, ACCENT, SECOND, "#009E73", "#CC79A7", "#E69F00")
+SERIES = (DARK, ACCENT, SECOND, "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 INK, SOFT, GRID = "#222222", "#6B7280", "#E5E7EB"
 # Of the ground, and of the edge of fabric.
 GROUND, EDGE = "#F1F2F4", "#8A7D63"
