@@ -200,7 +200,6 @@ def tubes_table(rows: Rows) -> str:
         counts = [sum(row.note == state for row in states) for state in State]
         shown = [
             _spread([figure_of(r) for r in own if r.figure == key and r.size != OWN])
-            + _coarser([figure_of(r) for r in own if r.figure == key and r.size == OWN])
             for key in dict.fromkeys(row.figure for row in own)
             if key != "state"
         ]
@@ -214,10 +213,6 @@ def _spread(figures: list[Figure]) -> str:
     widths = [one.interval for one in figures if one.interval is not None]
     width = f", ± {formatted(max(widths), figures[0].unit, 2)}" if widths else ""
     return f"{figures[0].label} {_ends(figures)}{width}"
-
-
-def _coarser(figures: list[Figure]) -> str:
-    return f" ({OWN} {_ends(figures)})" if figures else ""
 
 
 def _ends(figures: list[Figure]) -> str:
