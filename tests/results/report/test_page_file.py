@@ -41,6 +41,14 @@ def test_all_parts_are_there(run: Path) -> None:
     assert "at 20 kPa" not in page, "the curve ends before it"
 
 
+def test_a_finer_mesh_is_named(run: Path) -> None:
+    for other, said in (("1.5", False), ("0.5", True)):
+        change_summary(run, errors={"meshes": {"1.0": {}, other: {}}})
+        page = write_report(run).read_text(encoding="utf-8")
+        assert ("key figures those of a finer one" in page) is said
+        assert ("dots with intervals are of a finer mesh" in page) is said
+
+
 def test_nothing_is_fetched(run: Path) -> None:
     page = write_report(run).read_text(encoding="utf-8")
     assert "default-src 'none'" in page

@@ -78,6 +78,12 @@ class Run:
         """The folder's own name."""
         return self.folder.resolve().name
 
+    @property
+    def finer(self) -> bool:
+        """Whether its figures come from a finer mesh than its curve and its shapes over it."""
+        meshes = (self.summary.entries.get("errors") or {}).get("meshes") or {}
+        return min(map(float, meshes), default=1.0) < 1
+
     def over_pressure(self, pressure: float | None) -> Curve:
         """Return its curve with the pressure of the design in Pa, None for none."""
         told = self.summary.entries.get("curve") or {}
@@ -85,8 +91,7 @@ class Run:
         measured = [Measured(*map(one.get, names)) for one in told.get("measured") or ()]
         broken = bool(told.get("failure_below")), bool(told.get("failure_above"))
         rows = [row for row in self.curve if math.isfinite(row.get("pressure_pa", math.nan))]
-        meshes = (self.summary.entries.get("errors") or {}).get("meshes") or {}
-        return Curve(rows, pressure, measured, broken, min(map(float, meshes), default=1.0) < 1)
+        return Curve(rows, pressure, measured, broken, self.finer)
 
 
 def read_run(folder: str | Path) -> Run:
