@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from helpers.runs import change_summary
 from kit.scene_runs import value_of
 from mpi4py import MPI
 
@@ -23,6 +24,8 @@ def test_figures_table_and_picture(
     """Beside the design, whose page shows them."""
     folder = tmp_path / "copy"
     shutil.copytree(designed[1], folder)
+    own = {"angle_deg": 12.0}  # where a finer mesh tells the figure
+    change_summary(folder, errors={"meshes": {"1.0": own, "0.5": {"angle_deg": 13.0}}})
     capsys.readouterr()
     assert run(alone, ["tolerance", str(folder), "--json", *FEW]) == 0
     captured = capsys.readouterr()
@@ -30,6 +33,8 @@ def test_figures_table_and_picture(
     found = json.loads(captured.out)
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert found["command"] == "tolerance"
+    assert found["own_mesh"]["angle_deg"] == own["angle_deg"]
+    assert found["own_mesh"]["length_ratio"] == value_of(summary, "length_ratio")
     assert found["pressure_pa"] == value_of(summary, "pressure_pa")
     assert found["nominal"]["angle_deg"] == pytest.approx(
         value_of(summary, "angle_deg"), rel=0.08

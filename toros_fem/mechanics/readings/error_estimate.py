@@ -176,20 +176,20 @@ class LimitShape:
 
     def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return the part of a half-width that one mesh tells, of several numbers as a distance."""
-        told = measure(self.pattern, self.limit)
-        from_rest = _distance(measure(self.pattern, self.pattern.points), told)
-        return CORRECTED * self._correction(measure, told) + self._coarseness * from_rest
+        from_rest = self._away(measure, self.pattern.points)
+        return CORRECTED * self.correction(measure) + self._coarseness * from_rest
 
     def correction(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return how far the limit is from what is computed, of several numbers as a distance.
 
         A distance may be least at the limit: what changes on its other side counts too.
         """
-        return self._correction(measure, measure(self.pattern, self.limit))
-
-    def _correction(self, measure: Callable[[Pattern, Floats], Any], told: Any) -> float:
         both = self.computed, 2 * self.limit - self.computed
-        return max(_distance(measure(self.pattern, at), told) for at in both)
+        return max(self._away(measure, positions) for positions in both)
+
+    def _away(self, measure: Callable[[Pattern, Floats], Any], positions: Floats) -> float:
+        told, there = (measure(self.pattern, at) for at in (self.limit, positions))
+        return float(np.linalg.norm(np.subtract(there, told)))
 
     @cached_property
     def edges_to_width(self) -> float:
@@ -203,10 +203,6 @@ class LimitShape:
         angles = dihedral_angles(self.limit, pattern.triangles, pattern.edges)
         turned = float(np.mean(angles[np.abs(angles) < CREASE] ** 2))
         return ACROSS * self.edges_to_width + ROUND * turned
-
-
-def _distance(one: Any, two: Any) -> float:
-    return float(np.linalg.norm(np.subtract(one, two)))
 
 
 def half_width(own: float, changes: Mapping[float, float]) -> float:

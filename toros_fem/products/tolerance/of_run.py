@@ -57,9 +57,7 @@ def tolerances_of_run(
     near = on_first_rank(comm, lambda: _shape(folder))
     problem = scene.problem(comm, fine, level)
 
-    meshes = (summary.entries.get("errors") or {}).get("meshes") or {}
-    own = meshes.get("1.0") or {}  # where a finer mesh is told
-    values = {m.key: own.get(m.key, summary.value(m.key)) for m in case.judged}
+    values = {m.key: summary.own_value(m.key) for m in case.judged}
     drawn = Drawn(
         regions,
         (stored.pattern, stored.regions),

@@ -81,8 +81,7 @@ class Run:
     @property
     def finer(self) -> bool:
         """Whether its figures come from a finer mesh than its curve and its shapes over it."""
-        meshes = (self.summary.entries.get("errors") or {}).get("meshes") or {}
-        return min(map(float, meshes), default=1.0) < 1
+        return min(self.summary.meshes, default=1.0) < 1
 
     def over_pressure(self, pressure: float | None) -> Curve:
         """Return its curve with the pressure of the design in Pa, None for none."""

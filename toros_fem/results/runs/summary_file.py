@@ -34,6 +34,16 @@ class Summary:
         """Return the value of a figure; None if there is no such figure, or no equilibrium."""
         return self.figures[key].value if key in self.figures else None
 
+    @property
+    def meshes(self) -> dict[float, Mapping[str, float]]:
+        """Values of metrics on each mesh, by its edge length over that of the print's mesh."""
+        told = (self.entries.get("errors") or {}).get("meshes") or {}
+        return {float(ratio): values for ratio, values in told.items()}
+
+    def own_value(self, key: str) -> float | None:
+        """Return a value on the print's mesh, as of `value`; a finer one may tell the figure."""
+        return self.meshes.get(1.0, {}).get(key, self.value(key))
+
     def _repr_html_(self) -> str:
         return figures_html(self.figures.values())
 
