@@ -391,10 +391,8 @@ class _Search:
         evaluation, printed = made.printed.evaluation, (made.printed.pattern, made.printed.regions)
         assert evaluation is not None
         keys = [*made.metrics, *shape_of(evaluation)]
-        near, pressures = (
-            (made.limit.pattern, made.limit.computed),
-            evaluation.equilibrium.pressures,
-        )
+        near = made.limit.pattern, made.limit.computed
+        pressures = evaluation.equilibrium.pressures
         try:
             with self._timed("prints"):
                 self.finer = values_on(job, checked[1], near, printed, pressures, keys)
