@@ -89,7 +89,7 @@ class Discovery:
     """Lines that were found from a random start.
 
     Attributes:
-        rounds: All rounds, in the order in which they were made. Those after a finer mesh was asked
+        rounds: All rounds, in the order in which they were made. Those since a finer mesh was asked
             have what it told beyond the print's mesh.
         best: The round whose print is closest to the targets, judged by the finer mesh if there is
             one.
@@ -158,8 +158,10 @@ def discover(job: Job) -> Discovery:
     change their widths, by what the print misses (`mending`). Where this does not promise enough,
     the next relaxed design is asked for another shape (space mapping, Bandler et al. 1994). Where
     places of cross-sections do not all count, metrics are asked for, if they are in fields of the
-    scene (`targets`). Where only a finer mesh (`check_refinement`) tells that the best print misses
-    a tolerance, the search goes on with what this mesh has told beyond the other.
+    scene (`targets`). Once a print is near the targets, it is simulated on a finer mesh too
+    (`check_refinement`), and later prints are judged with what this mesh has told beyond the other.
+    In the end it judges the best print; where only it tells that a tolerance is missed, the search
+    goes on.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -174,19 +176,10 @@ def discover(job: Job) -> Discovery:
             "no print of the relaxed design has an equilibrium: "
             f"{rounds[0].failure} Ask for less, or for finer lines (laid_width)."
         )
-    known: tuple[Round, LinePrint, MeshValues] | None = None
-    while True:
-        before, judged = search.best[0], search.compared()
-        if judged is None:
-            break
-        assert search.finer is not None
-        if known is None or judged.missed < known[0].missed:
-            known = judged, search.best[1], search.finer
+    while search.misled() and len(rounds) <= most:
         left = most + 1 - len(rounds)
-        if known[0] is not judged or not _misled(before, judged) or not left:
-            break
-        rounds += correct(judged, search.again, search.enough, left)[1:]
-    best, made, finer = (*search.best, None) if known is None else known
+        rounds += correct(search.best[0], search.again, search.enough, left)[1:]
+    best, made, finer = search.judged or (*search.best, None)
     return Discovery(tuple(rounds), best, made, finer, dict(search.seconds))
 
 
@@ -196,8 +189,9 @@ class _Search:
     Attributes:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
-        best: The best round and its print. Only this print keeps its problem.
-        finer: What a finer mesh tells of the best print; None where it was not asked.
+        best: The best round and its print. Only this print and the judged one keep their problems.
+        finer: The finer mesh; None without one, or if it does not judge.
+        judged: The best round that it judged, its print, and what this mesh tells of it.
         beyond: That minus what the print's own mesh tells, of the last print with both, at the
             vertices of its mesh, (n, 3), in m.
         number: Of the next round.
@@ -209,7 +203,9 @@ class _Search:
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint] | None = None
-        self.finer: MeshValues | None = None
+        checked = job.scene.checked(job.scene.print_level)
+        self.finer = None if checked is None else checked[1]
+        self.judged: tuple[Round, LinePrint, MeshValues] | None = None
         self.beyond: tuple[Pattern, Floats] | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
@@ -233,7 +229,8 @@ class _Search:
 
         A change after which the print is no better is halved once.
         """
-        last, best = rounds[-1], _best(rounds)
+        assert self.best is not None
+        last, best = rounds[-1], self.best[0]
         failed = last.mended is not None and last is not best
         if failed and last.mended is not None and last.mended.whole:
             return self._mended(best, last.mended.halved)
@@ -249,7 +246,8 @@ class _Search:
 
         Within the tolerances, what a print misses by less than the error of its mesh is no guide.
         """
-        last, best = rounds[-1], _best(rounds)
+        assert self.best is not None
+        last, best = rounds[-1], self.best[0]
         return (
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
             or (last.error < TOLERANCE and last.missed < last.uncertain)
@@ -263,7 +261,7 @@ class _Search:
         both = [one for one in rounds if one.mended is None][-2:]
         if len(both) < 2 or rounds[-1] is not both[1] or not all(one.metrics for one in both):
             return False
-        better = rounds[-1].missed < HELPS * _best(rounds[:-1]).missed
+        better = rounds[-1].missed < HELPS * min(one.missed for one in rounds[:-1])
         got, asked = [one.metrics for one in both], [one.asked for one in both]
         return not (better or follows(got, asked, self.misses.aims))
 
@@ -373,20 +371,30 @@ class _Search:
             failure=made.printed.failure,
             mended=mended,
         )
-        if self.best is None or found.missed < self.best[0].missed:
-            self.best, self.finer = (found, made), None
         how = "" if mended is None else ", mended"
         _report(self.job.comm, f"round {self.number}", made.problem.metrics, found, how)
         self.number += 1
-        return found
+        if self.best is not None and found.missed >= self.best[0].missed:
+            return found
+        self.best = found, made
+        return self._compared() if self.beyond is None and found.error < FINE else found
 
-    def compared(self) -> Round | None:
-        """Judge the best print by a finer mesh; None without one, or if it was so judged."""
+    def misled(self) -> bool:
+        """Return whether only the finer mesh tells that the best print misses a tolerance."""
+        assert self.best is not None
+        if self.judged is not None and self.judged[0] is self.best[0]:
+            return False
+        before, after = self.best[0].error, self._compared()
+        known = self.judged is not None and self.judged[0] is after
+        return known and before < TOLERANCE <= after.error
+
+    def _compared(self) -> Round:
+        """Judge the best print by the finer mesh; return its round, as it was without one."""
         assert self.best is not None
         best, made = self.best
-        job, checked = self.job, self.job.scene.checked(self.job.scene.print_level)
-        if checked is None or self.finer is not None:
-            return None
+        job, finer = self.job, self.finer
+        if finer is None:
+            return best
         free_dropped(job.comm)  # the problem of the last print, if that was not the best
         evaluation, printed = made.printed.evaluation, (made.printed.pattern, made.printed.regions)
         assert evaluation is not None
@@ -395,19 +403,22 @@ class _Search:
         pressures = evaluation.equilibrium.pressures
         try:
             with self._timed("prints"):
-                self.finer = values_on(job, checked[1], near, printed, pressures, keys)
+                there = values_on(job, finer, near, printed, pressures, keys)
         except TorosError as caught:  # raised by all ranks or by none
             if job.comm.rank == 0:
-                log.warning("a finer mesh does not judge the print: %s", caught)
-            return None
+                log.warning("the finer mesh does not judge the print: %s", caught)
+            self.finer = None
+            return best
         finally:
             free_dropped(job.comm)
         pattern = made.case.pattern
-        self.beyond = pattern, self.finer.at_vertices(pattern) - made.limit.limit
+        self.beyond = pattern, there.at_vertices(pattern) - made.limit.limit
         made = made.compared_with(*self.beyond)
         strains = None if best.answer is None else best.answer.asked
         found = replace(best, **_judged(made, strains))
         self.best = found, made
+        if self.judged is None or found.missed < self.judged[0].missed:
+            self.judged = found, made, there
         _report(job.comm, "on a finer mesh", made.problem.metrics, found)
         return found
 
@@ -459,18 +470,9 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
     }
 
 
-def _misled(before: Round, judged: Round) -> bool:
-    """Return whether only a finer mesh tells that a print misses a tolerance."""
-    return before.error < TOLERANCE <= judged.error
-
-
 def _near(one: Round) -> bool:
     """Return whether the lines of a round may stay where they are."""
     return one.of_metrics < NEAR and one.of_shape < NEAR_SHAPE
-
-
-def _best(rounds: Sequence[Round]) -> Round:
-    return min(rounds, key=lambda one: one.missed)
 
 
 def _report(
