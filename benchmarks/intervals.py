@@ -27,7 +27,7 @@ from toros_fem.making.print.printability import printed_fractions
 from toros_fem.materials.sheet import Composite, Membrane
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import ORDER, LimitShape, half_width, limit_shape
+from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.following import snapped
@@ -42,11 +42,13 @@ AROUND = np.pi * DIAMETER
 # Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
 EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
 QUICK = (2.8e-3,), (2.0e-3, 1.6e-3)
-SEEDS = range(18)
-# The constants of half-widths were chosen with the prints of these seeds, and with no others.
-CHOSEN = range(9)
+SEEDS = range(27)
+# Half-widths were chosen with the prints of these seeds, and with no others.
+CHOSEN = range(18)
 # The first seed has one mesh more, and its limits come from finer ones.
 FINER, FINEST, SEEDS_OF_FINER = (*EDGES, 0.5e-3), (0.36e-3, 0.27e-3), range(1)
+# Order of the errors on the two meshes that the limit is extrapolated from.
+ORDER = 1.5
 SEEN, NEW = "prints of the choice", "other prints"
 # Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
 OWN, CHANGE = "half-width on its own", "change to edges of {:g}"

@@ -97,7 +97,7 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
 
 
 def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
-    """The change from a coarser mesh, half of the correction, and the change from rest."""
+    """The correction and the change from rest, or the change from a coarser mesh."""
     pattern = square(n=3)
     at_rest = float(pattern.points[:, 0].mean())
     # The left third is printed: it is as wide as two edges of its size.
@@ -109,24 +109,34 @@ def test_an_interval_counts_what_each_mesh_tells(alone: MPI.Comm) -> None:
     def middle(_: Pattern, positions: np.ndarray) -> float:
         return float(positions[:, 0].mean())
 
-    own = 0.02 / 2 + 0.03 * shape.edges_to_width * 0.12
+    own = 0.02 + 0.03 * shape.edges_to_width * 0.12
     rest = shape.half_width(middle)
 
     def interval(others: dict[float, float]) -> float:
         return half_width(rest, {r: abs(1.12 - other) * at_rest for r, other in others.items()})
 
     told = interval({1.5: 1.09})
-    assert told == pytest.approx(1.25 * (own + 0.03 / (1.5 - 1)) * at_rest, rel=1e-9)
+    assert told == pytest.approx(1.7 * 0.03 / (1.5 - 1) * at_rest, rel=1e-9)
     assert interval({2.0: 1.09}) < told
+    assert interval({2.0: 1.115}) == pytest.approx(1.7 * own * at_rest, rel=1e-9)
     gaps = replace(shape, density=1 - density)
     assert gaps.edges_to_width == pytest.approx(shape.edges_to_width)
     for plain in (np.zeros_like(density), None):
         found = replace(shape, density=plain).edges_to_width
         assert found == pytest.approx(edge / pattern.size)
-    # Of two coarser meshes the one counts that tells of the larger error, of order 1.5.
-    for near, far, error in ((1.09, 1.08, 0.03 / (1.5**1.5 - 1)), (1.11, 1.0, 0.12 / (4**1.5 - 1))):
-        told = interval({1.5: near, 4.0: far})
-        assert told == pytest.approx(1.25 * (own + error) * at_rest, rel=1e-9)
+
+
+@pytest.mark.parametrize(("order", "counts"), [(0.5, 1.0), (1.2, 1.2), (2.0, 1.5)])
+@pytest.mark.parametrize("ratios", [(1.5, 2.25), (2.0, 3.0, 4.5)])
+def test_coarser_meshes_tell_the_order_of_the_error(
+    order: float, counts: float, ratios: tuple[float, ...]
+) -> None:
+    """Within bounds: the interval of an error of this order is its error, with a factor."""
+    changes = {r: 0.3 * (r**order - 1) for r in ratios}
+    near = ratios[0]
+    error = 0.3 * (near**order - 1) / (near**counts - 1)
+    assert half_width(0.0, changes) == pytest.approx(1.7 * error, rel=1e-9)
+    assert half_width(0.0, {**changes, near: 0.0}) == 0.0
 
 
 @pytest.mark.parametrize(("pressure", "at_once"), [(4e3, False), (6e3, True)])

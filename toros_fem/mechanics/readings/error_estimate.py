@@ -10,6 +10,7 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.optimize import brentq
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -31,16 +32,15 @@ TOLERANCE = 1e-6
 
 # Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
 GAIN = 1.4
-# Part of the correction in the half-width of an interval.
-CORRECTED = 0.5
-# Parts of the change from rest in it. The first is a factor on the length of edges over the width
-# of printed lines. The second is one on the mean square of angles at edges, by which a skin of
-# triangles is no round one.
+# Parts of the change from rest in the half-width of an interval. The first is a factor on the
+# length of edges over the width of printed lines. The second is one on the mean square of angles at
+# edges, by which a skin of triangles is no round one.
 ACROSS, ROUND = 0.03, 1.0
-# Safety factor of half-widths, of Roache (1997) for three meshes.
-SAFETY = 1.25
-# Order of errors that three meshes tell: from 1 at corners of stiff lines to 2 elsewhere.
-ORDER = 1.5
+# Safety factor of half-widths.
+SAFETY = 1.7
+# Bounds on the order of errors that three meshes tell: it is 1 at corners of stiff lines, and a
+# higher one than the second may be chance.
+ORDERS = (1.0, 1.5)
 # Edges that are folded by more are creases of the skin itself, in rad.
 CREASE = np.radians(45.0)
 # Shapes are read again and again: by each metric, by frames and pictures.
@@ -177,7 +177,7 @@ class LimitShape:
     def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return the part of a half-width that one mesh tells, of several numbers as a distance."""
         from_rest = self._away(measure, self.pattern.points)
-        return CORRECTED * self.correction(measure) + self._coarseness * from_rest
+        return self.correction(measure) + self._coarseness * from_rest
 
     def correction(self, measure: Callable[[Pattern, Floats], Any]) -> float:
         """Return how far the limit is from what is computed, of several numbers as a distance.
@@ -208,16 +208,29 @@ class LimitShape:
 def half_width(own: float, changes: Mapping[float, float]) -> float:
     """Return the half-width of an interval.
 
-    An error of order p is the change over rᵖ − 1, for a ratio r of edge lengths. The largest of
-    several meshes counts, of order `ORDER`; a single one may agree by chance, and counts as of
-    order 1.
+    It is the larger one of two estimates of the error, with a safety factor: that of the mesh
+    itself, and Richardson's from the next coarser mesh, c/(rᵖ − 1) with the order p that two
+    coarser meshes tell (Roache 1997), within `ORDERS`. With one coarser mesh it is the least order.
 
     Args:
-        own: The part that the mesh itself tells, `LimitShape.half_width`.
+        own: The estimate of the mesh itself, `LimitShape.half_width`.
         changes: How far coarser meshes tell otherwise, by their edge length over that of the mesh.
     """
-    order = ORDER if len(changes) > 1 else 1.0
-    return SAFETY * (own + max(change / (r**order - 1) for r, change in changes.items()))
+    near, *others = sorted(changes)
+    order = _observed_order(near, others[0], changes) if others else min(ORDERS)
+    return SAFETY * max(own, changes[near] / (near**order - 1))
+
+
+def _observed_order(near: float, far: float, changes: Mapping[float, float]) -> float:
+    """Return the order, within `ORDERS`, of an error that changes so to meshes of two ratios."""
+
+    def above(order: float) -> float:
+        return changes[far] * (near**order - 1) - changes[near] * (far**order - 1)
+
+    low, high = ORDERS
+    if above(high) >= 0:
+        return high
+    return float(brentq(above, low, high)) if above(low) > 0 else low
 
 
 def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
