@@ -27,7 +27,7 @@ from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.measures.figures import NONE, Figure, State, formatted, split_key
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import simulated_on
+from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.results.console import duration
 from toros_fem.results.runs.summary_file import Summary, summary_of
 
@@ -172,13 +172,8 @@ def tried_on(folder: Path, edge: float) -> tuple[Figure, ...]:
     level = scene.finest_level
     pattern, stored = scene.case(comm, level).pattern, read_print_polygons(comm, folder)
     pressures = summary_of(folder).entries["pressures_pa"]
-    made = simulated_on(
-        Job(comm, scene),
-        level.scaled(edge / level.edge_length),
-        (pattern, pattern.points),
-        (stored.pattern, stored.regions),
-        pressures,
-    )
+    again = Again((pattern, pattern.points), (stored.pattern, stored.regions), pressures)
+    made = simulated_on(Job(comm, scene), level.scaled(edge / level.edge_length), again)
     found: tuple[Figure, ...] = scene.trial_figures(comm, made)
     return found
 

@@ -57,7 +57,8 @@ def found(
     job: Any = SimpleNamespace(scene=scene, comm=MPI.COMM_SELF)
 
     level: Any = 0
-    return metric_errors(job, level, shape(0), {"x_mm": mean}, None, None)
+    again: Any = None
+    return metric_errors(job, level, shape(0), {"x_mm": mean}, again)
 
 
 def values(errors: MetricErrors) -> dict[float, float]:

@@ -77,7 +77,7 @@ def test_an_asked_shape_has_the_strains_that_are_asked(kind: type[Any]) -> None:
 
 def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Then other lines are asked for; so they are where no change promises enough."""
-    search = object.__new__(discovery._Search)
+    search: Any = object.__new__(discovery._Search)
     step = SimpleNamespace(
         whole=True, before=10.0, promised=1.0, halved=SimpleNamespace(whole=False)
     )
@@ -89,6 +89,10 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
     def a_round(missed: float, mended: Any = None) -> Any:
         return SimpleNamespace(missed=missed, mended=mended, error=0.03 * missed)
 
+    def again(rounds: list[Any]) -> None:
+        search.best = min(rounds, key=lambda one: one.missed), made
+        search.again(rounds)
+
     first = a_round(10.0)
     for rounds in (
         [first],
@@ -96,29 +100,31 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
         [first, a_round(12.0, step)],
         [first, a_round(12.0, step), a_round(11.0, step.halved)],
     ):
-        search.again(rounds)
+        again(rounds)
     assert made == [step, step, step.halved, "asked"]
     small = SimpleNamespace(before=10.0, promised=6.0)
     monkeypatch.setattr(search, "_mending", lambda _: small)
-    search.again([first])
+    again([first])
     assert made[-1] == "asked", "far from the target"
-    search.again([a_round(1.0)])
+    again([a_round(1.0)])
     assert made[-1] is small, "near it"
     monkeypatch.setattr(search, "_mending", lambda _: None)
-    search.again([a_round(1.0)])
+    again([a_round(1.0)])
     assert made[-1] == "asked"
 
 
 def test_what_is_missed_within_the_error_of_the_mesh_is_no_guide() -> None:
     """The search ends there, but only within the tolerances; else it ends near the target alone."""
-    search = object.__new__(discovery._Search)
+    search: Any = object.__new__(discovery._Search)
 
     def enough(error: float, missed: float, uncertain: float) -> bool:
         one: Any = SimpleNamespace(
             error=error, of_metrics=error, of_shape=error, missed=missed, uncertain=uncertain,
             failure="", mended=None,
         )  # fmt: skip
-        return search.enough([one])
+        search.best = one, None
+        found: bool = search.enough([one])
+        return found
 
     assert enough(0.02, 0.7, 0.8)
     assert not enough(0.02, 0.7, 0.6)

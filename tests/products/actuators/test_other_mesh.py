@@ -8,7 +8,12 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.products.actuators import other_mesh
-from toros_fem.products.actuators.other_mesh import COARSER_MESHES, coarser_levels, near_on_coarser
+from toros_fem.products.actuators.other_mesh import (
+    COARSER_MESHES,
+    Again,
+    coarser_levels,
+    near_on_coarser,
+)
 
 
 def levels_tried(
@@ -25,8 +30,8 @@ def levels_tried(
             raise ParameterError("there is no coarser mesh.")
         return 1.5, level + 1
 
-    def simulated(_: Any, level: int, near: Any, *__: Any) -> Any:
-        tried.append((level, near))
+    def simulated(_: Any, level: int, again: Again) -> Any:
+        tried.append((level, again.near))
         if level in without:
             raise NoEquilibriumError("none")
         skin = SimpleNamespace(pattern=level, gather_vertices=lambda positions: positions)
@@ -36,7 +41,8 @@ def levels_tried(
     monkeypatch.setattr(other_mesh, "simulated_on", simulated)
     job: Any = SimpleNamespace(scene=SimpleNamespace(coarser=coarser), comm=MPI.COMM_SELF)
     level: Any = 0
-    return tried, near_on_coarser(job, level, ("given", "far"), (None, ()), None)  # type: ignore[arg-type]
+    near: Any = ("given", "far")
+    return tried, near_on_coarser(job, level, Again(near, None, None))
 
 
 def test_the_coarsest_mesh_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:

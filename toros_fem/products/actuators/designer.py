@@ -31,7 +31,7 @@ from toros_fem.products.actuators.densities import Attempt, DensityDesigner
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.misses import misses_of
-from toros_fem.products.actuators.other_mesh import simulated_on
+from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
@@ -217,7 +217,7 @@ class Designer(Distributed, DensityDesigner):
         )
         other = None
         if scene.results.estimate_error and printed.evaluation is not None:
-            other = partial(self._on_other_mesh, printed, printed.evaluation)
+            other = partial(self._on_other_mesh, printed)
         trial = scene.trial(self.comm, folder, found, other)
         found = replace(found, trial=trial, seconds=dict(self.reporter.seconds))
         write_summary(self.comm, folder, found)
@@ -245,18 +245,15 @@ class Designer(Distributed, DensityDesigner):
         assert isinstance(problem, ShapeDesign)
         measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
-        regions, pressures = (printed.pattern, printed.regions), made.equilibrium.pressures
         lines, level = found.search.lines, self._print_level
         finer = lines.finer if found.search.laid and lines is not None else None
-        return metric_errors(self, level, shape, measures, regions, pressures, finer)
+        return metric_errors(self, level, shape, measures, Again.of(printed), finer)
 
-    def _on_other_mesh(self, printed: PrintedDesign, made: Evaluation[Equilibrium]) -> Evaluation:
+    def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""
         self._check()
-        skin, at = made.problem.skin, made.equilibrium
-        near, regions = skin.gather_vertices(at.positions), (printed.pattern, printed.regions)
         level = self._print_level.scaled(self.scene.TRIAL_MESH)
-        return simulated_on(self, level, (skin.pattern, near), regions, at.pressures)
+        return simulated_on(self, level, Again.of(printed))
 
     @property
     def _print_level(self) -> Level:

@@ -30,7 +30,7 @@ from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
 from toros_fem.products.actuators.misses import Answer, misses_of
-from toros_fem.products.actuators.other_mesh import Shape
+from toros_fem.products.actuators.other_mesh import Again, Shape
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
 from toros_fem.results.shape_miss import shape_of
@@ -396,14 +396,10 @@ class _Search:
         if finer is None:
             return best
         free_dropped(job.comm)  # the problem of the last print, if that was not the best
-        evaluation, printed = made.printed.evaluation, (made.printed.pattern, made.printed.regions)
-        assert evaluation is not None
-        keys = [*made.metrics, *shape_of(evaluation)]
-        near = made.limit.pattern, made.limit.computed
-        pressures = evaluation.equilibrium.pressures
+        keys = [*made.metrics, *shape_of(made.printed.evaluation)]
         try:
             with self._timed("prints"):
-                there = values_on(job, finer, near, printed, pressures, keys)
+                there = values_on(job, finer, Again.of(made.printed), keys)
         except TorosError as caught:  # raised by all ranks or by none
             if job.comm.rank == 0:
                 log.warning("the finer mesh does not judge the print: %s", caught)

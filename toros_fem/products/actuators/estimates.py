@@ -22,12 +22,7 @@ from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, 
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import (
-    Printed,
-    Shape,
-    coarser_levels,
-    simulated_on,
-)
+from toros_fem.products.actuators.other_mesh import Again, coarser_levels, simulated_on
 from toros_fem.results.shape_miss import quantities_of
 
 if TYPE_CHECKING:
@@ -105,8 +100,7 @@ def metric_errors(
     level: Level,
     shape: LimitShape,
     measures: Measures,
-    printed: Printed | None,
-    pressures: Sequence[float] | None,
+    again: Again,
     finer: MeshValues | None = None,
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on other meshes (collective).
@@ -119,14 +113,13 @@ def metric_errors(
         shape: Its shape.
         measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
             what the shape misses.
-        printed: The print; None for a skin without one.
-        pressures: Pressure of each chamber in Pa; None takes those of the scene.
+        again: The print, and this shape as it is computed.
         finer: What the finer mesh tells, if this is known.
     """
     begin, scene = time.perf_counter(), job.scene
     computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
     found = {1.0: values_of(shape, measures)}
-    failure, near = None, (shape.pattern, shape.computed)
+    failure = None
     try:
         others = coarser_levels(scene, level)
     except ParameterError as caught:  # raised by all ranks or by none, as below
@@ -139,7 +132,7 @@ def metric_errors(
             found[ratio] = finer
     for ratio, other in others.items():
         try:
-            found[ratio] = values_on(job, other, near, printed, pressures, [*measures])
+            found[ratio] = values_on(job, other, again, [*measures])
         except TorosError as caught:
             failure = failure or str(caught)
             if ratio < 1 and job.comm.rank == 0:
@@ -163,19 +156,12 @@ def values_of(shape: LimitShape, measures: Measures) -> MeshValues:
     return MeshValues(shape, *({key: of[key] for key in known} for of in (found, widths)))
 
 
-def values_on(
-    job: Job,
-    level: Level,
-    near: Shape,
-    printed: Printed | None,
-    pressures: Sequence[float] | None,
-    keys: Sequence[str],
-) -> MeshValues:
+def values_on(job: Job, level: Level, again: Again, keys: Sequence[str]) -> MeshValues:
     """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
 
     Keys are those of metrics, and of what the shape misses.
     """
-    return values_of(*_read(simulated_on(job, level, near, printed, pressures), keys))
+    return values_of(*_read(simulated_on(job, level, again), keys))
 
 
 def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:

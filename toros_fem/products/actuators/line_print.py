@@ -18,7 +18,7 @@ from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Shape, near_on_coarser
+from toros_fem.products.actuators.other_mesh import Again, Shape, near_on_coarser
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
@@ -99,11 +99,11 @@ def print_of_lines(
     fine = case.following(job.comm, regions).smoothed()
     problem = job.problem(fine, level)
 
-    whole = case.whole.pattern, cleaned.regions
+    again = Again(near, (case.whole.pattern, cleaned.regions), pressures)
 
     def start() -> Any:
         if not alike:
-            found = state_near(problem, *near_on_coarser(job, level, near, whole, pressures))
+            found = state_near(problem, *near_on_coarser(job, level, again))
             if found is not None:
                 return found
         return state_near(problem, *near)

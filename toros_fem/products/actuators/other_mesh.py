@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.making.as_printed.as_printed import state_near
+from toros_fem.making.as_printed.as_printed import PrintedDesign, state_near
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -31,19 +31,30 @@ COARSER_MESHES = 2
 Printed = tuple[Pattern, Regions]
 
 
-def simulated_on(
-    job: Job,
-    level: Level,
-    near: Shape,
-    printed: Printed | None,
-    pressures: Sequence[float] | None,
-) -> Evaluation[Equilibrium]:
-    """Simulate a print on another mesh (collective).
+@dataclass(frozen=True, eq=False)
+class Again:
+    """What is simulated again, on another mesh.
 
-    Args:
+    Attributes:
         near: The shape that the simulation starts from.
         printed: The print; None for a skin without one.
         pressures: Pressure of each chamber in Pa; None takes those of the scene.
+    """
+
+    near: Shape
+    printed: Printed | None
+    pressures: Sequence[float] | None
+
+    @classmethod
+    def of(cls, printed: PrintedDesign) -> Again:
+        """Return a print that has an equilibrium, which is where it starts (collective)."""
+        assert printed.evaluation is not None
+        pressures = printed.evaluation.equilibrium.pressures
+        return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
+
+
+def simulated_on(job: Job, level: Level, again: Again) -> Evaluation[Equilibrium]:
+    """Simulate a print on another mesh (collective).
 
     Raises:
         NoEquilibriumError: There is none.
@@ -51,13 +62,14 @@ def simulated_on(
     level = replace(level, regularisation=level.regularisation.plain)
     comm, case = job.comm, job.scene.case(job.comm, level)
     part: Floats = np.zeros(len(case.pattern.panel))
-    if printed is not None:
-        case, own = case_of_print(comm, case, *printed)
+    if again.printed is not None:
+        case, own = case_of_print(comm, case, *again.printed)
         fine = case.pattern
         part = on_first_rank(comm, lambda: printed_fractions(fine, own))
     problem = job.problem(case.smoothed(), level)
     here = part[problem.skin.owned_cells]
-    return problem.simulate_binary(here, start=state_near(problem, *near), pressure=pressures)
+    start = state_near(problem, *again.near)
+    return problem.simulate_binary(here, start=start, pressure=again.pressures)
 
 
 def coarser_levels(scene: ActuatorScene, level: Level) -> dict[float, Level]:
@@ -80,13 +92,7 @@ def coarser_levels(scene: ActuatorScene, level: Level) -> dict[float, Level]:
     return found
 
 
-def near_on_coarser(
-    job: Job,
-    level: Level,
-    near: Shape,
-    printed: Printed,
-    pressures: Sequence[float] | None,
-) -> Shape:
+def near_on_coarser(job: Job, level: Level, again: Again) -> Shape:
     """Return the shape of a print on a coarser mesh, or the given one without any (collective).
 
     The steps from a far start are cheap there. The coarsest mesh comes first.
@@ -96,9 +102,9 @@ def near_on_coarser(
         others.extend(coarser_levels(job.scene, level).values())
     for other in reversed(others):
         with suppress(TorosError):
-            near = _shape(simulated_on(job, other, near, printed, pressures))
+            again = replace(again, near=_shape(simulated_on(job, other, again)))
         free_dropped(job.comm)
-    return near
+    return again.near
 
 
 def _shape(made: Evaluation[Equilibrium]) -> Shape:

@@ -32,7 +32,7 @@ from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Printed
+from toros_fem.products.actuators.other_mesh import Again, Printed
 from toros_fem.results.console import print_step
 from toros_fem.results.pressure_path import PathResult, write_pressure_path
 from toros_fem.results.result import write_summary
@@ -134,7 +134,8 @@ def simulate_actuator(
         errors = MetricErrors({}, failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
             shape = limit_shape(solver, last)
-            errors = metric_errors(job, level, shape, measures, regions, last.pressures)
+            again = Again((shape.pattern, shape.computed), regions, last.pressures)
+            errors = metric_errors(job, level, shape, measures, again)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)
