@@ -72,6 +72,12 @@ def test_parts_of_a_design(alone: MPI.Comm) -> None:
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
     lines = actuator_cost(alone, contract.ContractScene(), probing=False)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
+    checks = []
+    for rounds in (0, 4):
+        scene = contract.ContractScene().updated(check_refinement=1.5, corrections=rounds)
+        parts = {part.name: part for part in actuator_cost(alone, scene, probing=False).parts}
+        checks.append(parts["estimate of the error, finer mesh"].newton_steps)
+    assert checks[1] == (checks[0][0], 2 * checks[0][1]), "it may judge two prints"
     again = actuator_cost(alone, contract.ContractScene(), probing=False, from_print=True)
     (own, *_) = (part for part in again.parts if part.name.startswith("design"))
     assert own.newton_steps[0] > 0

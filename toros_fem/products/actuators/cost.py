@@ -182,7 +182,10 @@ def actuator_cost(
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
     largest = _largest_triangles(scene, finest)
     if largest > finest:
-        parts.append(Part("estimate of the error, finer mesh", largest, CURVE_POINT))
+        # Where lines are laid, it may judge another print before.
+        twice = scene.design.start == "relaxed" and scene.design.corrections > 0
+        likely = _times(CURVE_POINT, 1, 1 + twice)
+        parts.append(Part("estimate of the error, finer mesh", largest, likely))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)
