@@ -77,7 +77,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class MeshedScene(Scene):
+class ActuatorScene(Scene):
     """Tables of a skin that is designed, its meshes, and the options of the design on each.
 
     Raises:
@@ -92,6 +92,13 @@ class MeshedScene(Scene):
     lines: Lines = Lines()
     print: Printer = Printer()
     results: Results = Results()
+
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
+    # Measured values of the metrics, which are drawn beside the curves.
+    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
+    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
+    TRIAL_MESH: ClassVar[float] = COARSER
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -181,19 +188,11 @@ class MeshedScene(Scene):
     @property
     def density_level(self) -> Level:
         """The mesh of the densities that start from printable lines."""
-        level, design = self.print_level, self.design
+        level = self.print_level
         radius = DENSITY_FILTER_EDGES / FILTER_EDGES * level.regularisation.filter_radius
-        return replace(
-            level,
-            regularisation=replace(
-                level.regularisation,
-                filter_radius=radius,
-                length_scale=LengthScale() if self.lines.density_iterations else None,
-                perimeter_weight=design.perimeter_weight,
-                perimeter_window=design.perimeter_window * radius,
-                width_tolerance=design.robust_against,
-            ),
-        )
+        design = replace(self.design, filter_radius=radius)
+        widths = LengthScale() if self.lines.density_iterations else None
+        return replace(level, regularisation=replace(design.regularisation, length_scale=widths))
 
     def coarser(self, level: Level) -> tuple[float, Level]:
         """Return how much longer the edges of a mesh to compare with are, and that mesh.
@@ -225,17 +224,8 @@ class MeshedScene(Scene):
 
     def _of_lines(self, edge: float) -> Level:
         """Return a mesh without widths, perimeter and tolerance."""
-        design = self.design
-        return Level(
-            edge,
-            Regularisation(
-                FILTER_EDGES * edge,
-                design.filter,
-                design.projection,
-                length_scale=None,
-                perimeter_sharpness=design.perimeter_sharpness,
-            ),
-        )
+        design = replace(self.design, filter_radius=FILTER_EDGES * edge)
+        return Level(edge, design.regularisation.plain)
 
     @property
     def print_options(self) -> DesignOptions:
@@ -303,22 +293,6 @@ class MeshedScene(Scene):
                 "or wider lines.",
                 "print_edge_length",
             )
-
-
-@dataclass(frozen=True)
-class ActuatorScene(MeshedScene):
-    """Materials, pressure, the steps of each part of the design, and its printer.
-
-    Raises:
-        ParameterError: As of `MeshedScene`.
-    """
-
-    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
-    # Measured values of the metrics, which are drawn beside the curves.
-    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
-    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
-    TRIAL_MESH: ClassVar[float] = COARSER
 
     def coarse(self) -> Self:
         """Return the quick variant: a mesh less, or one with longer edges that are still useful."""

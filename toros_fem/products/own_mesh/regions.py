@@ -53,11 +53,7 @@ class Region(Table):
         return self._checked(pattern, inside, pattern.points)
 
     def cells(self, pattern: Pattern) -> Bools:
-        """Return which triangles have their centroid in the region, (t,).
-
-        Raises:
-            ParameterError, PanelError: As of `vertices`.
-        """
+        """Return which triangles have their centroid in the region, (t,)."""
         centroids = pattern.points[pattern.triangles].mean(axis=1)
         return self._checked(pattern, self._on_panels(pattern), centroids)
 

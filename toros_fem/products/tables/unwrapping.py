@@ -53,11 +53,7 @@ class Unwrapping(Table):
     )
 
     def surface(self, comm: MPI.Comm, path: Path) -> Surface:
-        """Read the surface, and warn of a size that no skin has (collective).
-
-        Raises:
-            SurfaceError, UnitError: As of `read_surface`.
-        """
+        """Read the surface, and warn of a size that no skin has (collective)."""
         from toros_fem.meshes.surfaces.files import read_surface, unit_hint
 
         surface = read_surface(comm, path, self.scale, self.component)
@@ -71,9 +67,6 @@ class Unwrapping(Table):
         """Mesh a surface anew if that is asked for, and tell it (collective).
 
         The matrix, (m, n), interpolates values at the given vertices to those that are returned.
-
-        Raises:
-            ParameterError, SurfaceError: As of `remeshed`.
         """
         from scipy.sparse import eye_array
 

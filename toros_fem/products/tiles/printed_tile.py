@@ -25,6 +25,7 @@ from toros_fem.base.validation import (
     require_positive,
     shown,
 )
+from toros_fem.making.print.printability import printed_fractions
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.makers.tile import KINDS, Tile, check_symmetry, tile
 from toros_fem.meshes.pattern import Pattern
@@ -155,13 +156,7 @@ def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> Pri
 
     def sample() -> Bools:
         region = region_of_triangles(old.pattern.corners[printed_tile.printed])
-        shapely.prepare(region)
-        triangles = shapely.polygons(new.pattern.corners)
-        printed = shapely.contains(region, triangles)
-        cut = shapely.intersects(region, triangles) & ~printed
-        areas = shapely.area(shapely.intersection(region, triangles[cut]))
-        printed[cut] = areas / new.pattern.areas[cut] >= HALF
-        return np.asarray(printed)
+        return printed_fractions(new.pattern, [region]) >= HALF
 
     return replace(printed_tile, printed=on_first_rank(comm, sample), edge_length=edge_length)
 

@@ -10,6 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import dot
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import carried_along
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.load import Load
@@ -134,18 +135,11 @@ class MovedSkin:
 
     def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
         """Return the way of all vertices with the deformed mesh, (n, 3)."""
-        a, b, c = np.moveaxis(pattern.corners, 1, 0)
-        flat = np.stack([b - a, c - a], axis=2)
-        a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
-        gradient = np.stack([b - a, c - a], axis=2) @ np.linalg.inv(flat)
-        each = np.einsum("tij,tkj->tki", gradient, self._motion[pattern.flat_triangles])
-        total, areas = np.zeros_like(positions), np.zeros(len(positions))
-        np.add.at(total, pattern.triangles, pattern.areas[:, None, None] * each)
-        np.add.at(areas, pattern.triangles, pattern.areas[:, None])
+        way = carried_along(pattern, positions, self._motion)
         # What is held stays where the supports have it.
         held = self.problem.skin.pattern.points - self._nominal.points
         fixed = self.problem.solver.model.supports.fixed
-        return np.where(fixed, held, total / areas[:, None])
+        return np.where(fixed, held, way)
 
 
 def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
