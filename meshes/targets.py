@@ -14,6 +14,7 @@ from toros_fem.base.validation import (
     require_callable,
     require_finite,
     require_positive,
+    unit_vector,
     vector,
 )
 
@@ -69,7 +70,7 @@ def curl(
     require_positive(length=length)
     _require_angle(angle, BEND_TURNS)
     start = vector("origin", origin)
-    out, side = (_unit(name, of) for name, of in (("along", along), ("toward", toward)))
+    out, side = (unit_vector(name, of) for name, of in (("along", along), ("toward", toward)))
     if abs(out @ side) > SQUARE:
         raise ParameterError(
             f"toward = {toward!r} must be perpendicular to along = {along!r}: the cosine of their "
@@ -116,7 +117,7 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
     arms = checked_floats(
         "directions", directions, "(k, 2), k ≥ 1", lambda s: len(s) == 2 and s[0] > 0 and s[1] == 2
     )
-    arms = np.stack([_unit("directions", (x, y, 0)) for x, y in arms])
+    arms = np.stack([unit_vector("directions", (x, y, 0)) for x, y in arms])
     bends = [curl(angle, length, origin=root * arm, along=arm, toward=(0, 0, -1)) for arm in arms]
 
     def deform(points: Floats) -> Floats:
@@ -182,11 +183,3 @@ def _require_angle(angle: float, turns: int) -> None:
 def _points(points: npt.ArrayLike) -> Floats:
     what = "(n, 3), in m"
     return checked_floats("points", points, what, lambda s: s[-1:] == (3,), finite=False)
-
-
-def _unit(name: str, value: npt.ArrayLike) -> Floats:
-    found = vector(name, value)
-    length = np.linalg.norm(found)
-    if length == 0:
-        raise ParameterError(f"{name} = {value!r} has no direction; give one that is not zero.")
-    return found / length

@@ -170,6 +170,15 @@ def vector(name: str, value: Any) -> Floats:
     return checked_floats(name, value, "three finite numbers", (3,))
 
 
+def unit_vector(name: str, value: Any, remedy: str = "one that is not zero") -> Floats:
+    """Return a direction in space, three finite numbers and not all zero, as a unit vector."""
+    given = vector(name, value)
+    length = float(np.linalg.norm(given))
+    if length == 0:
+        raise ParameterError(f"{name} = {shown(value)} has no direction; give {remedy}.")
+    return np.asarray(given / length)
+
+
 def real_numbers(
     name: str, values: Any, what: str, failure: type[TorosError] = ParameterError
 ) -> Floats:

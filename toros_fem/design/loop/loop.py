@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -74,14 +74,6 @@ class DesignResult(Distributed):
 
 
 Callback = Callable[[Iteration, Evaluation], None]
-
-
-@runtime_checkable
-class ResumableCallback(Protocol):
-    """A callback that also wants the rows of a loop that is resumed."""
-
-    def restored(self, rows: Sequence[Iteration]) -> None:
-        """Take the rows for which it was called before, on every rank."""
 
 
 @collective("problem.comm", owned=("start", "after", "journal"))
@@ -254,8 +246,9 @@ class _Run:
                     f"a stage of {then} steps is over, and another one followed: {one.iterations} "
                     f"steps change nothing. Go on with {then}, or start a new run."
                 )
-        if isinstance(self.callback, ResumableCallback):
-            self.callback.restored(self.history[before:])
+        restored = getattr(self.callback, "restored", None)
+        if restored is not None:
+            restored(self.history[before:])
         self.iteration_begin = time.perf_counter()
         return stage
 

@@ -37,7 +37,6 @@ from toros_fem.mechanics.terms.sheet import (
     OffsetPrint,
     RubberLayer,
     Sheet,
-    TensionSheet,
 )
 from toros_fem.mechanics.terms.term import Term
 from toros_fem.meshes.skin import Skin
@@ -416,8 +415,7 @@ def make_model(
         supports.require_no_rigid_motion(pattern, bends=bending is not None)
     planes = Planes(pattern, supports)
 
-    sheet = TensionSheet if composite.membrane.relaxed else Sheet
-    terms: list[Term] = [sheet(skin, composite, supports, design)]
+    terms: list[Term] = [Sheet(skin, composite, supports, design)]
     if composite.bladder is not None:
         terms.append(RubberLayer(skin, composite.bladder))
     if isinstance(design, LineDesign):

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem.base.array_types import Floats
+from toros_fem.measures.rotation import axial, skew
 
 # Squared angle in rad² below which the coefficients are summed as series, and terms of these.
 SERIES, TERMS = 1.0, 10
@@ -29,7 +30,7 @@ def placed(points: Floats, centre: Floats, pose: Floats) -> Floats:
 def rotation(vector: Floats) -> Floats:
     """Return the rotation matrix, (3, 3), of a rotation vector in rad, (3,)."""
     cosine, a, b = _coefficients(float(vector @ vector))[0]
-    return np.asarray(cosine * np.eye(3) + a * _cross(vector) + b * np.outer(vector, vector))
+    return np.asarray(cosine * np.eye(3) + a * skew(vector) + b * np.outer(vector, vector))
 
 
 def pose_jacobian(points: Floats, centre: Floats, pose: Floats) -> Floats:
@@ -44,7 +45,7 @@ def pose_jacobian(points: Floats, centre: Floats, pose: Floats) -> Floats:
     jacobian: Floats = np.zeros((len(points), 3, 6))
     jacobian[:, :, :3] = np.eye(3)
     jacobian[:, :, 3:] = 2 * by_square[:, :, None] * turn
-    jacobian[:, :, 3:] -= a * _cross(arms)
+    jacobian[:, :, 3:] -= a * skew(arms)
     jacobian[:, :, 3:] += b * (along[:, None, None] * np.eye(3) + turn[:, None] * arms[:, None, :])
     return jacobian.reshape(-1, 6)
 
@@ -56,14 +57,10 @@ def pose_curvature(points: Floats, centre: Floats, pose: Floats, force: Floats) 
     # All that the points enter by: the sum is cos φ tr G + A θ · moment + B θ · G θ.
     products = force.T @ (points - centre)
     trace, both = float(np.trace(products)), products + products.T
-    moment = np.array([
-        products[2, 1] - products[1, 2],
-        products[0, 2] - products[2, 0],
-        products[1, 0] - products[0, 1],
-    ])  # fmt: skip
-    axial, square, stretched = float(turn @ moment), float(turn @ products @ turn), both @ turn
-    first = dcosine * trace + da * axial + db * square
-    second = ddcosine * trace + dda * axial + ddb * square
+    moment = axial(products)
+    spin, square, stretched = float(turn @ moment), float(turn @ products @ turn), both @ turn
+    first = dcosine * trace + da * spin + db * square
+    second = ddcosine * trace + dda * spin + ddb * square
     mixed = np.outer(turn, da * moment + db * stretched)
     curvature: Floats = np.zeros((6, 6))
     curvature[3:, 3:] = (
@@ -77,14 +74,6 @@ def shortest(vectors: Floats) -> Floats:
     angle = np.linalg.norm(vectors, axis=-1, keepdims=True)
     turns = np.round(angle / (2 * np.pi))
     return np.asarray(vectors * (1 - 2 * np.pi * turns / np.maximum(angle, np.pi)))
-
-
-def _cross(vectors: Floats) -> Floats:
-    """Return the matrices, (…, 3, 3), that multiply by vectors (…, 3) from the left."""
-    matrix: Floats = np.zeros((*vectors.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        matrix[..., k, j], matrix[..., j, k] = vectors[..., i], -vectors[..., i]
-    return matrix
 
 
 def _coefficients(square: float) -> Floats:

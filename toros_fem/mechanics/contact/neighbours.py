@@ -13,7 +13,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.mechanics.contact.library import ipctk, patches_apart
 from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.triangles import following
+from toros_fem.meshes.triangles import cross, following
 
 # Paths in the sheet, over its thickness. Two points of a folded sheet that are one thickness apart
 # have a path of π/2 of it between them: vertices within FOLDED are neighbours, and all vertices of
@@ -184,7 +184,7 @@ class _Sheet:
         corner = np.flatnonzero(self.twin[following(np.arange(len(self.twin)))] >= 0)
         half, begin, end = self.opposite(corner)
         place = self.beyond(half, begin, end)
-        seen = (_cross(begin, place) > 0) & (_cross(place, end) > 0)
+        seen = (cross(begin, place) > 0) & (cross(place, end) > 0)
         far = self.begin[following(following(self.twin[half]))]
         every = np.arange(len(self.begin))
         return (
@@ -202,7 +202,7 @@ class _Sheet:
         while len(corner):
             direction = end - begin
             one, two = (
-                (_cross(begin, direction) / _cross(ray, direction))[:, None] * ray
+                (cross(begin, direction) / cross(ray, direction))[:, None] * ray
                 for ray in (low, high)
             )
             near = _distance(one, two) <= limit
@@ -216,18 +216,14 @@ class _Sheet:
             corner, half = np.tile(corner, 2), np.append(after, following(after))
             begin, end = np.concatenate([begin, apex]), np.concatenate([apex, end])
             low, high = np.tile(low, (2, 1)), np.tile(high, (2, 1))
-            low = np.where((_cross(low, begin) > 0)[:, None], begin, low)
-            high = np.where((_cross(end, high) > 0)[:, None], end, high)
-            seen = _cross(low, high) > VIEW * np.linalg.norm(low, axis=1) * np.linalg.norm(
+            low = np.where((cross(low, begin) > 0)[:, None], begin, low)
+            high = np.where((cross(end, high) > 0)[:, None], end, high)
+            seen = cross(low, high) > VIEW * np.linalg.norm(low, axis=1) * np.linalg.norm(
                 high, axis=1
             )
             corner, half = corner[seen], half[seen]
             begin, end, low, high = (at[seen] for at in (begin, end, low, high))
         return np.concatenate(corners), np.concatenate(halves)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _distance(begin: Floats, end: Floats) -> Floats:

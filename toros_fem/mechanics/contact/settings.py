@@ -9,7 +9,13 @@ import numpy as np
 
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import checked_floats, require_flag, require_kind, require_positive
+from toros_fem.base.validation import (
+    checked_floats,
+    require_flag,
+    require_kind,
+    require_positive,
+    unit_vector,
+)
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.mechanics.skin.dead_loads import GRAVITY
@@ -32,12 +38,9 @@ class Ground:
 
     def __post_init__(self) -> None:
         point = checked_floats("point", self.point, "a finite vector of three, in m", (3,))
-        normal = checked_floats("normal", self.normal, "a finite vector of three", (3,))
-        length = float(np.linalg.norm(normal))
-        if length == 0:
-            raise ParameterError("normal = 0 has no direction; give that out of the ground.")
+        normal = unit_vector("normal", self.normal, "that out of the ground")
         object.__setattr__(self, "point", tuple(float(v) for v in point))
-        object.__setattr__(self, "normal", tuple(float(v) for v in normal / length))
+        object.__setattr__(self, "normal", tuple(float(v) for v in normal))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +196,5 @@ class Pads:
             )
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
-        what = "a finite vector of three, other than 0"
-        given = checked_floats("direction", self.direction, what, (3,))
-        length = float(np.linalg.norm(given))
-        if length == 0:
-            raise ParameterError(f"direction = {self.direction} must be {what}.")
-        object.__setattr__(self, "direction", tuple(float(v) for v in given / length))
+        given = unit_vector("direction", self.direction)
+        object.__setattr__(self, "direction", tuple(float(v) for v in given))

@@ -9,9 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective
-from toros_fem.base.validation import checked_floats, require_positive
+from toros_fem.base.validation import checked_floats, require_positive, unit_vector
 from toros_fem.mechanics.contact.bodies import RigidBody
 from toros_fem.meshes.surfaces.files import read_surface
 from toros_fem.meshes.triangles import (
@@ -120,10 +119,7 @@ def rigid_cylinder(
     Of the axis the length does not matter.
     """
     require_positive(radius=radius, length=length)
-    given = checked_floats("axis", axis, "a finite vector, (3,)", (3,))
-    size = float(np.linalg.norm(given))
-    if size == 0:
-        raise ParameterError("axis = 0 has no direction; give that of the cylinder.")
+    upright = unit_vector("axis", axis, "that of the cylinder")
     area = 2 * np.pi * radius * (radius + length)
     # A chord e lies e²/(8 R) below the circle.
     edge = _edge_length(edge_length, area, np.sqrt(8 * radius * _sagitta(radius)))
@@ -149,10 +145,9 @@ def rigid_cylinder(
     )
     # The regular polygon has the circle's area.
     radius *= float(np.sqrt(2 * np.pi / (around * np.sin(2 * np.pi / around))))
-    direction = np.asarray(given / size, dtype=np.float64)
-    aside = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    aside = np.cross(upright, np.eye(3)[np.argmin(np.abs(upright))])
     aside /= np.linalg.norm(aside)
-    frame = np.array([radius * aside, radius * np.cross(direction, aside), length * direction])
+    frame = np.array([radius * aside, radius * np.cross(upright, aside), length * upright])
     return _made(name, points @ frame, triangles, centre, mass)
 
 

@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import collective, on_first_rank
-from toros_fem.base.validation import checked_floats, real_numbers, require_kind, shown
+from toros_fem.base.validation import real_numbers, require_kind, shown, unit_vector
 from toros_fem.mechanics.contact.skin_contact import SkinContact
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -73,17 +73,14 @@ def pull_out(
         EquilibriumError: While iterating: the pull could not be followed further.
     """
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
-    along = checked_floats("direction", direction, "a finite vector of three", (3,))
-    length = float(np.linalg.norm(along))
-    if length == 0:
-        raise ParameterError("direction = 0 is none; give that of the pull.")
+    along = unit_vector("direction", direction, "that of the pull")
     steps = real_numbers("depths", depths, "distances in m, ascending from 0")
     if steps.ndim != 1 or not len(steps) or steps[0] != 0 or not (np.diff(steps) > 0).all():
         raise ParameterError(f"depths = {shown(depths)} must be distances in m, ascending from 0.")
     contact = solver.model.contact
     if contact is None or not 0 <= body < len(contact.contact.bodies):
         raise ParameterError(f"the solver's contact has no body number {body}.")
-    pull = _Pull(solver, contact, density, load_of(load), np.asarray(along / length), body)
+    pull = _Pull(solver, contact, density, load_of(load), along, body)
     return pull.follow(steps, closed)
 
 

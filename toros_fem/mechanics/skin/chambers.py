@@ -10,6 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_names, require_kind, require_names, whole_numbers
+from toros_fem.measures.rotation import skew
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import Refinement
@@ -125,7 +126,7 @@ class Fan:
     def hessian(self, x: Floats, rows: Ints, columns: Ints) -> Floats:
         """Return entries of d²v/dx² in m, each at a row and a column 3 i + component."""
         (i, a), (j, b) = np.divmod(rows, 3), np.divmod(columns, 3)
-        by_step, by_apex = -_skew(self._step(x)), -_skew(self._apex(x))
+        by_step, by_apex = -skew(self._step(x)), -skew(self._apex(x))
         borne = self.weights[i] * self.kept[a] * by_step[j, a, b]
         borne += self.weights[j] * self.kept[b] * by_step[i, b, a]
         joined = self._joined[i, j] - self._joined[j, i]
@@ -151,11 +152,6 @@ class Fan:
         np.add.at(step, self.edges[:, 0], x[self.edges[:, 1]])
         np.subtract.at(step, self.edges[:, 1], x[self.edges[:, 0]])
         return step
-
-
-def _skew(a: Floats) -> Floats:
-    """Return the matrices (…, 3, 3) of x ↦ a × x for vectors a, (…, 3)."""
-    return np.asarray(np.cross(a[..., None, :], np.eye(3)).swapaxes(-1, -2), dtype=np.float64)
 
 
 def find_lids(pattern: Pattern, chambers: Chambers | None, planes: Planes) -> list[Fan]:

@@ -11,6 +11,7 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_between, require_kind
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.surfaces.nearest import nearest
 from toros_fem.meshes.transfer import Refinement
 
 GRAVITY = 9.81  # m/s²
@@ -86,17 +87,19 @@ def point_force(
     flat = panel is not None
     at = _vector("place", place, 2 if flat else 3, "m")
     cells = np.arange(len(pattern.panel)) if panel is None else pattern.cells_of(panel)
-    corners = pattern.corners[cells] if flat else pattern.points[pattern.triangles[cells]]
-    weights, away = _nearest(corners, at)
-    nearest = int(np.argmin(away))
-    if away[nearest] > ON_SKIN * pattern.size:
+    vertices, triangles = pattern.points, pattern.triangles
+    if flat:
+        vertices, triangles = np.pad(pattern.flat_points, ((0, 0), (0, 1))), pattern.flat_triangles
+    found = nearest(np.pad(at, (0, 3 - len(at)))[None], vertices, triangles[cells])
+    away, cell = float(found.distance[0]), cells[found.triangle[0]]
+    if away > ON_SKIN * pattern.size:
         where = f"panel {panel!r}" if flat else "the assembled skin"
         raise ParameterError(
-            f"place = {at} m is {away[nearest]:.3g} m away from {where}; at most "
+            f"place = {at} m is {away:.3g} m away from {where}; at most "
             f"{ON_SKIN * pattern.size:.3g} m are allowed. Give a point on it."
         )
     forces = np.zeros((len(pattern.points), 3))
-    np.add.at(forces, pattern.triangles[cells[nearest]], np.outer(weights[nearest], whole))
+    np.add.at(forces, pattern.triangles[cell], np.outer(found.shares[0], whole))
     return forces
 
 
@@ -104,24 +107,3 @@ def _vector(name: str, values: Sequence[float] | Floats, size: int, unit: str) -
     advice = "; flat coordinates (2,) need the name of their panel" if name == "place" else ""
     what = f"a finite vector ({size},), in {unit}{advice}"
     return checked_floats(name, values, what, (size,))
-
-
-def _nearest(corners: Floats, at: Floats) -> tuple[Floats, Floats]:
-    """Return the point of each triangle that is nearest to a point, and its distance, (c,).
-
-    The points are barycentric coordinates, (c, 3).
-    """
-    edges, arms = corners[:, [1, 2, 0]] - corners, at - corners
-    share = np.einsum("cik,cik->ci", arms, edges) / np.einsum("cik,cik->ci", edges, edges)
-    share = np.clip(share, 0.0, 1.0)[:, :, None]
-    on_edges = (1 - share) * np.eye(3) + share * np.roll(np.eye(3), 1, axis=1)
-    # The projection onto the plane counts if it lies inside.
-    sides = corners[:, 1:] - corners[:, :1]
-    products = sides @ arms[:, 0, :, None]
-    local = np.linalg.solve(sides @ sides.transpose(0, 2, 1), products)[:, :, 0]
-    inside = np.concatenate([1 - local.sum(axis=1, keepdims=True), local], axis=1)
-    points = np.concatenate([inside[:, None], on_edges], axis=1)
-    away = np.linalg.norm(np.einsum("cpi,cik->cpk", points, corners) - at, axis=2)
-    away[(inside < 0).any(axis=1), 0] = np.inf
-    best = np.arange(len(corners)), np.argmin(away, axis=1)
-    return points[best], away[best]

@@ -14,7 +14,7 @@ from toros_fem.forms.bending import EITHER, STEEP
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.triangles import edge_keys, opposite_edges
+from toros_fem.meshes.triangles import edge_keys, flat_areas, opposite_edges
 
 # Smallest singular value of the quadratic patch's angles over those of the average. Below it the
 # six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be
@@ -194,8 +194,7 @@ def _edge_frames(flat: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 def _average(flat: Floats) -> Floats:
     """Columns Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) of the triangle average, eq. (4), as (xx, yy, 2xy)."""
     _, _, n, length = _edge_frames(flat)
-    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
-    area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    area = np.abs(flat_areas(flat))
     parts = np.stack([n[:, :, 0] ** 2, n[:, :, 1] ** 2, 2 * n[:, :, 0] * n[:, :, 1]], axis=1)
     return np.asarray(parts * (length / (2 * area[:, None]))[:, None, :])
 
@@ -269,16 +268,14 @@ class Flaps:
 
     Attributes:
         flap: Node of the position space across each edge, (cells, 3), as of `Hinges`.
-        neighbour: Local triangle across each edge, (cells, 3); at a free border and at a plane of
-            symmetry, which mirrors it, the triangle itself.
-        share: Area of that triangle over that of both, (cells, 3); 0 at a free border.
+        share: Area of the triangle across each edge over that of both, (cells, 3); 0 at a free
+            border. A plane of symmetry mirrors the triangle itself.
         across: Inverse of the matrix whose columns are the edge and the vector from its start to
             the flap in the own flat chart, (cells, 3, 2, 2), in 1/m.
         chart: The matrix B of `forms.smoothing.Smoothing` at each edge, (cells, 3, 2, 2).
     """
 
     flap: LocalInts
-    neighbour: LocalInts
     share: Floats
     across: Floats
     chart: Floats
@@ -302,4 +299,4 @@ def find_flaps(skin: Skin, supports: Supports) -> Flaps:
     flap = np.where(alone, corner, corner[neighbour, opposite]).astype(np.int32)
     share = np.where(alone & ~mirrored, 0.0, share)
     chart = np.asarray(across @ own[:, None], dtype=np.float64)
-    return Flaps(flap, neighbour, share, across, chart)
+    return Flaps(flap, share, across, chart)

@@ -75,7 +75,11 @@ class Sheet(Term):
         else:
             self.bounds = MixedBounds(design.density, flat, composite, flaps)
             self._limits, read = self.bounds.coefficients, self.bounds.symbols
-        self.symbols = self._mu, self._lam, read
+        # Where the sheet wrinkles instead of taking compression.
+        self._residual: fem.Constant | None = None
+        if composite.membrane.relaxed:
+            self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
+        self.symbols = self._mu, self._lam, read, self._residual
 
     def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
         both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
@@ -85,12 +89,12 @@ class Sheet(Term):
         self._charts = [cell_function(space, chart) for chart in charts]
         return Smoothing(self._charts, self._shares, self._design.around, constants(skin, *both))
 
-    def _law(self, t: Triangle) -> tuple[Any, Any, Any, Any]:
-        return t.mix(*self._mu), t.mix(*self._lam), *self._limits
-
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        return barrier(e, *self._law(t), log)
+        law = t.mix(*self._mu), t.mix(*self._lam), *self._limits
+        if self._residual is None:
+            return barrier(e, *law, log)
+        return relaxed(e, *law, self._residual, log)
 
     @override
     def take_forms(self, number: int, compiled: Compiled, work: la.Vector) -> None:
@@ -145,21 +149,6 @@ class Sheet(Term):
     def moduli(self, design: Densities) -> Floats | float:
         both = zip(self._mu, self._lam, strict=True)
         return design.mix(*(2 * float(mu.value) + float(lam.value) for mu, lam in both))
-
-
-class TensionSheet(Sheet):
-    """The same sheet where it wrinkles instead of taking compression."""
-
-    def __init__(
-        self, skin: Skin, composite: Composite, supports: Supports, design: Densities
-    ) -> None:
-        super().__init__(skin, composite, supports, design)
-        self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
-        self.symbols = self.symbols, self._residual
-
-    @override
-    def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
-        return relaxed(e, *self._law(t), self._residual, log)
 
 
 class RubberLayer(Term):
