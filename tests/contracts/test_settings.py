@@ -119,7 +119,7 @@ def test_tables_are_values(table: type[Table]) -> None:
     for one in table.described().values():
         if one.default is MISSING and one.name not in needed:
             text = one.words[0] if one.words else ["a"] if one.several else "a"
-            needed[one.name] = 0.5 if one.kind is float else text
+            needed[one.name] = {float: 0.5, int: 1}.get(one.kind, text)
     made = read_library()["rib-knit"] if table is LibraryMaterial else table(**needed)
     plain = {one.name: getattr(made, one.name) for one in values_of(table)}
     assert made == table(**json.loads(json.dumps(plain, default=str)))

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-
-import numpy as np
+from dataclasses import MISSING, dataclass, fields
+from typing import Annotated
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.validation import (
-    require_between,
-    require_count,
-    require_flag,
-    require_kind,
-    require_positive,
-    shown,
-)
+from toros_fem.base.keys import Count, Factor, Fraction, In, Number, Positive, Table, key
 from toros_fem.design.mma.optimizer import MMAOptions
 
 # Number of steps over which T must fall.
@@ -24,84 +16,59 @@ LOOK_BACK = 10
 
 
 @dataclass(frozen=True)
-class Stage:
+class Stage(Table):
     """A part of the design loop in which the problem does not change.
 
     MMA starts afresh with each stage. Where β is raised or constraints are switched on, T jumps,
     and asymptotes learnt on the old problem would mislead MMA.
-
-    Attributes:
-        iterations: Largest number of MMA steps.
-        beta: Steepness β of the projection; None keeps the problem's.
-        constrained: Whether the problem's width constraints are enforced; they are reported
-            in either case.
-        robust: Whether the eroded and dilated patterns of a robust problem count.
     """
 
-    iterations: int
-    beta: float | None = None
-    constrained: bool = False
-    robust: bool = True
-
-    def __post_init__(self) -> None:
-        require_count(1, iterations=self.iterations)
-        require_flag(constrained=self.constrained, robust=self.robust)
-        if self.beta is not None:
-            require_positive(beta=self.beta)
+    iterations: Count = key(MISSING, "largest number of MMA steps")
+    beta: Positive | None = key(None, "steepness β of the projection; none keeps the problem's")
+    constrained: bool = key(
+        False, "whether the problem's width constraints are enforced; they are reported either way"
+    )
+    robust: bool = key(True, "whether the eroded and dilated patterns of a robust problem count")
 
 
 @dataclass(frozen=True)
-class DesignOptions:
+class DesignOptions(Table):
     """Stages, stop rules and step control of the design loop.
 
-    Attributes:
-        stages: The stages, run one after the other.
-        retries: How often a step that does not decrease the merit function is replaced by a more
-            cautious one; then it is accepted. A step without an equilibrium is replaced up to
-            twice as often and never accepted.
-        x_tol: A stage ends when no variable changes by more than this.
-        kkt_tol: A stage ends when the KKT residual of MMA's scaled problem is below this.
-        target_objective: A stage ends when T is at most this and its constraints hold; None leaves
-            this rule out.
-        min_relative_decrease: A stage ends when T fell by a smaller fraction in the last ten
-            steps, its constraints satisfied before and after; None leaves this rule out.
-        seconds: The loop ends after this wall time; None leaves this rule out.
-        pressure_move: Largest change of a pressure in one step, as a fraction of the logarithm of
-            its bounds' ratio.
-        mma: Parameters of MMA.
+    A step that does not decrease the merit function is replaced by a more cautious one, `retries`
+    times at most; then it is accepted. One without an equilibrium is replaced up to twice as often
+    and never accepted.
 
     Raises:
         ParameterError: There is no stage, or a value is out of its bounds.
     """
 
-    stages: tuple[Stage, ...] = (Stage(60),)
-    retries: int = 4
-    x_tol: float = 1e-4
-    kkt_tol: float = 1e-5
-    target_objective: float | None = None
-    min_relative_decrease: float | None = None
-    seconds: float | None = None
-    pressure_move: float = 0.1
-    mma: MMAOptions = field(default_factory=MMAOptions)
+    stages: tuple[Stage, ...] = key((Stage(60),), "the stages, run one after the other")
+    retries: Number = key(4, "how often a step is replaced by a more cautious one")
+    x_tol: Positive = key(1e-4, "a stage ends when no variable changes by more than this")
+    kkt_tol: Positive = key(
+        1e-5, "a stage ends when the KKT residual of MMA's scaled problem is below this"
+    )
+    target_objective: Factor | None = key(
+        None, "a stage ends when T is at most this and its constraints hold"
+    )
+    min_relative_decrease: Annotated[float, In(at_least=0, at_most=1)] | None = key(
+        None,
+        "a stage ends when T fell by a smaller fraction in the last ten steps, its constraints "
+        "satisfied before and after",
+    )
+    seconds: Positive | None = key(None, "the loop ends after this wall time in s")
+    pressure_move: Fraction = key(
+        0.1,
+        "largest change of a pressure in one step, as a fraction of the logarithm of its bounds' "
+        "ratio",
+    )
+    mma: MMAOptions = key(MMAOptions(), "parameters of MMA")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.stages, list | tuple):
-            raise ParameterError(f"stages = {shown(self.stages)} must be a list of Stages.")
-        for stage in self.stages:
-            require_kind("stages", stage, Stage, "Stages, by Stage(iterations)")
-        object.__setattr__(self, "stages", tuple(self.stages))
-        require_kind("mma", self.mma, MMAOptions, "MMAOptions")
+        super().__post_init__()
         if not self.stages:
             raise ParameterError("stages is empty; give at least one Stage.")
-        require_count(0, retries=self.retries)
-        require_positive(x_tol=self.x_tol, kkt_tol=self.kkt_tol)
-        if self.target_objective is not None:
-            require_between(0.0, np.inf, target_objective=self.target_objective)
-        if self.min_relative_decrease is not None:
-            require_between(0.0, 1.0, min_relative_decrease=self.min_relative_decrease)
-        require_positive(pressure_move=self.pressure_move, at_most=1.0)
-        if self.seconds is not None:
-            require_positive(seconds=self.seconds)
 
     @property
     def iterations(self) -> int:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Fraction, In, Positive, Table, key
 from toros_fem.base.mpi import Distributed, collective, largest, require_comm, together, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
-    require_between,
     require_count,
     require_finite,
     require_kind,
@@ -32,32 +33,21 @@ ROUNDING = 1e-10  # of a function's largest change: a smaller excess counts as r
 
 
 @dataclass(frozen=True)
-class MMAOptions:
-    """Svanberg's parameters; the defaults are his except for the move limit.
+class MMAOptions(Table):
+    """Svanberg's parameters; the defaults are his except for the move limit."""
 
-    Attributes:
-        move: Largest change of a variable in one iteration, over its range.
-        asymptote_start: Initial distance of the asymptotes over the range.
-        asymptote_grow, asymptote_shrink: Factors on the distance where a variable continues in one
-            direction, and where it turns back.
-        penalty: cᵢ, the penalty for violating a constraint by one unit.
-        tolerance: Largest residual of the subproblem; near the solution it is solved more exactly.
-    """
-
-    move: float = 0.2
-    asymptote_start: float = 0.5
-    asymptote_grow: float = 1.2
-    asymptote_shrink: float = 0.7
-    penalty: float = 1000.0
-    tolerance: float = 1e-9
-
-    def __post_init__(self) -> None:
-        require_positive(
-            asymptote_start=self.asymptote_start, penalty=self.penalty, tolerance=self.tolerance
-        )
-        require_positive(move=self.move, at_most=1.0)
-        require_between(1.0, 10.0, asymptote_grow=self.asymptote_grow)
-        require_between(0.01, 1.0, asymptote_shrink=self.asymptote_shrink)
+    move: Fraction = key(0.2, "largest change of a variable in one iteration, over its range")
+    asymptote_start: Positive = key(0.5, "initial distance of the asymptotes over the range")
+    asymptote_grow: Annotated[float, In(at_least=1, at_most=10)] = key(
+        1.2, "factor on the distance where a variable continues in one direction"
+    )
+    asymptote_shrink: Annotated[float, In(at_least=0.01, at_most=1)] = key(
+        0.7, "factor on the distance where a variable turns back"
+    )
+    penalty: Positive = key(1000.0, "cᵢ, the penalty for violating a constraint by one unit")
+    tolerance: Positive = key(
+        1e-9, "largest residual of the subproblem; near the solution it is solved more exactly"
+    )
 
 
 @dataclass
