@@ -256,7 +256,7 @@ def draw_intervals(path: Path) -> None:
         ends = np.array([0.05, 100.0])
         right.plot(ends, ends, color=INK, lw=0.8)
         right.plot(ends, 3 * ends, color=SOFT, lw=0.8, ls="--")
-        right.text(30, 24, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
+        right.text(0.5, 0.4, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
         right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
         left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
         left.set(xticks=[0.5, 1, 2, 4], yticks=[2, 5, 10, 20])

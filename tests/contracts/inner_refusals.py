@@ -435,8 +435,6 @@ def _with_lines(s: Scene, **given: Any) -> tf.EquilibriumSolver:
 
 
 SOLVES: Table = {
-    **each(tf.NewtonOptions, {"tolerance": 0.0}, {"tolerance": 0.1}, {"max_steps": 0},
-           {"fraction_to_barrier": 1.0}, {"min_increment": -1.0}, {"min_increment": NAN}),
     "line families of a tension field": lambda s: _with_lines(
         s, composite=tf.Composite(bending=None, membrane=tf.Membrane("tension-field"))
     ),

@@ -26,7 +26,7 @@ from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
-from toros_fem.design.mma.optimizer import MMA, Functions, MMAOptions
+from toros_fem.design.mma.optimizer import MMA, Functions
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
@@ -373,8 +373,6 @@ SOLVES: Table = {
     "supports are None": lambda s: _solver(s, supports=None),
     "options are a dict": lambda s: _solver(s, options={"max_steps": 3}),
     "log is text": lambda s: _solver(s, log="verbose"),
-    "steps are 1.5": lambda s: tf.NewtonOptions(max_steps=1.5),
-    "tolerance is text": lambda s: tf.NewtonOptions(tolerance="tight"),
     "pressure is None": lambda s: s.solver.solve(s.plain, None),
     "pressure is text": lambda s: s.solver.solve(s.plain, "5 kPa"),
     "pressure is negative": lambda s: s.solver.solve(s.plain, -1.0),
@@ -489,8 +487,6 @@ DESIGNS: Table = {
     "stages are numbers": lambda s: tf.optimize(s.design, [60, 40]),
     "stages are a number": lambda s: tf.optimize(s.design, 60),
     "one stage": lambda s: tf.optimize(s.design, tf.Stage(2)),
-    "stage of half a step": lambda s: tf.Stage(0.5),
-    "stage is constrained by a word": lambda s: tf.Stage(5, constrained="yes"),
     "stage without widths": lambda s: tf.optimize(s.design, [tf.Stage(1, constrained=True)]),
     "seed is negative": lambda s: tf.optimize(s.design, [tf.Stage(1)], seed=-1),
     "seed is a half": lambda s: tf.optimize(s.design, [tf.Stage(1)], seed=0.5),
@@ -513,8 +509,6 @@ DESIGNS: Table = {
     "levels of nothing": lambda s: tf.optimize_levels(None, None),
     "levels without options": lambda s: tf.optimize_levels([s.design], []),
     "refined 0 times": lambda s: next(tf.refinements(s.design, 0)),
-    "moving limit is 2": lambda s: MMAOptions(move=2.0),
-    **each(MMAOptions, {"asymptote_start": 0.0}, {"penalty": -1.0}, {"tolerance": 0.0}),
     "random density leaves its bounds": lambda s: random_density(s.skin, 0, mean=0.95),
     "random density of text": lambda s: random_density(s.skin, 0, mean="half"),
     "lines of a word": lambda s: LineField(s.pattern, "some", "0"),
