@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.measures.figures import Figure as Told
@@ -21,6 +20,7 @@ from toros_fem.results.pictures.raster import Surface
 from toros_fem.results.pictures.shown import DrawnSkin
 from toros_fem.results.pictures.stage import Stage, ground_below
 from toros_fem.results.pictures.view import View
+from toros_fem.results.pictures.words import Word, write_words
 
 # Inches: what the verdict takes at the top, the words at the right, and the border.
 HEAD, WORDS, BORDER = 0.72, 2.72, 0.12
@@ -132,7 +132,11 @@ def draw_shape(
     main.bar()
     if shown.miss is not None and shown.miss.tip is not None:
         for stage in (main, beside):
-            _mark_tip(stage, shown.miss, shown.miss.tip, stage is labelled)
+            words, lines = _mark_tip(stage, shown.miss, shown.miss.tip)
+            if stage is labelled:
+                skins = [shown.positions] + ([] if shown.target is None else [shown.target])
+                points = 1e3 * stage.view.project(np.concatenate(skins))
+                write_words(stage.axes, words, lines, points=points)
     _mark_held(main, drawn, shown.positions)
 
 
@@ -178,28 +182,29 @@ def _end(drawn: DrawnSkin) -> Bools:
     return np.asarray(height > height.max() - ENLARGED * np.ptp(height))
 
 
-def _mark_tip(stage: Stage, miss: Miss, tip: Tip, labelled: bool) -> None:
+def _mark_tip(stage: Stage, miss: Miss, tip: Tip) -> tuple[list[Word], list[Floats]]:
     """Draw an arrow from where a tip should be to where it is, and both directions there.
 
-    The directions are drawn where at least half of the angle between them is seen.
+    The directions are drawn where at least half of the angle between them is seen. What belongs
+    beside them is returned, with the lines.
     """
+    words, lines = list[Word](), list[Floats]()
     at, goal = 1e3 * stage.view.project(np.array([tip.at, tip.asked]))
     rays = stage.view.project(np.array([tip.along, tip.asked_along]))
     if tip.distance > ARROW * miss.length:
         stage.arrow(goal, at, style.ACCENT)
-        if labelled:  # on the other side of the tip than the directions
-            up = -13.0 if rays[0, 1] > 0 else 6.0
-            _label(stage, (at + goal) / 2, f"tip {_short(1e3 * tip.distance)} mm off", up)
+        lines.append(np.array([goal, at]))
+        words.append(_word(f"tip {_short(1e3 * tip.distance)} mm off", (at + goal) / 2))
     lengths = np.linalg.norm(rays, axis=1)
     seen = np.arccos(np.clip(rays[0] @ rays[1] / max(lengths.prod(), 1e-12), -1, 1))
     if lengths.min() < 0.5 or seen < max(np.radians(SEEN), 0.5 * tip.direction):
-        return
-    for ray, colour, line in zip(rays, (style.INK, style.ACCENT), ("-", "--"), strict=True):
-        end = at + 1e3 * RAY * miss.length * ray
-        stage.axes.plot(*np.array([at, end]).T, color=colour, ls=line, lw=1.2, zorder=6)
-    if labelled:
-        end = at + 1.05e3 * RAY * miss.length * rays.mean(axis=0)
-        _label(stage, end, f"{_short(np.degrees(tip.direction))}°", -3.0)
+        return words, lines
+    for ray, colour, dashes in zip(rays, (style.INK, style.ACCENT), ("-", "--"), strict=True):
+        lines.append(np.array([at, at + 1e3 * RAY * miss.length * ray]))
+        stage.axes.plot(*lines[-1].T, color=colour, ls=dashes, lw=1.2, zorder=6)
+    end = at + 1e3 * RAY * miss.length * rays.mean(axis=0)
+    words.append(_word(f"{_short(np.degrees(tip.direction))}°", end))
+    return words, lines
 
 
 def _short(number: float) -> str:
@@ -207,18 +212,8 @@ def _short(number: float) -> str:
     return f"{number:.0f}" if number >= 10 else f"{number:.2g}"
 
 
-def _label(stage: Stage, at: Floats, words: str, up: float) -> None:
-    """Write words on a view beside a place in mm, (2,), `up` points higher.
-
-    They stand at the right of it where there is room.
-    """
-    (left, right), axes = stage.axes.get_xlim(), stage.axes
-    across = 72 * axes.bbox.width / axes.figure.dpi
-    room = (right - at[0]) / (right - left) * across
-    side = ("left", 5) if style.LETTER * style.TEXT * len(words) < room else ("right", -5)
-    look = {"fontweight": "bold", "ha": side[0], "zorder": 7}
-    text = style.note(axes, words, at, (side[1], up), style.ACCENT, style.TEXT, **look)
-    text.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+def _word(text: str, at: Floats) -> Word:
+    return Word(text, (float(at[0]), float(at[1])), style.ACCENT, bold=True)
 
 
 def _mark_held(stage: Stage, drawn: DrawnSkin, positions: Floats) -> None:

@@ -46,12 +46,13 @@ def write_words(
     lines: Sequence[Floats],
     distances: Sequence[float] = DISTANCES,
     sides: Sequence[tuple[int, int]] = SIDES,
+    points: Floats | None = None,
 ) -> None:
     """Write each of some words, the most important first, where it covers least near its point.
 
-    The limits of the axes must be those of the finished picture. Lines, (n, 2) in the units of the
-    axes, should not be covered. Each word is tried at some distances in points from its point, on
-    each of its sides, 1 to the right or above.
+    The limits of the axes must be those of the finished picture. Lines and further points, (n, 2)
+    in the units of the axes, should not be covered. Each word is tried at some distances in points
+    from its point, on each of its sides, 1 to the right or above.
     """
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -60,6 +61,8 @@ def write_words(
     placed = axes.transData.transform
     drawn = [_divided(placed(line)) / pixels for line in lines]
     covered = np.concatenate([np.zeros((0, 2)), *drawn])
+    if points is not None:
+        covered = np.concatenate([covered, placed(points) / pixels])
     low, high = np.array(axes.bbox.extents).reshape(2, 2) / pixels + [[0.0, 0.0], [0.0, HIGHER]]
     taken: list[tuple[Floats, Floats]] = []
     for word in words:
