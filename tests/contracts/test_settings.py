@@ -13,6 +13,8 @@ import pytest
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import MANY, NONE, Key, Table, sizes_of
 from toros_fem.cli.commands import main  # noqa: F401
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.materials.library.files import read_library
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.mechanics.paths import arc_length  # noqa: F401
@@ -129,3 +131,10 @@ def test_tables_are_values(table: type[Table]) -> None:
     for one in table.described().values():
         assert one.meaning[0].islower() or one.meaning[0] in "EFPXYZTwY'", one.meaning
         assert not one.meaning.endswith("."), one.meaning
+
+
+def test_tables_of_tables_are_read_again() -> None:
+    options = DesignOptions(
+        (Stage(3), Stage(2, beta=4.0, constrained=True)), mma=MMAOptions(move=0.1)
+    )
+    assert DesignOptions.of_dict(json.loads(json.dumps(options.as_dict()))) == options

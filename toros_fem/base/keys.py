@@ -211,7 +211,8 @@ class Key:
         if self.kind is float and (tiny or abs(number) > most):
             unit = f" {self.within.unit}" * (self.within.unit is not None)
             ends = f"at least {least:g}{unit}" if tiny else f"at most {most:g}{unit}"
-            self.refuse(value, f"must be {ends}: no such thing is made")
+            made = ": no such thing is made" * (self.within.unit is not None)
+            self.refuse(value, f"must be {ends}{made}")
         return number
 
     def refuse(self, value: Any, why: str = "") -> NoReturn:
@@ -284,7 +285,8 @@ class Table:
 
     A field is made by `key`. Its type is float, int, bool, str, Path or two floats, one of these or
     None, several of one of them, or one with unit and bounds, as `Length`; in tables that stand in
-    no file also another table. Validation, files, command lines and pages read this one place.
+    no file also another table, or several. Validation, files, command lines and pages read this one
+    place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -330,6 +332,11 @@ class Table:
 
         def made(name: str, value: Any) -> Any:
             kind = described[name].kind
+            if described[name].several and isinstance(value, list | tuple):
+                return [made_one(kind, one) for one in value]
+            return made_one(kind, value)
+
+        def made_one(kind: type, value: Any) -> Any:
             if not (isinstance(value, dict) and is_dataclass(kind)):
                 return value
             return kind.of_dict(value) if issubclass(kind, Table) else kind(**value)

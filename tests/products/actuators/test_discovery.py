@@ -116,7 +116,8 @@ def test_only_a_finer_mesh_that_misses_asks_for_more(
     monkeypatch: pytest.MonkeyPatch, before: float, after: float, misled: bool
 ) -> None:
     def compared(search: Any) -> Any:
-        search.best = search.judged = (SimpleNamespace(error=after),)
+        if search.judged is None:
+            search.best = search.judged = (SimpleNamespace(error=after),)
         return search.best[0]
 
     search: Any = object.__new__(discovery._Search)
@@ -127,45 +128,91 @@ def test_only_a_finer_mesh_that_misses_asks_for_more(
     assert not search.misled(), "one print is judged once"
 
 
+class Judged:
+    """Prints of a search and the twist that their finer mesh tells, by the number of its answer."""
+
+    def __init__(self, answers: dict[int, Any]) -> None:
+        self.prints: list[LinePrint] = []
+        self.told: list[float] = []
+        self.answers = answers
+
+    def printed(self, *given: Any, **others: Any) -> LinePrint:
+        self.prints.append(print_of_lines(*given, **others))
+        return self.prints[-1]
+
+    def finer(self, *given: Any) -> MeshValues:
+        number = len(self.told)
+        self.told.append(np.nan)
+        answer = self.answers.get(number)
+        if isinstance(answer, Exception):
+            raise answer
+        values = values_on(*given)
+        if answer is not None:  # the print does not turn at all
+            shape = replace(values.shape, limit=values.shape.pattern.points)
+            values = replace(values, shape=shape, values={**values.values, "twist_deg": answer})
+        self.told[number] = values.values["twist_deg"]
+        return values
+
+
+def judged(
+    alone: MPI.Comm, patch: pytest.MonkeyPatch, answers: dict[int, Any]
+) -> tuple[Judged, Discovery]:
+    """A search of two rounds whose prints are all near enough for the finer mesh."""
+    spy = Judged(answers)
+    patch.setattr(discovery, "print_of_lines", spy.printed)
+    patch.setattr(discovery, "values_on", spy.finer)
+    patch.setattr(discovery, "mending", lambda *_: None)
+    patch.setattr(discovery, "FINE", np.inf)
+    patch.setattr(discovery._Search, "enough", lambda *_: False)
+    scene = TINY.updated(check_refinement=1.5, estimate_error=True)
+    return spy, discover(Job(alone, scene))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("worse", [False, True])
 def test_prints_are_judged_by_a_finer_mesh(
     alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch, worse: bool
 ) -> None:
     """The first print near the targets is; the next has what that mesh told beyond."""
-    prints: list[LinePrint] = []
-    told: list[float] = []
-
-    def printed(*given: Any, **others: Any) -> LinePrint:
-        prints.append(print_of_lines(*given, **others))
-        return prints[-1]
-
-    def finer(*given: Any) -> MeshValues:
-        values = values_on(*given)
-        if worse and told:  # the second print does not turn at all
-            shape = replace(values.shape, limit=values.shape.pattern.points)
-            values = replace(values, shape=shape, values={**values.values, "twist_deg": 0.0})
-        told.append(values.values["twist_deg"])
-        return values
-
-    monkeypatch.setattr(discovery, "print_of_lines", printed)
-    monkeypatch.setattr(discovery, "values_on", finer)
-    monkeypatch.setattr(discovery, "mending", lambda *_: None)
-    monkeypatch.setattr(discovery, "FINE", np.inf)
-    monkeypatch.setattr(discovery._Search, "enough", lambda *_: False)
-    found = discover(Job(alone, TINY.updated(check_refinement=1.5, estimate_error=True)))
+    spy, found = judged(alone, monkeypatch, {1: 0.0} if worse else {})
     first, second = found.rounds
-    own = [made.printed.metrics["twist_deg"] for made in prints]
-    beyond = told[0] - own[0]
-    assert first.metrics["twist_deg"] == pytest.approx(told[0], rel=1e-3)
+    own = [made.printed.metrics["twist_deg"] for made in spy.prints]
+    beyond = spy.told[0] - own[0]
+    assert first.metrics["twist_deg"] == pytest.approx(spy.told[0], rel=1e-3)
     assert second.metrics["twist_deg"] - own[1] == pytest.approx(beyond, rel=0.2)
     assert abs(beyond) > 1e-4
+    assert first.compared
+    assert second.compared
     # Each is judged by its own finer mesh, and the better one is taken.
-    best, value = (first, told[0]) if worse else (second, told[1])
+    best, value = (first, spy.told[0]) if worse else (second, spy.told[1])
     assert found.best.laid is best.laid
-    assert found.made.regions is prints[int(not worse)].regions
+    assert found.made.regions is spy.prints[int(not worse)].regions
     assert found.finer.values["twist_deg"] == value
     assert found.best.metrics["twist_deg"] == pytest.approx(value, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fails", [0, 1])
+def test_a_finer_mesh_may_have_no_equilibrium(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch, fails: int
+) -> None:
+    """Of the first print: it judges the next one. Of the best print: this counts as it is."""
+    failure = NoEquilibriumError("none there.")
+    spy, found = judged(alone, monkeypatch, {fails: failure})
+    first, second = found.rounds
+    assert (first.compared, len(spy.told)) == (fails == 1, 2)
+    assert found.best.laid is second.laid
+    if fails == 0:
+        assert found.finer.values["twist_deg"] == spy.told[1]
+    else:
+        assert found.best is second
+        assert found.finer is None
+
+
+def test_rounds_with_and_without_a_finer_mesh_are_not_compared() -> None:
+    rounds: Any = [SimpleNamespace(compared=one) for one in (False, True, False, True)]
+    assert discovery._like_last(rounds) == rounds[1::2]
+    assert discovery._like_last(rounds[:3]) == rounds[:3:2]
 
 
 @pytest.mark.slow

@@ -136,8 +136,8 @@ def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None
     widths = trial_intervals(comm, scene, told, lambda: made)
     assert widths == {"stride_mm": pytest.approx(width)}
     assert asked == [made]
-    wider = trial_intervals(comm, scene, told, lambda: made, {"stride_mm": 8.0})
-    assert wider == {"stride_mm": pytest.approx(1.7 * 8.0 + (3.0 if ratio < 1 else 0.0))}
+    wider = trial_intervals(comm, scene, told, lambda: made, {"stride_mm": 2.0})
+    assert wider == {"stride_mm": pytest.approx(width + 1.7 * 2.0)}
     assert trial_intervals(comm, scene, told, None) == {}
     assert asked == [made, made]
 

@@ -120,7 +120,7 @@ def test_what_is_missed_within_the_error_of_the_mesh_is_no_guide() -> None:
     def enough(error: float, missed: float, uncertain: float) -> bool:
         one: Any = SimpleNamespace(
             error=error, of_metrics=error, of_shape=error, missed=missed, uncertain=uncertain,
-            failure="", mended=None,
+            failure="", mended=None, compared=False,
         )  # fmt: skip
         search.best = one, None
         found: bool = search.enough([one])
@@ -140,8 +140,9 @@ def test_a_print_that_does_not_follow_ends_the_search() -> None:
     def at_limit(twist: float, missed: float, *, mended: Any = None) -> bool:
         def a_round(asked: float, twist: float, missed: float, mended: Any) -> Any:
             return SimpleNamespace(
-                asked={"twist": asked}, metrics={"twist": twist}, missed=missed, mended=mended
-            )
+                asked={"twist": asked}, metrics={"twist": twist}, missed=missed, mended=mended,
+                compared=False,
+            )  # fmt: skip
 
         first, last = a_round(400.0, 280.0, 6.0, None), a_round(480.0, twist, missed, mended)
         return search._at_limit([first, last])
@@ -150,4 +151,5 @@ def test_a_print_that_does_not_follow_ends_the_search() -> None:
     assert not at_limit(301.0, 5.0), "it follows by more than a quarter"
     assert not at_limit(290.0, 4.0), "it misses a third less"
     assert not at_limit(290.0, 5.0, mended="lines")
-    assert not search._at_limit([SimpleNamespace(mended=None, metrics={"twist": 1.0})])  # type: ignore[list-item]
+    one: Any = SimpleNamespace(mended=None, metrics={"twist": 1.0}, compared=False)
+    assert not search._at_limit([one])

@@ -94,7 +94,7 @@ def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> str:
     if state != State.NOT_CERTAIN or not possible:
         return ""
     lines = "start" in scene.kind.described() and scene.config.value("start") == "relaxed"
-    also = ", by which lines may be corrected again" if lines else ""
+    also = ", and perhaps other lines" if lines else ""
     return f". For narrower intervals{also}: toros resume {folder} --set {key}=2"
 
 

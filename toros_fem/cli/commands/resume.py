@@ -20,7 +20,7 @@ class Resume(Changes, Meshes, Progress):
     The run continues from its last state, with the inputs that it began with (RUN/scene.toml), on
     any number of ranks. On the same number its result is the same to the last digit. By --set it
     takes other numbers of steps and corrections, another curve, other tolerances or a check on a
-    finer mesh, by which lines may be corrected again; a finished run then goes on too. For other
+    finer mesh, by which other lines may be printed; a finished run then goes on too. For other
     changes start a new run.
     """
 

@@ -45,8 +45,8 @@ class DesignOptions(Table):
 
     stages: tuple[Stage, ...] = key((Stage(60),), "the stages, run one after the other")
     retries: Number = key(4, "how often a step is replaced by a more cautious one")
-    x_tol: Positive = key(1e-4, "a stage ends when no variable changes by more than this")
-    kkt_tol: Positive = key(
+    x_tol: Factor = key(1e-4, "a stage ends when no variable changes by more than this")
+    kkt_tol: Factor = key(
         1e-5, "a stage ends when the KKT residual of MMA's scaled problem is below this"
     )
     target_objective: Factor | None = key(

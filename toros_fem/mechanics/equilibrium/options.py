@@ -16,7 +16,7 @@ class NewtonOptions(Table):
         ParameterError: An option is outside its bounds.
     """
 
-    tolerance: Annotated[float, In(above=0, at_most=1e-2)] = key(
+    tolerance: Annotated[float, In(at_least=1e-15, at_most=1e-2)] = key(
         1e-10, "residual over the applied load at which a state counts as equilibrium"
     )
     max_steps: Count = key(240, "largest number of Newton steps for one load level")

@@ -97,7 +97,7 @@ class Cost:
         ranks: Number of ranks.
         parts: Parts of the run that take time.
         probe: What the time is known from; None leaves it unknown.
-        checked: Whether the largest mesh is that of a check, beside which the print is kept.
+        beside: Number of prints that are kept beside the largest mesh, which is that of a check.
         placing: Why the panels fit on no bed of the default size, so that the design has no machine
             files; None if they fit, or if that is not known.
     """
@@ -108,14 +108,14 @@ class Cost:
     ranks: int
     parts: Sequence[Part]
     probe: Probe | None = None
-    checked: bool = False
+    beside: int = 0
     placing: str | None = None
 
     @property
     def memory(self) -> float:
         """Bytes of all ranks together, to about a quarter."""
         own, largest = OF_TRIANGLE * self.triangles, OF_REFINED * self.largest
-        work = own + largest if self.checked else max(own, largest)
+        work = self.beside * own + largest if self.beside else max(own, largest)
         return self.ranks * OF_RANK + work * (1.2 if self.ranks > 1 else 1.0)
 
     @property
@@ -181,10 +181,12 @@ def actuator_cost(
             name = f"estimate of the error, mesh {k} of {COARSER_MESHES}"
             parts.append(Part(name, round(finest / COARSER ** (2 * k)), LINE_PRINT))
     largest = _largest_triangles(scene, finest)
+    beside = 0
     if largest > finest:
-        # Where lines are laid, it may judge another print before.
-        twice = scene.design.start == "relaxed" and scene.design.corrections > 0
-        likely = _times(CURVE_POINT, 1, 1 + twice)
+        # Where lines are laid, it may judge another print before, and may take that one.
+        lines = scene.design.start == "relaxed" and not from_print
+        beside = 2 if lines and scene.design.corrections else 1
+        likely = _times(CURVE_POINT, 1, beside)
         parts.append(Part("estimate of the error, finer mesh", largest, likely))
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
@@ -192,7 +194,7 @@ def actuator_cost(
         parts.append(Part("curve over the pressure", finest, likely))
     parts += _trial_parts(scene, finest)
     unknowns = round(_unknowns(scene, made) * finest)
-    return Cost(finest, largest, unknowns, comm.size, parts, tried, largest > finest, placing)
+    return Cost(finest, largest, unknowns, comm.size, parts, tried, beside, placing)
 
 
 def probe_level(scene: ActuatorScene) -> Level:

@@ -64,6 +64,7 @@ class Round:
         answer: What was asked of the shape, and what its print has; None where metrics are asked,
             or without an equilibrium.
         mended: The change of earlier lines that made these; None if they were laid.
+        compared: Whether what a finer mesh has told beyond the print's mesh is in all this.
     """
 
     asked: Mapping[str, float]
@@ -77,6 +78,7 @@ class Round:
     failure: str
     answer: Answer | None
     mended: Mending | None
+    compared: bool = False
 
     @property
     def error(self) -> float:
@@ -170,7 +172,6 @@ def discover(job: Job) -> Discovery:
     search = _Search(job)
     most = job.scene.design.corrections
     rounds = correct(search.first(), search.again, search.enough, most)
-    assert search.best is not None
     if not np.isfinite(search.best[0].error):
         raise NoEquilibriumError(
             "no print of the relaxed design has an equilibrium: "
@@ -179,7 +180,7 @@ def discover(job: Job) -> Discovery:
     while search.misled() and len(rounds) <= most:
         left = most + 1 - len(rounds)
         rounds += correct(search.best[0], search.again, search.enough, left)[1:]
-    best, made, finer = search.judged or (*search.best, None)
+    best, made, finer = search.told
     return Discovery(tuple(rounds), best, made, finer, dict(search.seconds))
 
 
@@ -190,8 +191,9 @@ class _Search:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
         best: The best round and its print. Only this print and the judged one keep their problems.
-        finer: The finer mesh; None without one, or if it does not judge.
+        finer_level: The finer mesh; None without one.
         judged: The best round that it judged, its print, and what this mesh tells of it.
+        asked: The round that it was last asked about.
         beyond: That minus what the print's own mesh tells, of the last print with both, at the
             vertices of its mesh, (n, 3), in m.
         number: Of the next round.
@@ -202,10 +204,11 @@ class _Search:
         self.job = job
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
-        self.best: tuple[Round, LinePrint] | None = None
+        self.best: tuple[Round, LinePrint]  # from the first print on
         checked = job.scene.checked(job.scene.print_level)
-        self.finer = None if checked is None else checked[1]
+        self.finer_level = None if checked is None else checked[1]
         self.judged: tuple[Round, LinePrint, MeshValues] | None = None
+        self.asked: Round | None = None
         self.beyond: tuple[Pattern, Floats] | None = None
         self.number = 0
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
@@ -229,7 +232,6 @@ class _Search:
 
         A change after which the print is no better is halved once.
         """
-        assert self.best is not None
         last, best = rounds[-1], self.best[0]
         failed = last.mended is not None and last is not best
         if failed and last.mended is not None and last.mended.whole:
@@ -246,7 +248,6 @@ class _Search:
 
         Within the tolerances, what a print misses by less than the error of its mesh is no guide.
         """
-        assert self.best is not None
         last, best = rounds[-1], self.best[0]
         return (
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
@@ -258,16 +259,19 @@ class _Search:
 
     def _at_limit(self, rounds: Sequence[Round]) -> bool:
         """Return whether the last print has neither followed what was asked nor helped."""
-        both = [one for one in rounds if one.mended is None][-2:]
-        if len(both) < 2 or rounds[-1] is not both[1] or not all(one.metrics for one in both):
+        last, like = rounds[-1], _like_last(rounds)
+        both = [one for one in like if one.mended is None][-2:]
+        if len(both) < 2 or last is not both[1] or not all(one.metrics for one in both):
             return False
-        better = rounds[-1].missed < HELPS * min(one.missed for one in rounds[:-1])
+        better = last.missed < HELPS * min(one.missed for one in like[:-1])
         got, asked = [one.metrics for one in both], [one.asked for one in both]
         return not (better or follows(got, asked, self.misses.aims))
 
     def _asked_again(self, rounds: Sequence[Round]) -> Round | None:
         """Return a round that asks for what the prints of laid lines have missed."""
-        laid = [one for one in rounds if one.mended is None]
+        laid = [one for one in _like_last(rounds) if one.mended is None]
+        # Where only a change of lines was compared, lines are asked for as without the finer mesh.
+        laid = laid or [one for one in rounds if one.mended is None]
         if not laid:
             return None
         near = [k for k, one in enumerate(laid) if _near(one)]
@@ -331,14 +335,12 @@ class _Search:
 
     def _mending(self, best: Round) -> Mending | None:
         """Return the change that mends the best print most."""
-        assert self.best is not None
         made = self.best[1]
         with self._timed("lines"):
             return mending(made, best.laid, misses_of(made.case))
 
     def _mended(self, best: Round, step: Mending) -> Round:
         """Return the round of changed lines."""
-        assert self.best is not None
         near = self.best[1].shape
         with self._timed("lines"):
             laid = on_first_rank(self.job.comm, lambda: changed(step.lines, step.change))
@@ -370,40 +372,45 @@ class _Search:
             **_judged(made, strains),
             failure=made.printed.failure,
             mended=mended,
+            compared=self.beyond is not None,
         )
         how = "" if mended is None else ", mended"
         _report(self.job.comm, f"round {self.number}", made.problem.metrics, found, how)
         self.number += 1
-        if self.best is not None and found.missed >= self.best[0].missed:
+        if self.number > 1 and not found.missed < self.best[0].missed:
             return found
         self.best = found, made
         return self._compared() if self.beyond is None and found.error < FINE else found
 
     def misled(self) -> bool:
         """Return whether only the finer mesh tells that the best print misses a tolerance."""
-        assert self.best is not None
-        if self.judged is not None and self.judged[0] is self.best[0]:
-            return False
         before, after = self.best[0].error, self._compared()
         known = self.judged is not None and self.judged[0] is after
         return known and before < TOLERANCE <= after.error
 
-    def _compared(self) -> Round:
-        """Judge the best print by the finer mesh; return its round, as it was without one."""
-        assert self.best is not None
+    @property
+    def told(self) -> tuple[Round, LinePrint, MeshValues | None]:
+        """The best round, its print, and what the finer mesh tells of it, if that is known."""
         best, made = self.best
-        job, finer = self.job, self.finer
-        if finer is None:
+        if self.judged is not None and not best.missed < self.judged[0].missed:
+            return self.judged
+        return best, made, None
+
+    def _compared(self) -> Round:
+        """Judge the best print by the finer mesh, once; return its round, as it is without one."""
+        best, made = self.best
+        job, level = self.job, self.finer_level
+        if level is None or self.asked is best:
             return best
-        free_dropped(job.comm)  # the problem of the last print, if that was not the best
+        self.asked = best
+        free_dropped(job.comm)  # prints that are neither the best nor the judged one
         keys = [*made.metrics, *shape_of(made.printed.evaluation)]
         try:
             with self._timed("prints"):
-                there = values_on(job, finer, Again.of(made.printed), keys)
+                there = values_on(job, level, Again.of(made.printed), keys)
         except TorosError as caught:  # raised by all ranks or by none
             if job.comm.rank == 0:
                 log.warning("the finer mesh does not judge the print: %s", caught)
-            self.finer = None
             return best
         finally:
             free_dropped(job.comm)
@@ -411,7 +418,7 @@ class _Search:
         self.beyond = pattern, there.at_vertices(pattern) - made.limit.limit
         made = made.compared_with(*self.beyond)
         strains = None if best.answer is None else best.answer.asked
-        found = replace(best, **_judged(made, strains))
+        self.asked = found = replace(best, **_judged(made, strains), compared=True)
         self.best = found, made
         if self.judged is None or found.missed < self.judged[0].missed:
             self.judged = found, made, there
@@ -464,6 +471,11 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
         "missed": float(np.linalg.norm(misses(shape))),
         "uncertain": made.limit.half_width(lambda _, positions: misses(positions)),
     }
+
+
+def _like_last(rounds: Sequence[Round]) -> list[Round]:
+    """Return the rounds that can be compared with the last one: with a finer mesh, or without."""
+    return [one for one in rounds if one.compared == rounds[-1].compared]
 
 
 def _near(one: Round) -> bool:

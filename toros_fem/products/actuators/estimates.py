@@ -18,7 +18,12 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
+from toros_fem.mechanics.readings.error_estimate import (
+    SAFETY,
+    LimitShape,
+    half_width,
+    limit_shape,
+)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
@@ -185,8 +190,8 @@ def trial_intervals(
 ) -> dict[str, float]:
     """Return half-widths of the intervals of a trial's figures, by their keys (collective).
 
-    The trial is repeated on another mesh; None leaves intervals out. `own` are parts of them that
-    a trial tells on its own.
+    The trial is repeated on another mesh; None leaves intervals out. `own` are errors of other
+    causes that a trial tells on its own.
     """
     if other is None:
         return {}
@@ -203,11 +208,11 @@ def trial_intervals(
     for figure in figures:
         one, two = figure.value, there.get(figure.key)
         if one is not None and two is not None:
-            part = (own or {}).get(figure.key, 0.0)
-            # Of a finer mesh, whose value is not told, the interval is around that value.
+            part = SAFETY * (own or {}).get(figure.key, 0.0)
             change, ratio = abs(one - two), scene.TRIAL_MESH
-            width = half_width(part, {max(ratio, 1 / ratio): change})
-            found[figure.key] = width + (change if ratio < 1 else 0.0)
+            width = half_width(0.0, {max(ratio, 1 / ratio): change})
+            # Of a finer mesh, whose value is not told, the interval is around that value.
+            found[figure.key] = part + width + (change if ratio < 1 else 0.0)
     return found
 
 
