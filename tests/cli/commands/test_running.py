@@ -38,4 +38,4 @@ def test_an_uncertain_run_says_how_to_go_on(
     path.write_text(f'kind = "{kind}"\n[results]\n{results}\n' if results else f'kind = "{kind}"\n')
     words = narrower(read_scene(path), Path("run"), {"verdict": {"state": state}})
     assert words.endswith("toros resume run --set check_refinement=2") == said == bool(words)
-    assert ("lines may be corrected" in words) == (kind == "twist")
+    assert ("other lines" in words) == (kind == "twist")
