@@ -77,7 +77,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class ActuatorScene(Scene):
+class MeshedScene(Scene):
     """Tables of a skin that is designed, its meshes, and the options of the design on each.
 
     Raises:
@@ -92,13 +92,6 @@ class ActuatorScene(Scene):
     lines: Lines = Lines()
     print: Printer = Printer()
     results: Results = Results()
-
-    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
-    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
-    # Measured values of the metrics, which are drawn beside the curves.
-    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
-    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
-    TRIAL_MESH: ClassVar[float] = COARSER
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -293,6 +286,18 @@ class ActuatorScene(Scene):
                 "or wider lines.",
                 "print_edge_length",
             )
+
+
+@dataclass(frozen=True)
+class ActuatorScene(MeshedScene):
+    """A skin that is designed for a shape: its targets, its trial, and what commands run."""
+
+    DESIGN_FILES: ClassVar[Mapping[str, str]] = SOURCE
+    SIMULATION_FILES: ClassVar[Mapping[str, str]] = FILES
+    # Measured values of the metrics, which are drawn beside the curves.
+    MEASURED: ClassVar[tuple[Measurement, ...]] = ()
+    # Edge length of the mesh on which a trial is repeated, over that of the print's mesh.
+    TRIAL_MESH: ClassVar[float] = COARSER
 
     def coarse(self) -> Self:
         """Return the quick variant: a mesh less, or one with longer edges that are still useful."""
