@@ -28,7 +28,7 @@ from toros_fem.measures.gap import Body, GapObjective, mean_gap
 from toros_fem.mechanics.contact.solids import rigid_sphere
 from toros_fem.mechanics.paths.pull_out import largest_force, pull_out
 from toros_fem.mechanics.readings.holding import HoldingObjective
-from toros_fem.meshes import curl, finger, mirrored, plane_centroids
+from toros_fem.meshes import curl, finger, plane_centroids
 from toros_fem.products.actuators.legs import Leg, LegWeights
 from toros_fem.products.gripper.lift import LiftShape, write_lift
 
@@ -112,18 +112,19 @@ tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 # it back, so the largest force up to there tells the largest mass. Friction acts from here on.
 
 # %%
-pulling = replace(contact, friction=FRICTION)
-solver = tf.EquilibriumSolver(design.skin, composite, supports, contact=pulling)
 made, parts, limit = printed.evaluation or result.final, 2 * FINGERS, 5e-3
+problem = made.problem  # that of the print has a mesh of its own, which follows the print
+assert isinstance(problem, tf.ShapeDesign)
+supports, pulling = problem.case.supports, replace(problem.case.contact, friction=FRICTION)
+solver = tf.EquilibriumSolver(problem.skin, composite, supports, contact=pulling)
 at = made.projected, result.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
 pull = list(pull_out(solver, *at, made.equilibrium.positions))
-mass = parts * largest_force(pull, limit) / GRAVITY
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
-whole = mirrored(pattern, (1,))
-closed, lifted = (whole.at_vertices(point.positions) for point in (pull[0], end))
+closed, lifted = (problem.whole.at_vertices(one.positions) for one in (pull[0], end))
 shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
-rows = [(whole.at_cells(design.skin.gather_cells(made.projected)), shapes)]
-told = f"The fingers bear {1e3 * mass:.0f} g at {result.pressure:.0f} Pa"
+rows = [(problem.whole.at_cells(problem.skin.gather_cells(at[0])), shapes)]
+grams = 1e3 * parts / GRAVITY * largest_force(pull, limit)
+told = f"The fingers bear {grams:.0f} g at {result.pressure:.0f} Pa"
 write_lift(comm, given.output, printed.pattern, rows, printed.regions, ball, FINGERS, told)
 if comm.rank == 0:
     print(f"{told}; see {given.output}/shape.png and {given.output}/lift.png")

@@ -82,9 +82,8 @@ case = tf.Case(
 
 # %%
 first, second = (40, 30) if given.coarse else (60, 40)
-options = tf.DesignOptions(
-    (tf.Stage(first), tf.Stage(second, constrained=True)), min_relative_decrease=0.05
-)
+stages = tf.Stage(first), tf.Stage(second, constrained=True)
+options = tf.DesignOptions(stages, min_relative_decrease=0.05)
 reporter = tf.DesignReporter(comm, given.output)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
@@ -99,8 +98,10 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 # ones; emptied, they push the front ones ahead.
 
 # %%
-half = mirrored(pattern, (0,)).pattern
-whole = mirrored(half, (1,))
+made = printed.evaluation or result.final
+quarter = made.problem.skin  # that of the print has a mesh of its own, which follows the print
+both = mirrored(quarter.pattern, (0,))
+half = both.pattern
 skin, supports = tf.sew(comm, half), tf.symmetry_plane(half, 1)
 sizes = tf.Contact().sizes(composite)
 start, height = flat_on_ground(comm, half, supports, sizes)
@@ -118,13 +119,12 @@ solver = tf.EquilibriumSolver(
     ),
 )
 gait = Gait(("body", "front", "rear"), np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]), steps=8)
-density = printed.cells[: len(half.triangles)].astype(float)[skin.owned_cells]
+density = both.at_cells(quarter.gather_cells(made.projected))[skin.owned_cells]
 pressures = [list(PRESSURE * row) for row in gait.pressure_fractions]
 points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
 touching = sizes.thickness / 2 + sizes.distance
-walk = walk_of(gait, points, whole, star.directions, height, touching)
+walk = walk_of(gait, points, mirrored(half, (1,)), star.directions, height, touching)
 write_gait(comm, given.output, walk, printed.regions)
 if comm.rank == 0:
-    angle = summary["figures"][0]["value"]
-    print(f"legs by {angle:.1f}° of {ANGLE:g}° as printed; a stride of {1e3 * walk.stride:.1f} mm")
-    print(f"see {given.output}/shape.png and {given.output}/gait.png")
+    print(f"legs by {summary['figures'][0]['value']:.1f}° of {ANGLE:g}° as printed")
+    print(f"a stride of {1e3 * walk.stride:.1f} mm; see shape.png and gait.png in {given.output}")

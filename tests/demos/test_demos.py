@@ -188,3 +188,11 @@ def test_is_a_short_script_with_three_options(name: str) -> None:
     if name in DEMOS:
         assert text.startswith("# %% [markdown]\n# # ")
         assert len(text.splitlines()) <= 130
+
+
+@pytest.mark.parametrize("name", ["bend", "contract", "gripper", "twist", "walker"])
+def test_prints_are_read_on_their_own_mesh(name: str) -> None:
+    """That of the design has other triangles, and on several ranks another order."""
+    *_, after = (ROOT / "demos" / f"{name}.py").read_text().partition("printed = ")
+    assert after
+    assert not re.search(r"\bdesign\.skin\b|\bprinted\.cells\b", after)
