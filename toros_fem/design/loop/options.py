@@ -11,6 +11,8 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, Factor, Fraction, In, Number, Positive, Table, key
 from toros_fem.design.mma.optimizer import MMAOptions
 
+# What a stage may end below: smaller numbers are rounding.
+Tolerance = Annotated[float, In(at_least=1e-15)]
 # Number of steps over which T must fall.
 LOOK_BACK = 10
 
@@ -45,8 +47,8 @@ class DesignOptions(Table):
 
     stages: tuple[Stage, ...] = key((Stage(60),), "the stages, run one after the other")
     retries: Number = key(4, "how often a step is replaced by a more cautious one")
-    x_tol: Factor = key(1e-4, "a stage ends when no variable changes by more than this")
-    kkt_tol: Factor = key(
+    x_tol: Tolerance = key(1e-4, "a stage ends when no variable changes by more than this")
+    kkt_tol: Tolerance = key(
         1e-5, "a stage ends when the KKT residual of MMA's scaled problem is below this"
     )
     target_objective: Factor | None = key(
