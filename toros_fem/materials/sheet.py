@@ -207,7 +207,7 @@ class Composite(Table):
     """
 
     fabric: Material = key(Material(0.1e6, 0.3, 0.5e-3), "the plain fabric")
-    reinforcement: Material = key(Material(26e6, 0.3, 0.5e-3), "fabric and printed layer together")
+    reinforcement: Material = key(Material(70e6, 0.3, 0.4e-3), "fabric and printed layer together")
     c1: Stretch = key(1.9, "bound on a principal stretch of a material that has none of its own")
     c2: Stretch = key(2.6, "bound on λ₁ + λ₂ − 1 of a material that has none of its own")
     bending: Bending | None = key(Bending(), "bending resistance; none makes the skin a membrane")

@@ -236,6 +236,20 @@ def angle_group(key: str, angle: float) -> Group:
     return Group("angle", key, abs(angle) / 360)
 
 
+def bend_strain(angle: float, length: float, outer: float) -> float:
+    """Return the strain of the outer side of a bend by an angle in degrees over a length in m.
+
+    `outer` is the distance in m of that side from the line that keeps its length.
+    """
+    return abs(math.radians(angle)) * outer / length
+
+
+def twist_strain(angle: float, length: float, radius: float) -> float:
+    """Return the largest principal strain of a tube that twists by an angle in degrees."""
+    half = abs(math.radians(angle)) * radius / length / 2  # of the shear
+    return half + math.hypot(1.0, half) - 1
+
+
 def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
     """Yield the groups of the sheets of a skin with a radius, or of a tile with a side, in m."""
     fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
@@ -311,6 +325,32 @@ class Inflated:
     radius: float
     pressure_key: str = "pressure"
 
+    def pressure_for(self, strain: float) -> float:
+        """Return the pressure in Pa at which the bare tube is longer by a strain; infinite if none.
+
+        A long closed tube of eq. (1) with stretches λ₁ around and λ₂ along is in equilibrium where
+        h ∂ψ/∂λ₁ = p r λ₁ λ₂ and h ∂ψ/∂λ₂ = p r λ₁²/2. The fabric counts as isotropic.
+        """
+        stiffness, poisson = self.sheet.least_stiffness, self.sheet.fabric.poisson
+        mu, lam = stiffness / (2 * (1 + poisson)), stiffness * poisson / (1 - poisson**2)
+        a, b = (bound - 1 for bound in self.sheet.fabric_bounds)
+        low, high = 0.0, min(a, b - strain)  # of the strain around
+        if strain >= a or high <= 0:
+            return math.inf
+
+        def slopes(around: float) -> tuple[float, float]:
+            shared = lam * (around + strain) / (1 - ((around + strain) / b) ** 2)
+            own = (2 * mu * e / (1 - (e / a) ** 2) for e in (around, strain))
+            first, second = (one + shared for one in own)
+            return first, second
+
+        for _ in range(40):  # h (2 λ₂ ∂ψ/∂λ₂ − λ₁ ∂ψ/∂λ₁) falls with the strain around
+            middle = (low + high) / 2
+            around, along = slopes(middle)
+            rises = 2 * (1 + strain) * along > (1 + middle) * around
+            low, high = (middle, high) if rises else (low, middle)
+        return slopes(low)[0] / (self.radius * (1 + low) * (1 + strain))
+
     def groups(self) -> Iterator[Group]:
         """Yield the groups of its sheets and of its pressure."""
         yield from sheet_groups(self.sheet, self.radius)
@@ -357,13 +397,12 @@ class Inflated:
         `outer` is the distance in m of the outer side from the line that keeps its length.
         """
         yield angle_group(key, angle)
-        yield from self.reach(key, abs(math.radians(angle)) * outer / length)
+        yield from self.reach(key, bend_strain(angle, length, outer))
 
     def twist(self, key: str, angle: float, length: float) -> Iterator[Group]:
         """Yield the groups of a twist by an angle in degrees over a length in m."""
         yield angle_group(key, angle)
-        half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
-        yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
+        yield from self.reach(key, twist_strain(angle, length, self.radius))
 
     def _widening(self, pressure: float) -> float:
         return pressure * self.radius / self.sheet.least_stiffness

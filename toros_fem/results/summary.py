@@ -91,11 +91,16 @@ class PrintedResult(RunResult):
     @property
     def figures(self) -> tuple[Figure, ...]:
         """Metrics, miss of the shape, pressure and volume of the print."""
-        made, pressure = self.printed.evaluation, self.design.final.equilibrium.pressure
+        made = self.printed.evaluation
         state = None if made is None else made.equilibrium
         shape = shape_figures(self.shape, self.intervals, self.tolerances)
-        of_state = state_figures(pressure, state, self.problem.parts)
+        of_state = state_figures(self.pressure, state, self.problem.parts)
         return (*self.metric_figures, *shape, *of_state)
+
+    @property
+    def pressure(self) -> float:
+        """Pressure of the print in Pa, the largest of all chambers; that of the design without."""
+        return (self.printed.evaluation or self.design.final).equilibrium.pressure
 
     @property
     def metric_figures(self) -> tuple[Figure, ...]:
@@ -134,7 +139,7 @@ class PrintedResult(RunResult):
         """Return design, print and cost."""
         design, simulated = self.design, self.printed.evaluation
         return {
-            "pressures_pa": list(design.final.equilibrium.pressures),
+            "pressures_pa": list((simulated or design.final).equilibrium.pressures),
             "equilibrium": simulated and simulated.equilibrium.reason,
             "printed_objective": simulated and simulated.shape,
             "printed_failure": self.printed.failure or None,
@@ -158,11 +163,10 @@ class PrintedResult(RunResult):
 
     def told(self, metrics: Sequence[str], steps: str) -> str:
         """Return a sentence of what is said of the metrics and of the steps of the design."""
-        pressure = self.design.final.equilibrium.pressure
         shape = shape_figures(self.shape, self.intervals, self.tolerances)
         said = [*metrics, *(figure.words for figure in shape if figure.state)]
         return (
-            f"{', '.join(said)} as printed at {pressure / 1e3:.2f} kPa, {steps}, "
+            f"{', '.join(said)} as printed at {self.pressure / 1e3:.2f} kPa, {steps}, "
             f"{self.printed.after.summary()['islands']} islands, "
             f"{self.seconds.get('total', 0.0):.0f} s"
         )

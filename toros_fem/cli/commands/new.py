@@ -41,8 +41,8 @@ class New(Command):
     fabric: str | None = key(None, "fabric by name, of `toros materials`; none takes jersey-light")
     print: str | None = key(
         None,
-        "reinforcement by name, of `toros materials`; none takes tpu-95a-on-jersey, on another "
-        "fabric tpu-95a",
+        "reinforcement by name, of `toros materials`; none takes printed-tpu-95a-on-jersey, on "
+        "another fabric printed-tpu-95a",
     )
     bladder: str | None = key(None, "bladder by name, of `toros materials`")
     schema: bool = key(

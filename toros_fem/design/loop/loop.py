@@ -123,6 +123,8 @@ def optimize(
                 f"options = {shown(options)} must be DesignOptions, or a list of Stages."
             )
         options = DesignOptions(tuple(options))
+    if after is None and start is None and options.soft_start and problem.fields.beta > 0:
+        options = options.softened(problem.fields.beta)
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
             "a stage has constrained = True, but the problem has no length_scale. Give the problem "

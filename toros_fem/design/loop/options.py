@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import Annotated
 
 from toros_fem.base.array_types import Floats
@@ -15,6 +15,8 @@ from toros_fem.design.mma.optimizer import MMAOptions
 Tolerance = Annotated[float, In(at_least=1e-15)]
 # Number of steps over which T must fall.
 LOOK_BACK = 10
+# A soft start: parts of the steps of a first stage, and β there over that of the problem.
+SOFT_START = ((0.3, 0.2), (0.3, 0.4))
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,11 @@ class DesignOptions(Table):
     """
 
     stages: tuple[Stage, ...] = key((Stage(60),), "the stages, run one after the other")
+    soft_start: bool = key(
+        True,
+        "whether a first stage that starts from noise begins with a fifth, then two fifths of β, "
+        "unless it sets β",
+    )
     retries: Number = key(4, "how often a step is replaced by a more cautious one")
     x_tol: Tolerance = key(1e-4, "a stage ends when no variable changes by more than this")
     kkt_tol: Tolerance = key(
@@ -61,9 +68,7 @@ class DesignOptions(Table):
     )
     seconds: Positive | None = key(None, "the loop ends after this wall time in s")
     pressure_move: Fraction = key(
-        0.1,
-        "largest change of a pressure in one step, as a fraction of the logarithm of its bounds' "
-        "ratio",
+        0.07, "largest change of a pressure in one step, as a fraction of it"
     )
     mma: MMAOptions = key(MMAOptions(), "parameters of MMA")
 
@@ -76,6 +81,22 @@ class DesignOptions(Table):
     def iterations(self) -> int:
         """Largest number of MMA steps over all stages."""
         return sum(stage.iterations for stage in self.stages)
+
+    def softened(self, beta: float) -> DesignOptions:
+        """Return options whose first stage is divided for a soft start towards β.
+
+        With the full β, noise becomes a pattern in one step and freezes (docs/theory/design.md).
+        """
+        first = self.stages[0]
+        if first.beta is not None:
+            return self
+        soft = [
+            replace(first, iterations=steps, beta=factor * beta)
+            for part, factor in SOFT_START
+            if (steps := int(part * first.iterations))
+        ]
+        rest = first.iterations - sum(stage.iterations for stage in soft)
+        return self.updated(stages=(*soft, replace(first, iterations=rest), *self.stages[1:]))
 
 
 @dataclass(frozen=True)

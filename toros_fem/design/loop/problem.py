@@ -97,6 +97,7 @@ class Evaluation(Distributed, Generic[R]):
         """T: shape, priced measures and weighted spread together."""
         terms, robust = self.problem.terms, self.problem.robust
         found = self.shape + sum(term.price * self.measures[term.name] for term in terms)
+        found += self.problem.pressure_cost(self.equilibrium.pressures)
         if self.spread is not None and robust is not None:
             found += robust.tolerance.weight * self.spread
         return found
@@ -148,6 +149,8 @@ class DesignProblem(Distributed, Generic[R]):
             Prints are drawn and measured on the whole.
         target: Target positions of all assembled vertices, (n, 3), in m, for pictures; None if the
             objective has none.
+        pressure_weight: Weight in T of ln(p/p_least) of each designed pressure, so that a design
+            takes no more pressure than its target wants; None leaves it out.
     """
 
     fields: Fields
@@ -159,6 +162,7 @@ class DesignProblem(Distributed, Generic[R]):
     metrics: Sequence[Metric] = ()
     whole: Mirrored = None  # type: ignore[assignment]  # by default the skin itself
     target: Floats | None = None
+    pressure_weight: float | None = None
 
     def __post_init__(self) -> None:
         self.whole = self.whole or mirrored(self.skin.pattern, ())
@@ -185,6 +189,13 @@ class DesignProblem(Distributed, Generic[R]):
         vars(other).update(parts)
         other._check_terms()
         return other
+
+    def pressure_cost(self, pressures: Sequence[float]) -> float:
+        """Return the part of T that prefers less pressure, of the pressure of each chamber in Pa."""
+        if self.pressure_weight is None:
+            return 0.0
+        pairs = zip(pressures, self.physics.pressure_ranges, strict=True)
+        return self.pressure_weight * sum(np.log(p / bounds[0]) for p, bounds in pairs if bounds)
 
     def without_variants(self) -> Self:
         """Return the same problem with the nominal pattern alone."""
@@ -365,6 +376,10 @@ class DesignProblem(Distributed, Generic[R]):
             first, *others = self.robust.spread_slopes(self.objective, *seen)
             by_seen, by_variants = by_seen + weight * first, [weight * slope for slope in others]
         by_projected, by_pressure = self.physics.pull_back(e.equilibrium, by_seen)
+        if by_pressure is not None and self.pressure_weight is not None:
+            designed = [bounds is not None for bounds in self.physics.pressure_ranges]
+            slopes = self.pressure_weight * np.asarray(designed) / e.equilibrium.pressures
+            by_pressure = by_pressure + slopes
         for term in self.terms:
             by_projected = by_projected + term.price * term.measure.backward(e.projected)
         by_filtered = None

@@ -111,6 +111,7 @@ class ShapeDesign(ShapeProblem):
             metrics=case.judged,
             whole=whole,
             target=goal,
+            pressure_weight=case.pressure_weight,
         )
         self._of_case = self.objective, self.metrics
         if r.perimeter_weight is not None:

@@ -35,7 +35,9 @@ class Variables:
         high[self._count :] = 1.0
         self.bounds = (low, high)
         self.move = self.vector(np.full(self._count, options.mma.move))
-        self.move[self._count :] = options.pressure_move
+        if self._carried:
+            ways = np.log1p(options.pressure_move) / np.log(self._high / self._low)
+            self.move[self._count :] = np.minimum(ways, 1.0)
 
     def vector(self, cells: Floats, pressures: Sequence[float] | None = None) -> Floats:
         """Return a vector of own variables and of all pressures in Pa (0 if None)."""

@@ -145,15 +145,16 @@ class DensityDesigner(Job):
         return result, printed
 
     def print_of(self, result: DesignResult) -> PrintedDesign:
-        """Return the print of a design, simulated."""
+        """Return the print of a design, simulated at the pressure that suits it best."""
         printer = self.scene.print
-        return as_printed(
+        made = as_printed(
             problem_of(result),
             result,
             printer.limits,
             island_area=printer.island_area,
             journal=self.journal,
         )
+        return self.trimmed(made)
 
     def corrected(
         self,

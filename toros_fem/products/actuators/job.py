@@ -11,6 +11,8 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.products.actuators.trim import trimmed
 
 if TYPE_CHECKING:  # a scene is designed by what imports this
     from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -35,6 +37,12 @@ class Job:
     def branch(self, name: str) -> Journal | None:
         """Return the branch of its journal for a part of the run; None keeps nothing."""
         return None if self.journal is None else self.journal.branch(name)
+
+    def trimmed(self, printed: PrintedDesign) -> PrintedDesign:
+        """Return a print at the pressure that suits it best, or at the one that is held."""
+        if self.scene.pressure.hold_pressure:
+            return printed
+        return trimmed(printed, tolerances=self.scene.results.tolerances)
 
     def problem(self, case: Case, level: Level) -> ShapeDesign:
         """Return the design problem of a case on the mesh of a level (collective)."""

@@ -46,6 +46,11 @@ SOURCE = {
 }
 # Keys of distances about as small as the sheets are thick.
 LAYERS = ("print_height", "print_offset", "contact_distance")
+# Strain of the bare skin over what its target needs: at the pressure that a design starts from, and
+# at the least that it may take (docs/optimisation.md).
+START_STRAIN, LEAST_STRAIN = 1.1, 0.8
+# The least pressure over the given one, where that strain is not known.
+LEAST_PRESSURE = 0.1
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
@@ -341,8 +346,28 @@ class ActuatorScene(MeshedScene):
         """The skin under its largest pressure; None if its radius is not known."""
         if self.radius is None:
             return None
-        largest = "pressure" if self.pressure.bounds is None else "pressure_max"
-        return Inflated(self.material.composite, self.value(largest), self.radius, largest)
+        return Inflated(self.material.composite, self.pressure.pressure, self.radius)
+
+    @property
+    def needed_strain(self) -> float | None:
+        """Largest strain of the fabric that the target needs; None if it is not known."""
+        return None
+
+    @property
+    def pressures(self) -> tuple[float, tuple[float, float] | None]:
+        """Pressure in Pa that a design starts from, and its bounds; None where it is held.
+
+        At the first the bare skin has somewhat more strain than the target needs, at the least
+        pressure somewhat less.
+        """
+        most, skin, strain = self.pressure.pressure, self.inflated, self.needed_strain
+        if self.pressure.hold_pressure or most == 0:
+            return most, None
+        start, least = most, LEAST_PRESSURE * most
+        if skin is not None and strain:
+            start = min(most, skin.pressure_for(START_STRAIN * strain))
+            least = min(0.9 * most, skin.pressure_for(LEAST_STRAIN * strain))
+        return start, (least, most)
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene that are known."""
@@ -504,13 +529,14 @@ class ActuatorScene(MeshedScene):
             ParameterError: The knit is not symmetric about the planes.
         """
         self.material.require_symmetric(planes)
+        start, bounds = self.pressures
         return Case(
             pattern,
             target,
             supports,
-            self.pressure.pressure,
-            self.pressure.bounds,
-            self.material.composite,
+            start,
+            bounds,
+            composite=self.material.composite,
             symmetry=planes,
         )
 

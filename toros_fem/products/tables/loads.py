@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
 from toros_fem.base.array_types import Ints
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import (
     Count,
     Distance,
@@ -30,41 +29,14 @@ from toros_fem.meshes.pattern import Pattern
 
 @dataclass(frozen=True)
 class Pressing(Table):
-    """Pressure.
+    """Pressure."""
 
-    Raises:
-        ParameterError: The pressure is designed, and its bounds leave no room or not the guess.
-    """
-
-    pressure: Pressure = key(5e3, "pressure, the first guess where it is designed")
-    design_pressure: bool = key(False, "design the pressure too, within its bounds")
-    pressure_min: Modulus = key(1e3, "least pressure where it is designed")
-    pressure_max: Modulus = key(20e3, "largest pressure where it is designed")
-
-    NEEDS: ClassVar = dict.fromkeys(("pressure_min", "pressure_max"), ("design_pressure", (True,)))
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.bounds is None:
-            return
-        low, high = self.bounds
-        if not low < high:
-            raise ParameterError(
-                f"pressure_min = {low:g} Pa must be below pressure_max = {high:g} Pa, to leave a "
-                "designed pressure room.",
-                "pressure_min",
-            )
-        if not low <= self.pressure <= high:
-            raise ParameterError(
-                f"pressure = {self.pressure:g} Pa, the first guess of a designed one, must lie "
-                f"between pressure_min = {low:g} Pa and pressure_max = {high:g} Pa.",
-                "pressure",
-            )
-
-    @property
-    def bounds(self) -> tuple[float, float] | None:
-        """Bounds on the pressure in Pa; None if it is prescribed."""
-        return (self.pressure_min, self.pressure_max) if self.design_pressure else None
+    pressure: Pressure = key(
+        5e3, "most that the pump gives: a design takes what its target wants, a simulation all"
+    )
+    hold_pressure: bool = key(
+        False, "design for this pressure as it is; else for what the target wants, at most this"
+    )
 
 
 @dataclass(frozen=True)

@@ -32,12 +32,12 @@ class Sheets(Table):
     thickness: Length = key(0.5e-3, "thickness of the fabric")
     c1: Stretch = key(1.9, "bound on a principal stretch, eq. (1)")
     c2: Stretch = key(2.6, "bound on the sum of both principal stretches less 1")
-    reinforcement_young: Modulus = key(26e6, "Young's modulus of the reinforced fabric")
+    reinforcement_young: Modulus = key(70e6, "Young's modulus of the reinforced fabric")
     reinforcement_poisson: Poisson | None = key(
         None, "Poisson's ratio of the reinforced fabric; none takes that of the fabric"
     )
     reinforcement_thickness: Length | None = key(
-        None, "thickness of the reinforced fabric; none takes that of the fabric"
+        0.4e-3, "thickness of the reinforced fabric; none takes that of the fabric"
     )
     print_height: Length | None = key(
         None,

@@ -30,9 +30,6 @@ from toros_fem.making.print.printability import PrintLimits
 
 # What the densities of a design may start from.
 STARTS = ("random", "relaxed")
-# Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
-# with five times as much the first step triples T, and the next ones win this back.
-LEVEL_PRESSURE_MOVE = 0.02
 
 
 @dataclass(frozen=True)
@@ -191,7 +188,6 @@ class Designing(Filtering, Stepping):
         return DesignOptions(
             (stage,),
             min_relative_decrease=self.min_decrease,
-            pressure_move=LEVEL_PRESSURE_MOVE,
             mma=MMAOptions(move=self.level_move_limit),
         )
 

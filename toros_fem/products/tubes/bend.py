@@ -19,7 +19,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import BendAngle, bend_key
 from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric
@@ -33,6 +33,10 @@ class BendTarget(Table):
     neutral: Place = key(
         0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
+
+    def strain(self, radius: float, length: float) -> float:
+        """Return the strain of the outer side of a tube of a radius and a length in m."""
+        return bend_strain(self.angle, length, radius + self.neutral)
 
     def groups(self, skin: Inflated, length: float) -> Iterator[Group]:
         """Yield the groups of the bend of a tube of a length in m."""
@@ -52,9 +56,14 @@ class BendScene(TubeScene):
 
     KIND: ClassVar = "bend"
     FEW: ClassVar = (
-        "angle", "neutral", "length", "diameter", "pressure", "design_pressure", "seed",
+        "angle", "neutral", "length", "diameter", "pressure", "hold_pressure", "seed",
     )  # fmt: skip
     MEASURED: ClassVar = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
+
+    @property
+    def needed_strain(self) -> float:
+        """Strain of the outer side of the bend."""
+        return self.target.strain(self.radius, self.skin.length)
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""

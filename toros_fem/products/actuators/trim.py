@@ -1,0 +1,113 @@
+"""The last mile of a print: the pressure at which it is nearest to its targets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.mpi import collective
+from toros_fem.base.validation import require_between, require_kind
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.measures.figures import DEFAULT, Tolerances
+from toros_fem.measures.miss import shape_figures
+from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.results.shape_miss import shape_measure
+
+# Largest change of the pressure, as a fraction of it.
+SHARE = 0.15
+# A print is trimmed while a figure is off by more than this part of its tolerance, so often at
+# most; a change is tried that promises to leave at most this part of the worst figure.
+ENOUGH, ROUNDS, PROMISING = 0.25, 3, 0.9
+# Number of pressures at which figures are predicted.
+SAMPLES = 61
+
+
+@collective("printed.evaluation.problem.comm")
+def trimmed(
+    printed: PrintedDesign, share: float = SHARE, tolerances: Tolerances = DEFAULT
+) -> PrintedDesign:
+    """Return a print at the pressure where its worst figure is nearest to its target (collective).
+
+    The motion of all vertices with the logarithm of the pressure is y of K y = Σ p ∂V/∂x, by one
+    solve with the tangent of the print. It predicts all figures along the pressure: angles,
+    distances, directions. The print is simulated where the largest of them over its tolerance is
+    least, and kept there if it is better. Pressures of several chambers keep their ratios. They
+    stay within their bounds, and where they are prescribed, none rises above its own.
+
+    Args:
+        printed: A print; without an equilibrium it is returned as it is.
+        share: Largest change of the pressure, as a fraction of it, below 1; 0 changes nothing.
+        tolerances: How far figures may be off.
+
+    Raises:
+        ParameterError: The share is negative, or not below 1.
+    """
+    require_kind("printed", printed, PrintedDesign, "the PrintedDesign of as_printed")
+    require_between(0.0, 0.99, share=share)
+    made = printed.evaluation
+    if made is None or share == 0 or not isinstance(made.problem, ShapeProblem):
+        return printed
+    problem, begin = made.problem, np.log(made.equilibrium.pressures or [1.0])
+    lowest, highest = np.log1p(-share), np.log1p(share)
+    for at, most, bounds in zip(
+        begin, problem.physics.pressures, problem.physics.pressure_ranges, strict=True
+    ):
+        low, high = bounds or (0.0, most)
+        highest = min(highest, np.log(high) - at)
+        lowest = max(lowest, np.log(low) - at) if low > 0 else lowest
+    least, total = _worst(problem, _shape(made), tolerances), 0.0
+    for _ in range(ROUNDS):
+        if least <= ENOUGH or not highest > lowest:
+            break
+        shape, motion = _shape(made), _motion(problem, made.equilibrium)
+        steps = np.linspace(lowest, highest, SAMPLES) - total
+        promised = [_worst(problem, shape + step * motion, tolerances) for step in steps]
+        best = int(np.argmin(promised))
+        if promised[best] > PROMISING * least:
+            break
+        factor = float(np.exp(steps[best]))
+        try:
+            other = problem.simulate_binary(
+                made.projected, made, pressure=[factor * p for p in made.equilibrium.pressures]
+            )
+        except NoEquilibriumError:  # raised by all ranks or by none
+            break
+        worst = _worst(problem, _shape(other), tolerances)
+        if worst >= least:
+            break
+        made, least, total = other, worst, total + float(steps[best])
+    return replace(printed, evaluation=made)
+
+
+def _shape(made: Evaluation[Equilibrium]) -> Floats:
+    found = made.problem.physics.shape_of(made.equilibrium)
+    assert found is not None
+    return found
+
+
+def _motion(problem: ShapeProblem, at: Equilibrium) -> Floats:
+    """Return the derivative of all vertices by the logarithm of the pressures, (n, 3)."""
+    solver = problem.solver
+    solver.tangent_at(at)
+    push = np.zeros_like(at.state)
+    for chamber, pressure in enumerate(at.pressures):
+        push += pressure * solver.model.volume_gradient(at.state, chamber)
+    return problem.skin.gather_vertices(solver.model.positions(solver.solve_tangent(push, at)))
+
+
+def _worst(problem: ShapeProblem, shape: Floats, tolerances: Tolerances) -> float:
+    """Return the largest distance of a figure of a shape from its target, over its tolerance."""
+    pattern, measure = problem.skin.pattern, shape_measure(problem)
+    figures = [
+        metric.figure(metric.value(pattern, shape), None, tolerances.figure)
+        for metric in problem.metrics
+    ]
+    if measure is not None:
+        figures += shape_figures(measure(pattern, shape), {}, tolerances)
+    off = [abs(f.miss / f.tolerance) for f in figures if f.tolerance and f.miss is not None]
+    return max(off, default=0.0)
