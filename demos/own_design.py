@@ -39,7 +39,8 @@ parser.add_argument("--output", type=Path, default=Path("output/own_design"), he
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
-ANGLE, FOOT, PRESSURE = 60.0, 4e-3, 8e3  # deg, m, Pa
+ANGLE, FOOT = 60.0, 4e-3  # deg, m
+START, PUMP = 4e3, 15e3  # Pa: the pump gives at most 15 kPa
 
 # %% [markdown]
 # ## From the file to flat panels
@@ -72,8 +73,8 @@ case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
     supports=tf.clamp_where(pattern, lambda x: x[:, 2] - low[2] < FOOT),
-    pressure=PRESSURE,  # the first guess
-    pressure_bounds=(1e3, 20e3),
+    pressure=START,
+    pressure_bounds=(1e3, PUMP),
     composite=tf.Composite(),  # fabric and TPU of docs/materials.md
     printed_panels=caps,
 )
@@ -82,13 +83,14 @@ case = tf.Case(
 # ## Design and print
 
 # %%
-first, second = (15, 10) if given.coarse else (30, 20)
+first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))
 design = tf.ShapeDesign(comm, case, tf.Regularisation(3.9e-3))
 reporter = tf.DesignReporter(comm, given.output)
-result = tf.optimize(design, tf.DesignOptions(stages), seed=given.seed, callback=reporter)
+options = tf.DesignOptions(stages, min_relative_decrease=0.05)
+result = tf.optimize(design, options, seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-printed = tf.as_printed(design, result, limits, island_area=50e-6)
+printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=50e-6))
 
 # %% [markdown]
 # ## Files

@@ -157,7 +157,7 @@ class LengthScaleConstraints:
             thresholds = self.solid_threshold, 1 - self.void_threshold
             for k, (level, threshold) in enumerate(zip(levels, thresholds, strict=True)):
                 width = THIN * width_for_threshold(name, threshold, level)
-                step = Projection(projection.beta, level)
+                step = replace(projection, eta=level)
                 violation = bar_violation(name, width, threshold, self.decay / radius**2, step)
                 self.epsilon[k] = violation * ALLOWED * radius**2 / (parts * whole)
 

@@ -153,7 +153,7 @@ class DensityFields(Fields, Distributed):
 
     def with_beta(self, beta: float) -> Self:
         """Return the same fields with another steepness; all other parts are shared."""
-        return replace(self, projection=Projection(beta, self.projection.eta))
+        return replace(self, projection=replace(self.projection, beta=beta))
 
     @property
     def bounds(self) -> tuple[Floats, Floats]:

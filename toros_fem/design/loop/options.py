@@ -88,7 +88,7 @@ class DesignOptions(Table):
         With the full β, noise becomes a pattern in one step and freezes (docs/theory/design.md).
         """
         first = self.stages[0]
-        if first.beta is not None:
+        if not self.soft_start or first.beta is not None:
             return self
         soft = [
             replace(first, iterations=steps, beta=factor * beta)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -19,7 +19,7 @@ from toros_fem.base.validation import require_positive
 from toros_fem.design.density.bar_width import offset_thresholds
 from toros_fem.design.density.linear import Filter
 from toros_fem.design.density.projection import Projection
-from toros_fem.design.loop.fields import Fields
+from toros_fem.design.loop.fields import Fields, densities_of
 from toros_fem.design.loop.physics import Physics
 from toros_fem.measures.shape import Objective
 
@@ -110,7 +110,8 @@ class Variants:
 
     def _projections(self, fields: Fields) -> tuple[Projection, ...]:
         """Return the projections of both patterns, as steep as the nominal one."""
-        return tuple(Projection(fields.beta, eta) for eta in self.thresholds)
+        projection = densities_of(fields).projection
+        return tuple(replace(projection, eta=eta) for eta in self.thresholds)
 
     def patterns(self, fields: Fields, filtered: Floats) -> list[Floats]:
         """Return ρ̄ of both patterns from ρ̃."""

@@ -142,7 +142,8 @@ class Designer(Distributed, DensityDesigner):
         )
         if better is not None:
             return self._written(better.result, better.printed, search)
-        return self._written(found.result(), found.made.printed, search)
+        printed = self.trimmed(found.made.printed)
+        return self._written(replace(found.result(), final=printed.evaluation), printed, search)
 
     def _best_start(self) -> BestStart:
         """Return the best of several starts on the coarsest mesh, each rank trying its own."""
@@ -246,7 +247,8 @@ class Designer(Distributed, DensityDesigner):
         measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
         lines, level = found.search.lines, self._print_level
-        finer = lines.finer if found.search.laid and lines is not None else None
+        known = lines is not None and found.search.laid and made is lines.made.printed.evaluation
+        finer = lines.finer if known and lines is not None else None  # it is of that pressure
         return metric_errors(self, level, shape, measures, Again.of(printed), finer)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:

@@ -91,7 +91,7 @@ def simulate_actuator(
             f"pressure = {scene.pressure.pressure} Pa must be above 0 to simulate with it."
         )
     made, level, density, regions = _printed(comm, scene, pattern)
-    if pattern is not None and scene.pressure.design_pressure:
+    if pattern is not None and not scene.pressure.hold_pressure:
         _tell_pressure(comm, scene.pressure.pressure, Path(pattern))
     made = made.smoothed()
     skin = sew(comm, made.pattern)

@@ -149,7 +149,7 @@ class GripperScene(ActuatorScene):
     skin: FingerSizes = FingerSizes()
     material: SkinSheets = SkinSheets(seams="hinged")
     # The paper states none.
-    pressure: Pressing = Pressing(pressure=10e3, design_pressure=True, pressure_max=15e3)
+    pressure: Pressing = Pressing(pressure=15e3)
     contact: Contacts = Contacts(friction=0.6)
     objective: GripWeights = GripWeights(
         orientation_length=0.02, cross_sections=4, centreline_weight=0.05
@@ -159,7 +159,7 @@ class GripperScene(ActuatorScene):
 
     KIND: ClassVar = "gripper"
     FEW: ClassVar = (
-        "shape", "size", "mass", "finger_length", "finger_width", "pressure_max", "friction",
+        "shape", "size", "mass", "finger_length", "finger_width", "pressure", "friction",
         "seed",
     )  # fmt: skip
     TRIAL_MESH: ClassVar = 1 / COARSER  # a lift costs little, and coarse fingers slip off

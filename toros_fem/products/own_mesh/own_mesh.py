@@ -33,7 +33,7 @@ from toros_fem.products.actuators.scene import SOURCE, ActuatorScene, Level
 from toros_fem.products.actuators.simulate import FILES
 from toros_fem.products.own_mesh.metrics import Measured, judged_by
 from toros_fem.products.own_mesh.regions import Region
-from toros_fem.products.plausibility import Group, Inflated
+from toros_fem.products.plausibility import Group, Inflated, bend_strain
 from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import (
@@ -110,6 +110,10 @@ class Deformed(Table):
     def of_body(self, body: Pattern | Surface) -> BodyAxis:
         """Return the axis of a whole body."""
         return body_axis(body, self.axis, self.toward, self.begin, self.end)
+
+    def outer(self, axis: BodyAxis) -> float:
+        """Return the distance in m of a bend's outer side from the line that keeps its length."""
+        return axis.half_width + (axis.half_width if self.neutral is None else self.neutral)
 
     def deformer(self, axis: BodyAxis) -> Deformer:
         """Return the target as a map of positions.
@@ -266,7 +270,7 @@ class OwnMeshScene(ActuatorScene):
     }
     FEW: ClassVar = (
         "bend", "twist", "shorten", "axis", "toward", "scale", "refinements", "symmetry",
-        "pressure", "design_pressure", "seed",
+        "pressure", "hold_pressure", "seed",
     )  # fmt: skip
 
     NEEDS: ClassVar = {
@@ -280,7 +284,7 @@ class OwnMeshScene(ActuatorScene):
     @classmethod
     def example(cls) -> Self:
         """Return what a new scene file holds: a body that stands on z = 0 and bends."""
-        return cls.of(held=(Held(where="z < 5 mm"),), bend=60.0, design_pressure=True)
+        return cls.of(held=(Held(where="z < 5 mm"),), bend=60.0)
 
     def coarse(self) -> Self:
         """Return the same design on the mesh of the file, with few steps."""
@@ -325,6 +329,16 @@ class OwnMeshScene(ActuatorScene):
         whole = self.read.whole
         return abs(2 * volume(whole.points, whole.triangles)) / float(whole.areas.sum())
 
+    @property
+    def needed_strain(self) -> float | None:
+        """Strain of the outer side of a bend; None before the mesh is read, and of other targets."""
+        asked = self.target
+        if self.read is None or self.read.target is not None or set(asked.asked) != {"angle"}:
+            return None
+        body = asked.of_body(self.read.whole)
+        assert asked.bend is not None
+        return bend_strain(asked.bend, body.end - body.begin, asked.outer(body))
+
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield from super().groups_of(skin)
@@ -336,10 +350,9 @@ class OwnMeshScene(ActuatorScene):
         if read.target is not None:
             return
         body = asked.of_body(read.whole)
-        length, half = body.end - body.begin, body.half_width
+        length = body.end - body.begin
         if asked.bend is not None:
-            neutral = half if asked.neutral is None else asked.neutral
-            yield from skin.bend("bend", asked.bend, length, half + neutral)
+            yield from skin.bend("bend", asked.bend, length, asked.outer(body))
         if asked.twist is not None:
             yield from skin.twist("twist", asked.twist, length)
         if asked.shorten:

@@ -32,7 +32,7 @@ class Pressing(Table):
     """Pressure."""
 
     pressure: Pressure = key(
-        5e3, "most that the pump gives: a design takes what its target wants, a simulation all"
+        10e3, "most that the pump gives: a design takes what its target wants, a simulation all"
     )
     hold_pressure: bool = key(
         False, "design for this pressure as it is; else for what the target wants, at most this"

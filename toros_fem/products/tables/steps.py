@@ -23,7 +23,7 @@ from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.regularisation import Regularisation
+from toros_fem.design.loop.regularisation import POWER, Regularisation
 from toros_fem.design.loop.robust import SPREAD_WEIGHT, WidthTolerance
 from toros_fem.design.mma.optimizer import MMAOptions
 from toros_fem.making.print.printability import PrintLimits
@@ -42,6 +42,9 @@ class Filtering(Table):
     filter_radius: Length = key(2.15e-3, "radius R of the filter")
     beta: Annotated[float, In(above=0, at_most=300)] = key(20.0, "steepness of the projection")
     eta: Annotated[float, In(above=0, below=1)] = key(0.5, "threshold of the projection")
+    power: Annotated[float, In(at_least=1, at_most=10)] = key(
+        POWER, "power q of the projection: 1 as in the paper; more takes stiffness from grey print"
+    )
     line_width: Length | None = key(None, "smallest width of a printed line; none takes R")
     gap_width: Length | None = key(None, "smallest width of a gap between lines; none takes R")
     perimeter_weight: Positive | None = key(
@@ -59,7 +62,7 @@ class Filtering(Table):
     @property
     def projection(self) -> Projection:
         """Smoothed step from ρ̃ to ρ̄."""
-        return Projection(self.beta, self.eta)
+        return Projection(self.beta, self.eta, self.power)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from toros_fem.design.loop.case import Case
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
-from toros_fem.products.tables.loads import Pressing
 from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tables.targets import TwistAngle, twist_key
 from toros_fem.products.tubes.bend import BendTarget
@@ -35,7 +34,6 @@ class BendTwistScene(SectionTubeScene):
     """The tube that bends and twists."""
 
     target: BendTwistTarget = BendTwistTarget(angle=90.0)
-    pressure: Pressing = Pressing(pressure=10e3)
     # Many lines, also where few are asked for, and with room for other widths: of a few wide ones
     # each decides about the shape.
     lines: Lines = Lines(share_weight=1e-3, relaxed_iterations=60, least_share=0.012, spread=2.0)

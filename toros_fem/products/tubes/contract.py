@@ -18,7 +18,7 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
-from toros_fem.products.tables.loads import Pressing, SectionWeights
+from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing, Lines
 from toros_fem.products.tables.targets import Shortening, shortening_key
 from toros_fem.products.tubes.tube import (
@@ -42,7 +42,6 @@ class ContractScene(SectionTubeScene):
 
     target: ContractTarget = ContractTarget()
     skin: SymmetricTube = SymmetricTube()
-    pressure: Pressing = Pressing(pressure=10e3)
     objective: SectionWeights = SectionWeights(tip_weight=10.0)
     design: Designing = Designing(start="relaxed", corrections=6, iterations=90)
     # Bending of thin lines between their crossings needs two triangles across.

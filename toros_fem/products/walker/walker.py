@@ -39,7 +39,7 @@ from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.legs import Leg, LegWeights, rest_on_body
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.actuators.scene import ActuatorScene, Level
-from toros_fem.products.plausibility import Group, Inflated, angle_group
+from toros_fem.products.plausibility import Group, Inflated, angle_group, bend_strain
 from toros_fem.products.tables.loads import Contacts, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
@@ -199,14 +199,18 @@ class WalkerScene(ActuatorScene):
         """Longest edge length in m of a useful mesh: six edges across a leg."""
         return self.skin.leg_width / 6
 
+    @property
+    def needed_strain(self) -> float:
+        """Strain of the outer side of a leg."""
+        return bend_strain(self.leg_angle, self.target.bent_length, 2 * self.radius)
+
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield from super().groups_of(skin)
         asked, sizes, feet = self.target, self.skin, self.contact
         yield skin.slenderness("leg_length", sizes.leg_length)
         yield angle_group("angle", self.leg_angle)
-        bend = np.radians(self.leg_angle) * 2 * skin.radius / asked.bent_length
-        yield skin.supplied("angle", float(bend))
+        yield skin.supplied("angle", self.needed_strain)
         if asked.motion == "crawl":
             yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
         for name in ("fabric_mass", "print_mass"):
@@ -267,7 +271,7 @@ class WalkerScene(ActuatorScene):
         if asked.aim == "stride":
             sections, target = self._stride(sections, target)
             metric = self._foot_metric(leg)
-            if self.pressure.design_pressure:  # of both chambers, for the gait
+            if not self.pressure.hold_pressure:  # of both chambers, for the gait
                 in_leg = centroids @ directions[0] > star.root
                 apart = Chambers(("body", "leg"), in_leg.astype(np.int64))
         foot, passive = self.skin.foot_length, None
