@@ -67,7 +67,8 @@ def case_on(edge: float, lines: LaidLines | None = None) -> tf.Case:
         pattern,
         target=compose(twist(twisting, LENGTH), bend(bending, LENGTH, neutral=0.01)),
         supports=tf.clamp(pattern, ["base"]),
-        pressure=PRESSURE,
+        pressure=PRESSURE,  # the most that the pump gives
+        pressure_bounds=(PRESSURE / 10, PRESSURE),
         composite=tf.Composite(),  # fabric and TPU of docs/materials.md
         parts=[tf.CrossSections(labels, places, turning)],
         metrics=[

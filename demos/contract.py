@@ -66,7 +66,8 @@ def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.Sha
         pattern,
         target=contract(1 - asked / 100),
         supports=tf.clamp(pattern, ["base"]) | tf.symmetry_plane(pattern, 1),
-        pressure=PRESSURE,
+        pressure=PRESSURE,  # the most that the pump gives
+        pressure_bounds=(PRESSURE / 10, PRESSURE),
         composite=tf.Composite(),  # fabric and TPU of docs/materials.md
         parts=[tf.CrossSections(labels, places, turning)],
         parts_of_whole=True,

@@ -76,8 +76,8 @@ case = tf.Case(
     pattern,
     target,
     supports,
-    pressure=10e3,  # Pa, the first guess
-    pressure_bounds=(1e3, 15e3),
+    pressure=15e3,  # Pa, the most that the pump gives
+    pressure_bounds=(1.5e3, 15e3),
     composite=composite,
     parts=[
         leg.sections(pattern, weights),
@@ -102,7 +102,8 @@ options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
 reporter = tf.DesignReporter(comm, given.output)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
-printed = tf.as_printed(design, result, tf.PrintLimits(0.6e-3, 0.6e-3), island_area=20e-6)
+limits = tf.PrintLimits(0.6e-3, 0.6e-3)
+printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=20e-6))
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 
 # %% [markdown]
@@ -117,14 +118,15 @@ problem = made.problem  # that of the print has a mesh of its own, which follows
 assert isinstance(problem, tf.ShapeDesign)
 supports, pulling = problem.case.supports, replace(problem.case.contact, friction=FRICTION)
 solver = tf.EquilibriumSolver(problem.skin, composite, supports, contact=pulling)
-at = made.projected, result.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
+pressure = made.equilibrium.pressure
+at = made.projected, pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
 pull = list(pull_out(solver, *at, made.equilibrium.positions))
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
 closed, lifted = (problem.whole.at_vertices(one.positions) for one in (pull[0], end))
 shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
 rows = [(problem.whole.at_cells(problem.skin.gather_cells(at[0])), shapes)]
 grams = 1e3 * parts / GRAVITY * largest_force(pull, limit)
-told = f"The fingers bear {grams:.0f} g at {result.pressure:.0f} Pa"
+told = f"The fingers bear {grams:.0f} g at {pressure:.0f} Pa"
 write_lift(comm, given.output, printed.pattern, rows, printed.regions, ball, FINGERS, told)
 if comm.rank == 0:
     print(f"{told}; see {given.output}/shape.png and {given.output}/lift.png")

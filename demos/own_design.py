@@ -29,6 +29,7 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.meshes import bend, read_surface, unwrap
+from toros_fem.meshes.surfaces.surface import volume
 
 FILE = Path(__file__).parent / "surfaces" / "finger.stl"
 
@@ -40,7 +41,7 @@ given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
 ANGLE, FOOT = 60.0, 4e-3  # deg, m
-START, PUMP = 4e3, 15e3  # Pa: the pump gives at most 15 kPa
+PUMP = 15e3  # Pa, the most that it gives
 
 # %% [markdown]
 # ## From the file to flat panels
@@ -69,13 +70,19 @@ caps = [
 
 # %%
 deform = bend(np.radians(ANGLE), length, neutral=half_width)
+sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
+# The pressure is designed too. It starts where a plain tube of the same volume and area is longer
+# by 1.1 times the strain of the bend's outer side.
+radius = abs(2 * volume(pattern.points, pattern.triangles)) / pattern.areas.sum()
+strain = np.radians(ANGLE) * 2 * half_width / length
+start, least = (tf.tube_pressure(sheets, radius, k * strain) for k in (1.1, 0.8))
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
     supports=tf.clamp_where(pattern, lambda x: x[:, 2] - low[2] < FOOT),
-    pressure=START,
-    pressure_bounds=(1e3, PUMP),
-    composite=tf.Composite(),  # fabric and TPU of docs/materials.md
+    pressure=start,
+    pressure_bounds=(least, PUMP),
+    composite=sheets,
     printed_panels=caps,
 )
 

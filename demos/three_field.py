@@ -33,7 +33,7 @@ from toros_fem.base.files import guarded, if_plotting, write_json
 from toros_fem.design.loop.case import Case
 from toros_fem.meshes import Pattern, bend
 from toros_fem.products.actuators.scene import Level
-from toros_fem.products.tables.loads import Pressing, Results
+from toros_fem.products.tables.loads import Results
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
@@ -58,7 +58,6 @@ class ThreeFieldScene(TubeScene):
     """
 
     target: BendTarget = BendTarget()
-    pressure: Pressing = Pressing(design_pressure=True)
     design: Designing = Designing(levels=1, polish_iterations=0, perimeter_weight=1e-4)
     results: Results = Results(curve_pressure=None)
 
@@ -82,7 +81,7 @@ def variants(config: ThreeFieldScene) -> dict[str, ThreeFieldScene]:
         )
     steps = config.design.iterations + config.design.constrained_iterations
     free = config.updated(iterations=steps, constrained_iterations=0)
-    linear = free.updated(perimeter_weight=None, beta=PLAIN)
+    linear = free.updated(perimeter_weight=None, beta=PLAIN, power=1.0)
     return {
         "no filter": linear.updated(filter_radius=UNFILTERED * config.skin.edge_length),
         "filter only": linear,

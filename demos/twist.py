@@ -60,7 +60,8 @@ def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.Sha
         pattern,
         target=twist(np.radians(asked), LENGTH),
         supports=tf.clamp(pattern, ["base"]),
-        pressure=PRESSURE,
+        pressure=PRESSURE,  # the most that the pump gives
+        pressure_bounds=(PRESSURE / 10, PRESSURE),
         composite=tf.Composite(),  # fabric and TPU of docs/materials.md
         parts=[tf.CrossSections(labels, places, turning)],
         metrics=[angle],

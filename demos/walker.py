@@ -32,18 +32,14 @@ from toros_fem.products.walker.gait import Gait, flat_on_ground, walk_of, write_
 from toros_fem.products.walker.walker import chambers
 
 parser = argparse.ArgumentParser(description="Design a walker that stands up, and let it walk.")
-parser.add_argument(
-    "--coarse", action="store_true", help="a coarse mesh, and feet that are printed"
-)
+parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and printed feet")
 parser.add_argument("--seed", type=int, default=2, help="seed of the random start")
 parser.add_argument("--output", type=Path, default=Path("output/walker"), help="its folder")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
 ANGLE, PRESSURE = 90.0, 20e3  # deg, Pa
-star = Star(
-    4, arm_length=0.06, arm_width=0.024, body_radius=0.02, corner_radius=6e-3, angle=np.pi / 4
-)
+star = Star(4, 0.06, 0.024, body_radius=0.02, corner_radius=6e-3, angle=np.pi / 4)
 edge, radius, foot = (2.8e-3, 4.3e-3, 15e-3) if given.coarse else (1.8e-3, 2.75e-3, 0.0)  # m
 
 # %% [markdown]
@@ -60,11 +56,14 @@ bent = stand(np.radians(ANGLE), 0.03, directions=star.directions[:1], root=star.
 leg = Leg(along, (0.0, 0.0, -1.0), star.root)
 weights = LegWeights(cross_sections=6, centreline_weight=0.02, orientation_length=0.03)
 composite = tf.Composite(bending=tf.Bending(seams="hinged"))  # sewn seams carry no moment
+round_leg = star.arm_width / np.pi  # its radius; it is to have 0.8 times the outer side's strain
+least = tf.tube_pressure(composite, round_leg, 0.8 * np.radians(ANGLE) * 2 * round_leg / 0.03)
 case = tf.Case(
     pattern,
     target=bent(pattern.points),
     supports=rest_on_body(pattern, star.body_radius, (0, 1)),
-    pressure=PRESSURE,
+    pressure=PRESSURE,  # the most that the pump gives
+    pressure_bounds=(least, PRESSURE),
     composite=composite,
     parts=[leg.sections(pattern, weights)],
     metrics=[leg.angle_metric(ANGLE)],
@@ -87,7 +86,8 @@ options = tf.DesignOptions(stages, min_relative_decrease=0.05)
 reporter = tf.DesignReporter(comm, given.output)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
-printed = tf.as_printed(design, result, tf.PrintLimits(0.6e-3, 0.6e-3), island_area=20e-6)
+limits = tf.PrintLimits(0.6e-3, 0.6e-3)
+printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=20e-6))
 summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 
 # %% [markdown]
@@ -120,7 +120,7 @@ solver = tf.EquilibriumSolver(
 )
 gait = Gait(("body", "front", "rear"), np.array([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]), steps=8)
 density = both.at_cells(quarter.gather_cells(made.projected))[skin.owned_cells]
-pressures = [list(PRESSURE * row) for row in gait.pressure_fractions]
+pressures = [list(made.equilibrium.pressure * row) for row in gait.pressure_fractions]
 points = list(tf.trace(solver, density, pressures, start=start[skin.owned_vertices]))
 touching = sizes.thickness / 2 + sizes.distance
 walk = walk_of(gait, points, mirrored(half, (1,)), star.directions, height, touching)

@@ -44,11 +44,12 @@ def model(solver: Any, settings: Any, figures: list[float], **numbers: Any) -> M
 def of_problem(problem: Any, settings: Any, history: Any) -> Model:
     physics, passive = problem.physics, problem.fields.passive
     given = {"target": problem.target, "density": passive, "pressure": physics.pressures}
+    given["bounds"] = np.array(physics.pressure_ranges, dtype=float)
     rules = problem.regularisation
     window = rules.perimeter_window or rules.filter_radius
     rules = replace(rules, perimeter_window=window)
     figures = [row.objective for row in history]
-    return model(problem.solver, (settings, physics.pressure_bounds, rules), figures, **given)
+    return model(problem.solver, (settings, rules), figures, **given)
 
 
 def densities(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:

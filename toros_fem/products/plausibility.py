@@ -325,32 +325,6 @@ class Inflated:
     radius: float
     pressure_key: str = "pressure"
 
-    def pressure_for(self, strain: float) -> float:
-        """Return the pressure in Pa at which the bare tube is longer by a strain; infinite if none.
-
-        A long closed tube of eq. (1) with stretches λ₁ around and λ₂ along is in equilibrium where
-        h ∂ψ/∂λ₁ = p r λ₁ λ₂ and h ∂ψ/∂λ₂ = p r λ₁²/2. The fabric counts as isotropic.
-        """
-        stiffness, poisson = self.sheet.least_stiffness, self.sheet.fabric.poisson
-        mu, lam = stiffness / (2 * (1 + poisson)), stiffness * poisson / (1 - poisson**2)
-        a, b = (bound - 1 for bound in self.sheet.fabric_bounds)
-        low, high = 0.0, min(a, b - strain)  # of the strain around
-        if strain >= a or high <= 0:
-            return math.inf
-
-        def slopes(around: float) -> tuple[float, float]:
-            shared = lam * (around + strain) / (1 - ((around + strain) / b) ** 2)
-            own = (2 * mu * e / (1 - (e / a) ** 2) for e in (around, strain))
-            first, second = (one + shared for one in own)
-            return first, second
-
-        for _ in range(40):  # h (2 λ₂ ∂ψ/∂λ₂ − λ₁ ∂ψ/∂λ₁) falls with the strain around
-            middle = (low + high) / 2
-            around, along = slopes(middle)
-            rises = 2 * (1 + strain) * along > (1 + middle) * around
-            low, high = (middle, high) if rises else (low, middle)
-        return slopes(low)[0] / (self.radius * (1 + low) * (1 + strain))
-
     def groups(self) -> Iterator[Group]:
         """Yield the groups of its sheets and of its pressure."""
         yield from sheet_groups(self.sheet, self.radius)

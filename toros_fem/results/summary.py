@@ -14,7 +14,7 @@ from toros_fem.base.keys import Table
 from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.design.loop.options import Iteration
+from toros_fem.design.loop.options import LOST, Iteration, growth_of_miss
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import DEFAULT, Figure, State, Tolerances, overall
@@ -57,6 +57,8 @@ def _cost_of(rows: Sequence[Iteration]) -> dict[str, int]:
 
 # A pressure this near to its bound, over it, is at it; so much of the stretch bounds is nearly all.
 NEAR_BOUND, STRETCHED = 1e-3, 0.97
+# What is advised where the pressure is at its bound, over this.
+MORE = 1.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,6 +105,13 @@ class PrintedResult(RunResult):
         return (self.printed.evaluation or self.design.final).equilibrium.pressure
 
     @property
+    def most_pressure(self) -> float:
+        """Largest pressure in Pa that the problem allows, of all chambers."""
+        physics = self.problem.physics
+        pairs = zip(physics.pressures, physics.pressure_ranges, strict=True)
+        return max((bounds[1] if bounds else most for most, bounds in pairs), default=0.0)
+
+    @property
     def metric_figures(self) -> tuple[Figure, ...]:
         """The metrics of the print."""
         return tuple(
@@ -121,11 +130,11 @@ class PrintedResult(RunResult):
         if state in (None, State.REACHED):
             return ()
         found = [*self._pressures_at_bounds(), *self._stretched(), *self._cleaned_away()]
-        if self.design.reason.startswith("All "):
-            found.append(f"iterations: {self.design.reason[0].lower()}{self.design.reason[1:-1]}")
+        if (growth := growth_of_miss(self.design.history)) > LOST:
+            found.append(f"widths: printable lines miss the target {growth:.1f} times as much")
         if state is State.NOT_CERTAIN:
             known = all(figure.interval is not None for figure in self.figures if figure.state)
-            wide = "its interval reaches over the tolerance; a finer mesh narrows it"
+            wide = "its interval reaches over the tolerance"
             found.append(f"error by the mesh: {wide if known else 'it is not estimated'}")
         return tuple(found)
 
@@ -165,20 +174,23 @@ class PrintedResult(RunResult):
         """Return a sentence of what is said of the metrics and of the steps of the design."""
         shape = shape_figures(self.shape, self.intervals, self.tolerances)
         said = [*metrics, *(figure.words for figure in shape if figure.state)]
+        at = f"{self.pressure / 1e3:.2f} kPa"
+        if self.pressure < (1 - NEAR_BOUND) * self.most_pressure:
+            at += f" (the pump gives {self.most_pressure / 1e3:g} kPa)"
         return (
-            f"{', '.join(said)} as printed at {self.pressure / 1e3:.2f} kPa, {steps}, "
+            f"{', '.join(said)} as printed at {at}, {steps}, "
             f"{self.printed.after.summary()['islands']} islands, "
             f"{self.seconds.get('total', 0.0):.0f} s"
         )
 
     def _pressures_at_bounds(self) -> list[str]:
-        final = self.design.final.equilibrium.pressures
+        final = (self.printed.evaluation or self.design.final).equilibrium.pressures
         ranges = self.problem.physics.pressure_ranges
         return [
-            f"pressure at its bound, {bound / 1e3:g} kPa"
+            f"pressure at its bound, {bounds[1] / 1e3:g} kPa. If the pump gives more: "
+            f'pressure = "{MORE * bounds[1] / 1e3:.3g} kPa"'
             for pressure, bounds in zip(final, ranges, strict=True)
-            for bound in bounds or ()
-            if abs(pressure - bound) < NEAR_BOUND * bound
+            if bounds and abs(pressure - bounds[1]) < NEAR_BOUND * bounds[1]
         ]
 
     def _stretched(self) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -12,8 +13,10 @@ from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scene_options import SceneCommand
 from toros_fem.cli.commands.doctor import memory_gib
+from toros_fem.measures.figures import formatted
+from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
 from toros_fem.products.kinds import ABOUT
-from toros_fem.products.plausibility import doubts
+from toros_fem.products.plausibility import Inflated, doubts
 from toros_fem.results.console import duration
 
 if TYPE_CHECKING:
@@ -67,6 +70,8 @@ class Check(SceneCommand):
         lines += [f"doubt       {one}" for one in doubtful]
         for role, entry in scene.materials.items():
             lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
+        if (skin := getattr(read, "inflated", None)) is not None:
+            lines.append(_pressure(skin, read.needed_strain))
         if cost is not None and cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
         if cost is None:
@@ -75,6 +80,24 @@ class Check(SceneCommand):
             figures |= _figures(cost)
             lines += _lines(comm, cost)
         return Answer("\n".join(lines), figures)
+
+
+def _pressure(skin: Inflated, needed: float | None) -> str:
+    """Return what the pressure does to the bare fabric, and which one the target wants."""
+    load, (around, along) = (
+        skin.load("pressure", skin.pressure),
+        tube_strains(skin.sheet, skin.radius, skin.pressure),
+    )
+    told = (
+        f"pressure    {formatted(skin.pressure, 'pa')} makes the bare skin {around:.0%} wider and "
+        f"{along:.0%} longer (p r/(E h) = {load.value:.2g}); the fabric ends at "
+        f"{skin.sheet.fabric_bounds[0] - 1:.0%}"
+    )
+    if not needed:
+        return told
+    enough = tube_pressure(skin.sheet, skin.radius, needed)
+    gives = f"from {formatted(enough, 'pa', 2)} on" if math.isfinite(enough) else "at no pressure"
+    return f"{told}. The target needs {needed:.0%}, which it has {gives}"
 
 
 def _figures(found: Cost) -> dict[str, Any]:

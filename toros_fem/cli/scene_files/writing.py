@@ -27,7 +27,11 @@ These are the keys that a new scene changes. `toros new --all` writes the others
 explain KEY` says what one means. Values have a unit, as in "5 kPa", or are in SI units, angles in
 degrees; "none" leaves a thing out. Paths are relative to this file."""
 DEFAULTS = {"fabric": "jersey-light", "reinforcement": "printed-tpu-95a-on-jersey"}
-EXAMPLES = {"fabric": "jersey-light", "reinforcement": "printed-tpu-95a", "bladder": "dragon-skin-20"}
+EXAMPLES = {
+    "fabric": "jersey-light",
+    "reinforcement": "printed-tpu-95a",
+    "bladder": "dragon-skin-20",
+}
 
 
 def scene_text(

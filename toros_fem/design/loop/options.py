@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
+from itertools import pairwise
 from typing import Annotated
+
+import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
@@ -15,6 +18,8 @@ from toros_fem.design.mma.optimizer import MMAOptions
 Tolerance = Annotated[float, In(at_least=1e-15)]
 # Number of steps over which T must fall.
 LOOK_BACK = 10
+# A design whose miss grows by more than this from the end of an earlier stage has lost the shape.
+LOST = 2.0
 # A soft start: parts of the steps of a first stage, and β there over that of the problem.
 SOFT_START = ((0.3, 0.2), (0.3, 0.4))
 
@@ -31,6 +36,9 @@ class Stage(Table):
     beta: Positive | None = key(None, "steepness β of the projection; none keeps the problem's")
     constrained: bool = key(
         False, "whether the problem's width constraints are enforced; they are reported either way"
+    )
+    tighten: Annotated[float, In(above=0, below=1)] = key(
+        0.5, "target of a violated constraint in each step, over its value"
     )
     robust: bool = key(True, "whether the eroded and dilated patterns of a robust problem count")
 
@@ -149,6 +157,16 @@ class Iteration:
         """Return the row as columns of a table, metrics included."""
         own = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "metrics"}
         return {**own, **self.metrics}
+
+
+def growth_of_miss(rows: Sequence[Iteration]) -> float:
+    """Return the miss of the last row over the least one at the end of a stage before.
+
+    The miss is the root of the shape's part of T: a distance over the skin's size.
+    """
+    ends = [row.shape for row, after in pairwise(rows) if after.stage != row.stage]
+    least = max(min(ends, default=rows[-1].shape), float(np.finfo(float).tiny))
+    return float(np.sqrt(rows[-1].shape / least))
 
 
 def reason_to_end(

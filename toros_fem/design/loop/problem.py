@@ -191,7 +191,7 @@ class DesignProblem(Distributed, Generic[R]):
         return other
 
     def pressure_cost(self, pressures: Sequence[float]) -> float:
-        """Return the part of T that prefers less pressure, of the pressure of each chamber in Pa."""
+        """Return the part of T that prefers less of the pressures of all chambers, in Pa."""
         if self.pressure_weight is None:
             return 0.0
         pairs = zip(pressures, self.physics.pressure_ranges, strict=True)

@@ -20,8 +20,6 @@ from toros_fem.design.mma.optimizer import MMA, Functions, MMAState
 SCALE = 10.0
 # The least T that is scaled up: below it, no improvement is needed.
 LEAST = float(np.finfo(np.float64).eps) ** 2
-# Target of a constraint that is far from satisfied, as a fraction of its value, in each step.
-TIGHTEN = 0.5
 # Final target of a constraint over its limit: steps end a few per cent off the target.
 MARGIN = 0.8
 # Least price of a violated constraint in the merit function, in MMA's scaled units.
@@ -63,6 +61,7 @@ class Steps:
         self._variables, self._least = variables, max(options.target_objective or 0.0, LEAST)
         self._limits = problem.length_scale if stage.constrained else None
         self._targets: Floats = np.zeros(0)
+        self._tighten = stage.tighten
         self._residuals: Callable[[Any], Floats] = slopes.residuals.values
         self.scale, self._count = self._scale_at(here), len(slopes.residuals.gradients)
         self.mma = MMA(
@@ -99,7 +98,9 @@ class Steps:
         self.mma.rescale(self.scale / before)
         if self._limits is not None:
             epsilon = np.asarray(self._limits.epsilon, dtype=np.float64)
-            self._targets = np.maximum(MARGIN * epsilon, TIGHTEN * np.asarray(here.length_scale))
+            self._targets = np.maximum(
+                MARGIN * epsilon, self._tighten * np.asarray(here.length_scale)
+            )
         values, near, root = self.at(here), slopes.residuals, self.scale**0.5
         gradient = partial(self._variables.gradient, here)
         pairs = zip(near.gradients, near.pressure_gradients, strict=True)

@@ -16,7 +16,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult, optimize
-from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.as_printed.free_islands import without_free_islands
@@ -32,6 +32,7 @@ from toros_fem.products.actuators.space_mapping import (
     follows,
     largest_error,
 )
+from toros_fem.products.actuators.trim import worst_of_print
 from toros_fem.results.reporter import DesignReporter
 
 if TYPE_CHECKING:  # a scene is designed by what imports this
@@ -40,6 +41,8 @@ if TYPE_CHECKING:  # a scene is designed by what imports this
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
+# How far another seed is from the one that was given.
+ANOTHER_SEED = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +104,11 @@ class DensityDesigner(Job):
         problems: Iterator[ShapeDesign],
         options: Sequence[DesignOptions],
         after: CarriedDesign | None = None,
+        seed: int | None = None,
     ) -> tuple[DesignResult, PrintedDesign]:
         """Run a level for each of the options, after a design of another mesh if there is one.
 
-        Each has a polishing stage if its print has free islands.
+        Each has a polishing stage if its print has free islands. None takes the scene's seed.
         """
         rules_of = dict(enumerate(options, 0 if after is None else after.level))
         steps = sum(level.iterations for level in options)
@@ -135,7 +139,7 @@ class DensityDesigner(Job):
         result = optimize_levels(
             problems,
             options,
-            seed=self.scene.design.seed,
+            seed=self.scene.design.seed if seed is None else seed,
             callback=self.reporter,
             finish=polished,
             after=after,
@@ -143,6 +147,14 @@ class DensityDesigner(Job):
         )
         assert printed is not None
         return result, printed
+
+    def worst(self, printed: PrintedDesign) -> float:
+        """Return the largest miss of a figure over its tolerance, as of `worst_of_print`."""
+        return worst_of_print(printed, self.scene.results.tolerances)
+
+    def lost(self, result: DesignResult, printed: PrintedDesign) -> bool:
+        """Return whether a print misses since the stages with widths lost the shape."""
+        return growth_of_miss(result.history) > LOST and self.worst(printed) > 1
 
     def print_of(self, result: DesignResult) -> PrintedDesign:
         """Return the print of a design, simulated at the pressure that suits it best."""
@@ -242,6 +254,21 @@ class DensityDesigner(Job):
             return max(_error(attempt), CLOSE), spread
 
         return min(attempts, key=badness)
+
+
+def other_ways(
+    options: Sequence[DesignOptions], seed: int, beta: float
+) -> Iterator[tuple[str, tuple[DesignOptions, ...], int]]:
+    """Yield other ways to a design whose stage with widths lost the shape: name, options, seed."""
+    first, finer = options[0], tuple(options[1:])
+    *free, last = first.stages
+    if not last.constrained:
+        return
+    softer = replace(last, iterations=2 * last.iterations, tighten=np.sqrt(last.tighten))
+    sharper = Stage(last.iterations // 3, beta=2 * beta), last
+    yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
+    yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
+    yield "another seed", tuple(options), seed + ANOTHER_SEED
 
 
 def problem_of(result: DesignResult) -> ShapeDesign:

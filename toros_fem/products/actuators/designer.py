@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.actuators.densities import Attempt, DensityDesigner
+from toros_fem.products.actuators.densities import Attempt, DensityDesigner, other_ways
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.misses import misses_of
@@ -114,12 +114,36 @@ class Designer(Distributed, DensityDesigner):
 
         with self.reporter:
             made = self.over_levels(problems(), options, after)
+            if after is None and self.lost(*made):
+                made, search = self._tried_otherwise(problems, options, made, search)
             attempts = self.corrected(lambda other: other.case(comm, levels[-1]), *made)
         chosen = self.best(attempts)
         if self.source is None and chosen.problem.fields.centre is not None:
             search = replace(search, start="pattern")
         search = replace(search, rounds=len(attempts) - 1, robust=chosen.robust)
         return self._written(chosen.result, chosen.printed, search)
+
+    def _tried_otherwise(
+        self,
+        problems: Callable[[], Iterator[ShapeDesign]],
+        options: Sequence[DesignOptions],
+        made: tuple[DesignResult, PrintedDesign],
+        search: Searched,
+    ) -> tuple[tuple[DesignResult, PrintedDesign], Searched]:
+        """Design anew where printable lines lost the shape, until one does not; return the best."""
+        best, found = self.worst(made[1]), search
+        start = self.scene.design.seed, self.scene.design.beta
+        for name, rules, seed in other_ways(options, *start):
+            if self.comm.rank == 0:
+                log.warning("printable lines lost the shape: the design is tried with %s", name)
+            way = replace(self, journal=self.branch(name.replace(" ", "-")))
+            other = way.over_levels(problems(), rules, seed=seed)
+            found = replace(found, tried=(*found.tried, name))
+            if (worst := self.worst(other[1])) < best:
+                best, made, found = worst, other, replace(found, seed=seed)
+            if not self.lost(*other):
+                break
+        return made, found
 
     def _from_lines(self) -> ActuatorResult:
         """Design line families, lay them as lines, and design densities from these last."""

@@ -25,6 +25,7 @@ from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
+from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.cost import Cost, actuator_cost
@@ -49,8 +50,8 @@ LAYERS = ("print_height", "print_offset", "contact_distance")
 # Strain of the bare skin over what its target needs: at the pressure that a design starts from, and
 # at the least that it may take (docs/optimisation.md).
 START_STRAIN, LEAST_STRAIN = 1.1, 0.8
-# The least pressure over the given one, where that strain is not known.
-LEAST_PRESSURE = 0.1
+# The least pressure over the given one, where that strain is not known, and at most.
+LEAST_PRESSURE, ROOM = 0.1, 0.9
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
 # The same of densities that start from printable lines: it must be below the width of these.
@@ -360,14 +361,16 @@ class ActuatorScene(MeshedScene):
         At the first the bare skin has somewhat more strain than the target needs, at the least
         pressure somewhat less.
         """
-        most, skin, strain = self.pressure.pressure, self.inflated, self.needed_strain
+        most, radius, strain = self.pressure.pressure, self.radius, self.needed_strain
         if self.pressure.hold_pressure or most == 0:
             return most, None
-        start, least = most, LEAST_PRESSURE * most
-        if skin is not None and strain:
-            start = min(most, skin.pressure_for(START_STRAIN * strain))
-            least = min(0.9 * most, skin.pressure_for(LEAST_STRAIN * strain))
-        return start, (least, most)
+        if radius is None or not strain:
+            return most, (LEAST_PRESSURE * most, most)
+        sheet = self.material.composite
+        start, least = (
+            tube_pressure(sheet, radius, factor * strain) for factor in (START_STRAIN, LEAST_STRAIN)
+        )
+        return min(most, start), (min(ROOM * most, least), most)
 
     def groups(self) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene that are known."""

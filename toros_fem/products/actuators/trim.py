@@ -84,6 +84,17 @@ def trimmed(
     return replace(printed, evaluation=made)
 
 
+def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> float:
+    """Return the largest distance of a figure of a print from its target, over its tolerance.
+
+    It is infinite without an equilibrium (collective).
+    """
+    made = printed.evaluation
+    if made is None or not isinstance(made.problem, ShapeProblem):
+        return np.inf
+    return _worst(made.problem, _shape(made), tolerances)
+
+
 def _shape(made: Evaluation[Equilibrium]) -> Floats:
     found = made.problem.physics.shape_of(made.equilibrium)
     assert found is not None

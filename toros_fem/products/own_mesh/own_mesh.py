@@ -263,8 +263,8 @@ class OwnMeshScene(ActuatorScene):
     SIMULATION_FILES: ClassVar = {**MESH, **TARGET, **FILES}
     EXAMPLE_FILES: ClassVar = {"mesh": "my.stl"}
     COARSE: ClassVar = {
-        "iterations": 1 / 2,
-        "constrained_iterations": 1 / 2,
+        "iterations": 2 / 3,
+        "constrained_iterations": 3 / 4,
         "corrections": 1 / 3,
         "polish_iterations": 1 / 2,
     }
@@ -331,7 +331,7 @@ class OwnMeshScene(ActuatorScene):
 
     @property
     def needed_strain(self) -> float | None:
-        """Strain of the outer side of a bend; None before the mesh is read, and of other targets."""
+        """Strain of the outer side of a bend; None of other targets and without the mesh."""
         asked = self.target
         if self.read is None or self.read.target is not None or set(asked.asked) != {"angle"}:
             return None
