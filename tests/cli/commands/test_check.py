@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
 
 
 def test_cost_of_a_design(
@@ -153,3 +154,18 @@ def test_other_kinds(
     found = json.loads(captured.out)
     assert found["triangles"] == pytest.approx(triangles, rel=0.1)
     assert 0 < found["minutes"][0] < found["minutes"][1]
+
+
+def test_what_the_pressure_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """To the bare fabric, and which one the target wants."""
+    scene = small_scene(MPI.COMM_SELF, tmp_path)
+    capsys.readouterr()
+    words = ["check", str(scene), *changes(pressure="8 kPa"), "--no-probe"]
+    assert run(MPI.COMM_SELF, words) == 0
+    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("pressure ")]
+    config = read_scene(scene).config
+    radius, sheet = config.radius, config.material.composite
+    around, along = tube_strains(sheet, radius, 8e3)
+    assert f"8 kPa makes the bare skin {around:.0%} wider and {along:.0%} longer" in line
+    needed = tube_pressure(sheet, radius, config.needed_strain)
+    assert f"needs {config.needed_strain:.0%}, which it has from {needed / 1e3:.2g} kPa on" in line

@@ -23,3 +23,13 @@ def test_ends(eta: float) -> None:
     assert projection.forward(outside) == pytest.approx([0, 0, 1, 1], abs=0)
     assert projection.backward(outside, np.ones(4)) == pytest.approx(0, abs=0)
     assert projection.backward(np.array([0.0, 1.0]), np.ones(2)).min() > 0, "the ends are inside"
+
+
+def test_power() -> None:
+    """ρ̄ of the paper, to a power; its derivative by differences."""
+    filtered, paper = np.linspace(0.05, 0.95, 19), Projection(8.0, 0.4)
+    taken = Projection(8.0, 0.4, power=2.5)
+    np.testing.assert_allclose(taken.forward(filtered), paper.forward(filtered) ** 2.5, rtol=1e-14)
+    ends = (taken.forward(filtered + step) for step in (1e-6, -1e-6))
+    slope = np.subtract(*ends) / 2e-6
+    np.testing.assert_allclose(taken.backward(filtered, np.ones(19)), slope, rtol=1e-7)

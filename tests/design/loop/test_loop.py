@@ -1,5 +1,6 @@
 """The design loop: stages, stop rules, ranks, failures."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from helpers.standing import solver_on_base
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import optimize
-from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.options import DesignOptions, Iteration, Stage, growth_of_miss
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
@@ -158,3 +159,29 @@ def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSol
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
     assert result.reason == "All 2 iterations of the last stage are done."
     assert problem.fields.beta == 6.0, "the problem is left as it was"
+
+
+def test_a_soft_start(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    """A fifth, then two fifths of β, within the steps of the first stage that starts from noise."""
+    problem = make_problem(short_tube, short_solver)
+    result = optimize(problem, [Stage(10), Stage(2)], seed=3)
+    ends = [row for row in result.history if row.iteration in (3, 6, 10, 12)]
+    betas = {row.stage: row.beta for row in ends}
+    assert betas == pytest.approx({0: 1.2, 1: 2.4, 2: 6.0, 3: 6.0})
+    assert result.history[-1].iteration == 12
+    as_before = DesignOptions((Stage(4),), soft_start=False)
+    for hard in (
+        optimize(problem, as_before, seed=3),
+        optimize(problem, [Stage(4, beta=6.0)], seed=3),
+        optimize(problem, [Stage(4)], start=random_density(short_tube, 3)),
+        optimize(problem, [Stage(4)], after=result),
+    ):
+        assert {row.beta for row in hard.history[-5:]} == {6.0}
+
+
+def test_growth_of_the_miss() -> None:
+    """Over the least at the end of an earlier stage; a stage alone has none."""
+    row = Iteration(*range(20), metrics={})
+    rows = [replace(row, stage=k, shape=shape) for k, shape in ((0, 9.0), (0, 1.0), (1, 4.0))]
+    assert growth_of_miss([*rows, replace(row, stage=2, shape=9.0)]) == 3.0
+    assert growth_of_miss(rows[:2]) == 1.0

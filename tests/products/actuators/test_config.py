@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+import numpy as np
 import pytest
 
 from toros_fem import errors
@@ -12,8 +13,10 @@ from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
+from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tables.sheets import Sheets
+from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.tube import TubeScene
 
 
@@ -59,10 +62,18 @@ def test_options_of_the_relaxed_design_and_its_lines() -> None:
     assert config.updated(second_laid_width=None).line_options.widths == (4e-3, 4e-3)
 
 
-def test_pressure_bounds() -> None:
-    assert ActuatorScene().pressure.bounds is None
-    designed = ActuatorScene.of(design_pressure=True, pressure_max=9e3)
-    assert designed.pressure.bounds == (1e3, 9e3)
+def test_designed_pressures() -> None:
+    """From where a bare tube has 1.1 times the strain of the target, at least 0.8 times."""
+    assert ActuatorScene.of(pressure=9e3).pressures == (9e3, (900.0, 9e3)), "of no known strain"
+    assert ActuatorScene.of(pressure=9e3, hold_pressure=True).pressures == (9e3, None)
+    scene, sheet = BendScene.of(angle=60.0, pressure=8e3), Composite()
+    strain = np.radians(60) * 0.02 / 0.15
+    assert scene.needed_strain == pytest.approx(strain, rel=1e-12)
+    start, least = (tube_pressure(sheet, 0.01, k * strain) for k in (1.1, 0.8))
+    assert scene.pressures[0] == pytest.approx(start, rel=1e-12)
+    assert scene.pressures[1] == pytest.approx((least, 8e3), rel=1e-12)
+    assert scene.updated(pressure=30e3).pressures[0] == pytest.approx(start, rel=1e-12)
+    assert scene.updated(pressure=1e3).pressures == (1e3, (900.0, 1e3)), "less than it needs"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.design.loop import fields
-from toros_fem.design.loop.case import Case
+from toros_fem.design.loop.case import PRESSURE_WEIGHT, Case
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
@@ -54,14 +54,15 @@ SHORT = Bent.of(
 
 
 def test_problem_holds_what_the_configuration_says(alone: MPI.Comm) -> None:
-    plain = problem_of(alone, SHORT.updated(design_pressure=True))
+    plain = problem_of(alone, SHORT)
     assert plain.terms == ()
     assert plain.length_scale is None
-    assert plain.physics.pressure_ranges == ((1e3, 20e3),)
+    assert plain.physics.pressure_ranges == ((1e3, 10e3),)
+    assert plain.pressure_weight == PRESSURE_WEIGHT
     assert plain.fields.filter.radius == 7e-3
     config = SHORT.updated(
         perimeter_weight=1e-4, perimeter_window=0.5, constrained_iterations=3,
-        pressure=4e3, beta=8.0, filter="helmholtz",
+        pressure=4e3, hold_pressure=True, beta=8.0, filter="helmholtz",
     )  # fmt: skip
     full = problem_of(alone, config)
     (term,) = full.terms

@@ -32,7 +32,7 @@ class Design(RunCommand):
     EXAMPLES: ClassVar = (
         "toros design mine.toml --output run",
         "toros design mine.toml --output quick --coarse",
-        "toros design mine.toml --output other --set angle=90 --set design_pressure=true",
+        "toros design mine.toml --output other --set angle=90",
         "toros design mine.toml --output more --set angle=120 --start-from other",
         "mpirun -n 2 toros design mine.toml --output run",
     )
