@@ -25,12 +25,12 @@ def test_stages_switch_constraints_on_and_pressure_moves(tube: Skin) -> None:
     assert free.stage == 0
     assert last.stage == 1
     assert max(free.g_r, free.g_t) > 10 * max(last.g_r, last.g_t), "constraints act"
-    assert last.grey_level < 0.5 * free.grey_level
+    assert last.grey_level < 0.55 * free.grey_level
     assert result.pressure == last.pressure == result.final.equilibrium.pressure
     assert result.pressure != problem.physics.pressure
     assert min(row.pressure for row in result.history) >= 1e3
-    steps = np.diff(np.log([row.pressure for row in result.history])) / np.log(20)
-    assert np.abs(steps).max() <= 0.1 + 1e-9
+    steps = np.diff(np.log([row.pressure for row in result.history]))
+    assert np.abs(steps).max() <= np.log(1.07) + 1e-9
 
 
 def test_a_run_goes_on_from_a_result(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
@@ -181,7 +181,7 @@ def test_a_soft_start(short_tube: Skin, short_solver: EquilibriumSolver) -> None
 
 def test_growth_of_the_miss() -> None:
     """Over the least at the end of an earlier stage; a stage alone has none."""
-    row = Iteration(*range(20), metrics={})
+    row = Iteration(*range(19), metrics={})
     rows = [replace(row, stage=k, shape=shape) for k, shape in ((0, 9.0), (0, 1.0), (1, 4.0))]
     assert growth_of_miss([*rows, replace(row, stage=2, shape=9.0)]) == 3.0
     assert growth_of_miss(rows[:2]) == 1.0

@@ -62,7 +62,22 @@ def check(comm: MPI.Comm, folder: Path, config: Any, *stops: int) -> None:
 
 
 def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
-    check(comm, shared(comm, tmp_path), TWO_LEVELS, 1, 5)
+    check(comm, shared(comm, tmp_path), TWO_LEVELS.updated(hold_pressure=True), 1, 5)
+
+
+def test_a_designed_pressure(comm: MPI.Comm, tmp_path: Path) -> None:
+    """A correction goes on with the same pressure but for rounding: 4e-12 of a figure was seen."""
+    folder = shared(comm, tmp_path)
+    design(comm, folder / "whole", TWO_LEVELS)
+    for stop in (1, 5):
+        with pytest.raises(RunStoppedError):
+            design(comm, folder / "stopped", TWO_LEVELS, stop)
+    design(comm, folder / "stopped", TWO_LEVELS)
+    found, expected = (
+        [float(value) for row in content(folder / name)[0] for value in row.values()]
+        for name in ("stopped", "whole")
+    )
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-15)
 
 
 def test_a_finished_run_goes_further(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -123,8 +123,6 @@ def optimize(
                 f"options = {shown(options)} must be DesignOptions, or a list of Stages."
             )
         options = DesignOptions(tuple(options))
-    if after is None and start is None and options.soft_start and problem.fields.beta > 0:
-        options = options.softened(problem.fields.beta)
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
             "a stage has constrained = True, but the problem has no length_scale. Give the problem "
@@ -133,11 +131,15 @@ def optimize(
     stages = tuple(replace(stage, iterations=1) for stage in options.stages)  # may go further
     signature = signature_of(problem, replace(options, stages=stages), _content(after))
     entry = (journal or Journal()).entry(problem.comm, signature)
-    run = _Run(problem, options, callback, entry)
-    run.begin_at(start, seed, after)
-    first = run.next_stage
     try:
-        saved = entry.saved()
+        saved, soft = entry.saved(), ()
+        if after is None and start is None and problem.fields.beta > 0:
+            # A run that goes on keeps the soft start that it has made.
+            soft = options.soft_steps() if saved is None else tuple(saved.numbers["soft"])
+        options = options.softened(problem.fields.beta, soft)
+        run = _Run(problem, options, callback, entry, soft)
+        run.begin_at(start, seed, after)
+        first = run.next_stage
         begin = first if saved is None else run.restore(saved)
         for number, stage in enumerate(options.stages, first):
             if number >= begin:
@@ -183,9 +185,10 @@ class _Run:
         options: DesignOptions,
         callback: Callback | None,
         entry: JournalEntry,
+        soft: Sequence[int],
     ) -> None:
         self.problem, self.options, self.callback = problem, options, callback
-        self.entry, self.comm = entry, problem.skin.comm
+        self.entry, self.comm, self.soft = entry, problem.skin.comm, soft
         self.variables = Variables(problem, options)
         self.here: Evaluation | None = None
         self.start: Any = None
@@ -267,6 +270,7 @@ class _Run:
             "change": self.change,
             "phases": self.phases,
             "iterations": [stage.iterations for stage in self.options.stages],
+            "soft": list(self.soft),
             "seconds": time.perf_counter() - self.begin,
             "history": [{**vars(row), "metrics": dict(row.metrics)} for row in self.history],
         }

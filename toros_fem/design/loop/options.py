@@ -90,21 +90,27 @@ class DesignOptions(Table):
         """Largest number of MMA steps over all stages."""
         return sum(stage.iterations for stage in self.stages)
 
-    def softened(self, beta: float) -> DesignOptions:
-        """Return options whose first stage is divided for a soft start towards β.
+    def soft_steps(self) -> tuple[int, ...]:
+        """Return the steps of the parts of a soft start, which the first stage loses."""
+        first = self.stages[0]
+        if not self.soft_start or first.beta is not None:
+            return ()
+        return tuple(filter(None, (int(part * first.iterations) for part, _ in SOFT_START)))
+
+    def softened(self, beta: float, steps: Sequence[int]) -> DesignOptions:
+        """Return options whose first stage is divided for a soft start towards β, by these steps.
 
         With the full β, noise becomes a pattern in one step and freezes (docs/theory/design.md).
         """
-        first = self.stages[0]
-        if not self.soft_start or first.beta is not None:
+        if not steps:
             return self
+        first, *others = self.stages
         soft = [
-            replace(first, iterations=steps, beta=factor * beta)
-            for part, factor in SOFT_START
-            if (steps := int(part * first.iterations))
+            replace(first, iterations=count, beta=factor * beta)
+            for count, (_, factor) in zip(steps, SOFT_START[-len(steps) :], strict=True)
         ]
-        rest = first.iterations - sum(stage.iterations for stage in soft)
-        return self.updated(stages=(*soft, replace(first, iterations=rest), *self.stages[1:]))
+        rest = replace(first, iterations=max(1, first.iterations - sum(steps)))
+        return self.updated(stages=(*soft, rest, *others))
 
 
 @dataclass(frozen=True)

@@ -265,7 +265,7 @@ def other_ways(
     if not last.constrained:
         return
     softer = replace(last, iterations=2 * last.iterations, tighten=np.sqrt(last.tighten))
-    sharper = Stage(last.iterations // 3, beta=2 * beta), last
+    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta), last
     yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
     yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
     yield "another seed", tuple(options), seed + ANOTHER_SEED

@@ -36,8 +36,8 @@ def trimmed(
     The motion of all vertices with the logarithm of the pressure is y of K y = Σ p ∂V/∂x, by one
     solve with the tangent of the print. It predicts all figures along the pressure: angles,
     distances, directions. The print is simulated where the largest of them over its tolerance is
-    least, and kept there if it is better. Pressures of several chambers keep their ratios. They
-    stay within their bounds, and where they are prescribed, none rises above its own.
+    least, and kept there if it is better. Pressures of several chambers keep their ratios. None
+    rises above its upper bound, or above the one that is prescribed.
 
     Args:
         printed: A print; without an equilibrium it is returned as it is.
@@ -57,9 +57,7 @@ def trimmed(
     for at, most, bounds in zip(
         begin, problem.physics.pressures, problem.physics.pressure_ranges, strict=True
     ):
-        low, high = bounds or (0.0, most)
-        highest = min(highest, np.log(high) - at)
-        lowest = max(lowest, np.log(low) - at) if low > 0 else lowest
+        highest = min(highest, np.log(bounds[1] if bounds else most) - at)
     least, total = _worst(problem, _shape(made), tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:

@@ -199,18 +199,14 @@ class WalkerScene(ActuatorScene):
         """Longest edge length in m of a useful mesh: six edges across a leg."""
         return self.skin.leg_width / 6
 
-    @property
-    def needed_strain(self) -> float:
-        """Strain of the outer side of a leg."""
-        return bend_strain(self.leg_angle, self.target.bent_length, 2 * self.radius)
-
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield from super().groups_of(skin)
         asked, sizes, feet = self.target, self.skin, self.contact
         yield skin.slenderness("leg_length", sizes.leg_length)
         yield angle_group("angle", self.leg_angle)
-        yield skin.supplied("angle", self.needed_strain)
+        bend = bend_strain(self.leg_angle, asked.bent_length, 2 * skin.radius)
+        yield skin.supplied("angle", bend)
         if asked.motion == "crawl":
             yield from skin.reach("reach", abs(asked.reach) / sizes.body_radius)
         for name in ("fabric_mass", "print_mass"):
