@@ -22,6 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
+from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, cylinder, mirrored
 
 parser = argparse.ArgumentParser(description="Design a tube that bends when it is inflated.")
@@ -48,7 +49,7 @@ PUMP = 10e3  # Pa, the most that it gives
 # %%
 sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 strain = np.radians(ANGLE) * (DIAMETER / 2 + 0.01) / LENGTH  # of the outer side
-start, least = (tf.tube_pressure(sheets, DIAMETER / 2, k * strain) for k in (1.1, 0.8))
+start, least = (tube_pressure(sheets, DIAMETER / 2, k * strain) for k in (1.1, 0.8))
 
 
 def case(edge: float) -> tf.Case:

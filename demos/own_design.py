@@ -28,6 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
+from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, read_surface, unwrap
 from toros_fem.meshes.surfaces.surface import volume
 
@@ -75,7 +76,7 @@ sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 # by 1.1 times the strain of the bend's outer side.
 radius = abs(2 * volume(pattern.points, pattern.triangles)) / pattern.areas.sum()
 strain = np.radians(ANGLE) * 2 * half_width / length
-start, least = (tf.tube_pressure(sheets, radius, k * strain) for k in (1.1, 0.8))
+start, least = (tube_pressure(sheets, radius, k * strain) for k in (1.1, 0.8))
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,

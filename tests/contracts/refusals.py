@@ -522,6 +522,7 @@ DESIGNS: Table = {
     "lines' steps are a number": lambda s: tf.RelaxedOptions(iterations=40),
     "print's width is text": lambda s: tf.PrintLimits(width="0.6 mm"),
     "print of nothing": lambda s: tf.as_printed(s.design, None),
+    "trim of nothing": lambda s: tf.trimmed(None),
     "islands larger than the skin": lambda s: require_island_area(s.pattern, 20.0),
 }
 
@@ -578,10 +579,6 @@ def _island(s: Scene) -> object:
 
 SCENES: Table = {
     "curve ends below the pressure": lambda s: InflateScene.of(pressure=50e3),
-    "designed pressure without room": lambda s: BendScene.of(
-        design_pressure=True, pressure_min=9e3, pressure_max=8e3
-    ),
-    "first guess beyond the bounds": lambda s: BendScene.of(design_pressure=True, pressure=5e4),
     "walker of an oblique knit": lambda s: case_of(
         s.comm, WalkerScene.of(knit_ratio=2.0, grain_angle=30.0)
     ),

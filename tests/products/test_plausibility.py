@@ -110,7 +110,7 @@ def test_doubted(kind: str, key: str, value: float, group: str) -> None:
         ("gripper", "mass", 100.0),
         ("gripper", "holding_factor", 1e6),
         ("gripper", "friction", 600.0),
-        ("gripper", "pressure_max", 900e6),
+        ("gripper", "pressure", 900e6),
         ("gripper", "lift_distance", 50.0),
         ("walker", "leg_length", 60.0),
         ("walker", "pad_friction", 60.0),

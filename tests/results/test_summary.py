@@ -132,8 +132,7 @@ def test_a_miss_is_said(result: DesignResult, printed: PrintedDesign) -> None:
     assert figures["angle_deg"].why in said
     assert figures["shape_distance_percent"].why in said
     assert "tip direction" in said
-    (iterations,) = [text for text in summary["binding"] if text.startswith("iterations")]
-    assert iterations == "iterations: all 1 iterations of the last stage are done"
+    assert not any("iterations" in text for text in summary["binding"])
     for text in summary["binding"]:
         assert text in said
     lax = Tolerances(figure=2.0, shape=2.0, direction=170.0)
@@ -159,7 +158,10 @@ def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
         )
         for bounds in ((0.5 * pressure, 2 * pressure), (0.5 * pressure, pressure))
     )
-    at_bound = f"pressure at its bound, {pressure / 1e3:g} kPa"
+    at_bound = (
+        f"pressure at its bound, {pressure / 1e3:g} kPa. If the pump gives more: "
+        f'pressure = "{1.5 * pressure / 1e3:.3g} kPa"'
+    )
     assert at_bound not in dataclasses.replace(found, design=free).binding
     assert at_bound in dataclasses.replace(found, design=tight).binding
     stretched = dataclasses.replace(made.equilibrium, stretch_use=0.98)

@@ -44,7 +44,9 @@ def test_simulation_of_a_design(
     for name, more in (("plain", []), ("print", ["--pattern", str(folder)])):
         output = tmp_path / name
         capsys.readouterr()
-        words = ["simulate", str(scene), "--output", str(output), *changes(), *more, "--json"]
+        at = f"{summary_of(folder).entries['pressures_pa'][0]} Pa"
+        words = ["simulate", str(scene), "--output", str(output), *changes(pressure=at), *more]
+        words.append("--json")
         assert run(alone, words) == 0
         captured = capsys.readouterr()
         found[name] = json.loads(captured.out) if alone.rank == 0 else {}

@@ -13,7 +13,7 @@ def test_a_key_in_all_kinds(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(capsys.readouterr().out)["found"]
     guess, inflated = sorted(found, key=lambda one: -len(one["default"]))
     assert guess["help"].endswith("in Pa; at least 0")
-    assert guess["default"]["bend"] == "5 kPa"
+    assert guess["default"]["bend"] == "10 kPa"
     assert guess["default"]["walker"] == "20 kPa"
     assert inflated["default"] == {"inflate": "10 kPa"}
 

@@ -37,7 +37,7 @@ def test_export_writes_what_the_design_wrote(
     assert found["manufacture"] == summary_of(folder)["manufacture"]
     assert all((output / name).is_file() for name in found["files"])
     manifest = json.loads((output / "manufacture.json").read_text(encoding="utf-8"))
-    thickness = summary_of(folder)["inputs"]["thickness"]
+    thickness = summary_of(folder)["inputs"]["reinforcement_thickness"]
     assert manifest["options"]["layer_height"] == thickness
     again = ["export", str(folder), "--output", str(output)]
     assert run(alone, again) == 0, "all files of an earlier export may be replaced"
@@ -67,7 +67,8 @@ def test_exported_print_is_the_design(
     assert 2 * source.areas[printed].sum() == pytest.approx(designed_area, rel=BOUND)
     capsys.readouterr()
     words = ["simulate", str(scene), "--output", str(again), "--pattern", str(output), "--json"]
-    assert run(alone, [*words, *changes()]) == 0
+    at = f"{summary_of(folder).entries['pressures_pa'][0]} Pa"
+    assert run(alone, [*words, *changes(pressure=at)]) == 0
     captured = capsys.readouterr()
     angle = value_of(summary_of(folder), "angle_deg")
     assert value_of(json.loads(captured.out), "angle_deg") == pytest.approx(angle, rel=BOUND)

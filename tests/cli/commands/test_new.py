@@ -58,7 +58,7 @@ def test_materials_by_name(
     names = {role: entry.name for role, entry in found.materials.items()}
     assert names == {"fabric": "rib-knit", "reinforcement": "tpu-85a"}
     assert run(alone, ["new", "bend", str(path), "--force", "--fabric", "rib-knit"]) == 0
-    assert read_scene(path).materials["reinforcement"].name == "tpu-95a"
+    assert read_scene(path).materials["reinforcement"].name == "printed-tpu-95a"
     capsys.readouterr()
     for kind, more, message in [
         ("bend", ["--print", "tpu-95"], "did you mean 'tpu-95a'?"),

@@ -30,12 +30,12 @@ def sheet(name: str) -> Material:
 
 
 def test_names_of_the_defaults_are_the_defaults(tmp_path: Path) -> None:
-    text = '[material]\nfabric = "jersey-light"\nreinforcement = "tpu-95a-on-jersey"\n'
+    text = '[material]\nfabric = "jersey-light"\nreinforcement = "printed-tpu-95a-on-jersey"\n'
     found = scene(tmp_path, text)
     assert found.config.material.composite == BendScene().material.composite
     assert {role: entry.name for role, entry in found.materials.items()} == {
         "fabric": "jersey-light",
-        "reinforcement": "tpu-95a-on-jersey",
+        "reinforcement": "printed-tpu-95a-on-jersey",
     }
 
 
@@ -200,7 +200,9 @@ def test_written_scene_has_the_numbers_and_says_the_names(tmp_path: Path) -> Non
     again = scene(tmp_path, text.partition('kind = "bend"\n')[2])
     assert again.config == found.config
     assert again.materials == {}
-    assert 'reinforcement = "tpu-95a", bladder = ' in scene_text(BendScene()).replace("\n# ", " ")
+    assert 'reinforcement = "printed-tpu-95a", bladder = ' in scene_text(BendScene()).replace(
+        "\n# ", " "
+    )
     assert "dragon-skin" not in scene_text(KINDS["tile"]())
 
 

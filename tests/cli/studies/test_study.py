@@ -31,7 +31,7 @@ SMALL = 'kind = "inflate"\n[skin]\nlength = "60 mm"\nedge_length = "6 mm"\n[pres
         ("length=10..20 cm:2", [0.1, 0.2]),
         ("fabric=jersey-light,rib-knit", ["jersey-light", "rib-knit"]),
         ("bladder_thickness=none,0.2 mm", [None, 2e-4]),
-        ("design_pressure=true,false", [True, False]),
+        ("hold_pressure=true,false", [True, False]),
     ],
 )
 def test_values(words: str, values: list[object]) -> None:

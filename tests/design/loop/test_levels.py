@@ -71,7 +71,7 @@ def test_first_solve_of_a_level_is_warm(alone: MPI.Comm, coarse: tf.DesignResult
     assert warm.equilibrium.steps <= 0.7 * cold.equilibrium.steps
     assert warm.equilibrium.steps <= 10
     drawn = problem.simulate(problem.fields.start(1), None, carried.pressures)
-    assert warm.objective < 0.1 * drawn.objective
+    assert warm.objective < 0.5 * drawn.objective
 
 
 def test_a_shape_out_of_the_stretch_bounds_is_left_out(alone: MPI.Comm) -> None:

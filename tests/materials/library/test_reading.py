@@ -32,7 +32,7 @@ def test_shipped_materials() -> None:
     defaults = Composite()
     jersey = library["jersey-light"]
     assert jersey.material == replace(defaults.fabric, c1=defaults.c1, c2=defaults.c2)
-    both = library["tpu-95a-on-jersey"]
+    both = library["printed-tpu-95a-on-jersey"]
     assert both.material == defaults.reinforcement
     assert both.with_fabric
     assert library["dragon-skin-20"].young == 0.29e6

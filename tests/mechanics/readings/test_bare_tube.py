@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem import Composite, EquilibriumSolver, Load, clamp, sew, symmetry_plane, tube_pressure
-from toros_fem.mechanics.readings.bare_tube import tube_strains
+from toros_fem import Composite, EquilibriumSolver, Load, clamp, sew, symmetry_plane
+from toros_fem.mechanics.readings.bare_tube import tube_pressure, tube_strains
 from toros_fem.meshes import cylinder
 
 

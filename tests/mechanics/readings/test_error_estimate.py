@@ -12,7 +12,7 @@ from shapely import box, intersection, unary_union
 
 from benchmarks.accuracy.bending import spine
 from toros_fem.making.print.printability import printed_fractions
-from toros_fem.materials.sheet import Composite, Membrane
+from toros_fem.materials.sheet import Composite, Material, Membrane
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -32,7 +32,8 @@ def test_supports_and_forces_of_a_refined_sheet(alone: MPI.Comm) -> None:
     pattern = square(n=6)
     size = pattern.points[:, 0].max()
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    solver = EquilibriumSolver(sew(alone, pattern), Composite(), supports)
+    sheet = Composite(reinforcement=Material(26e6, 0.3, 0.5e-3))
+    solver = EquilibriumSolver(sew(alone, pattern), sheet, supports)
 
     def weight(of: Pattern) -> np.ndarray:
         return np.outer(of.vertex_areas, [0.0, 0.0, 1.0])
@@ -155,7 +156,8 @@ def test_a_soft_skin_moves_less_than_its_first_step(
         lines.append(box(middle - reach, at - half, middle + reach, at + half))
     regions[wall] = intersection(regions[wall], unary_union(lines))
     pattern = snapped(alone, pattern, regions)
-    composite = Composite(membrane=Membrane(strain="smoothed"))
+    soft = Material(26e6, 0.3, 0.5e-3)
+    composite = Composite(reinforcement=soft, membrane=Membrane(strain="smoothed"))
     solver = solver_on_base(sew(alone, pattern), composite)
     result = solver.solve(printed_fractions(pattern, regions)[solver.skin.owned_cells], pressure)
     motion, model, x = solver.unsmoothed_motion(result), solver.model, result.state

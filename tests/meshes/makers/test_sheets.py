@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.mpi import norm
 from toros_fem.design.density.filters import make_filter
-from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.mechanics.assembly.model import make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
@@ -65,7 +65,8 @@ def test_without_load_it_is_at_rest(alone: MPI.Comm, curvature: str) -> None:
     skin = sew(alone, pattern)
     held = rim_of(pattern)
     bending = Bending(curvature=curvature, rest="assembled")
-    solver = EquilibriumSolver(skin, Composite(bending=bending), held)
+    soft = Material(26e6, 0.3, 0.5e-3)
+    solver = EquilibriumSolver(skin, Composite(reinforcement=soft, bending=bending), held)
     model, density = solver.model, np.full(len(skin.owned_cells), 0.5)
     model.set_density(density)
     pressurize(model, 0.0)

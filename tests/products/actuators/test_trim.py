@@ -8,6 +8,7 @@ from helpers.designs import DESIGN_ALONE, problem_of
 from mpi4py import MPI
 
 import toros_fem as tf
+from toros_fem.base.errors import ParameterError
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Tolerances
 from toros_fem.products.actuators.trim import _worst, worst_of_print
@@ -73,3 +74,5 @@ def test_nothing_to_trim(made: PrintedDesign) -> None:
     none = replace(made, evaluation=None, failure="made to fail")
     assert tf.trimmed(none) is none
     assert worst_of_print(none) == np.inf
+    with pytest.raises(ParameterError, match="share = 1.0 must"):
+        tf.trimmed(made, share=1.0)

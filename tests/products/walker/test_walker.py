@@ -67,10 +67,11 @@ def test_sections_of_a_stride(alone: MPI.Comm) -> None:
 
 
 def test_pressures_of_body_and_leg_are_designed(alone: MPI.Comm) -> None:
-    config = SMALL.updated(aim="stride", design_pressure=True)
+    config = SMALL.updated(aim="stride")
     chambers = case_of(alone, config).chambers
     assert chambers.names == ("body", "leg")
     assert case_of(alone, config.updated(aim="shape")).chambers is None
+    assert case_of(alone, config.updated(hold_pressure=True)).chambers is None
 
 
 @pytest.mark.parametrize("feet", ["one-way", "nonslip"])

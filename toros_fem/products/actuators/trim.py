@@ -82,6 +82,7 @@ def trimmed(
     return replace(printed, evaluation=made)
 
 
+@collective("printed.evaluation.problem.comm")
 def worst_of_print(printed: PrintedDesign, tolerances: Tolerances = DEFAULT) -> float:
     """Return the largest distance of a figure of a print from its target, over its tolerance.
 
