@@ -4,6 +4,9 @@
 a target is reached is what the run says. Nothing hints at a direction. Where a finer mesh tells the
 figures of the print, rows of the size "print's mesh" have what that one tells alone.
 
+`bends` designs eight bends with more pressure than they want, and one seed of each with the
+projection of the paper, whose power is 1.
+
 `kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
 rounds, figure and time spread.
 
@@ -117,6 +120,16 @@ TUBES: dict[str, ActuatorScene] = {
     "half a helix": HalfHelix.of(**CHECKED),
 }
 SEEDS = range(3)
+# Bends: angle in degrees, length and diameter in mm.
+BENDS = (
+    (45, 150, 20), (60, 150, 20), (90, 150, 20), (120, 150, 20), (180, 150, 20), (60, 90, 16),
+    (180, 300, 20), (90, 100, 30),
+)  # fmt: skip
+# Pressures in kPa that the pump gives: to all bends, and to two of them.
+GIVEN, OTHERS, OF_OTHERS = 15, (8, 30), ((60, 150, 20), (180, 150, 20))
+BEND_SEEDS, PAPER = range(1, 4), 1.0
+# An angle is reached within so many degrees, if that is more than its tolerance.
+DEGREES = 3.0
 # Size of rows that the mesh of a print tells alone, where a finer one is told.
 OWN = "print's mesh"
 # The figure that a scene is known by.
@@ -160,6 +173,30 @@ def tube_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[Row
     yield Row(*place, "state", None, seconds=round(seconds, 1), note=str(overall(told)))
 
 
+def bend_rows(
+    bend: tuple[int, int, int], given: int, seed: int, changes: Mapping[str, Any]
+) -> Iterator[Row]:
+    """Design a bend; its worst figure over its tolerance, its pressure and its print."""
+    angle, length, diameter = bend
+    scene = BendScene.of(
+        angle=angle, length=1e-3 * length, diameter=1e-3 * diameter, neutral=5e-4 * diameter,
+        pressure=1e3 * given, estimate_error=False, seed=seed,
+    )  # fmt: skip
+    found, seconds = designed(scene.coarse().updated(**changes))
+    size = f"power {changes['power']:g}" if "power" in changes else ""
+    variant = f"{angle}° on {length} × {diameter} mm, {given} kPa, seed {seed}"
+    place = ("bends", f"{variant}, {size}" if size else variant, size)
+    off = [
+        abs(one.miss) / max(one.tolerance, DEGREES if one.key == "angle_deg" else 0.0)
+        for one in found.figures
+        if one.miss is not None and one.tolerance is not None
+    ]
+    yield Row(*place, "worst", max(off, default=np.inf), seconds=round(seconds, 1))
+    yield Row(*place, "pressure", found.pressure, "Pa")
+    printed = sum(region.area for region in found.printed.regions)
+    yield Row(*place, "printed_fraction", printed / float(found.printed.pattern.areas.sum()))
+
+
 def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) -> Iterator[Row]:
     """Design a coarse demo on one kernel type, which the environment sets."""
     place = ("kernels", f"{scene}, seed {seed}, {kernel}", "ranks 1")
@@ -178,6 +215,16 @@ def cases(quick: bool) -> list[Case]:
         for seed in (range(1) if quick else SEEDS)
         for title in (["S of 60° and −60°"] if quick else TUBES)
     ]  # fmt: skip
+    runs = [(bend, GIVEN, seed, {}) for seed in BEND_SEEDS for bend in BENDS]
+    runs += [(one, p, seed, {}) for seed in BEND_SEEDS for p in OTHERS for one in OF_OTHERS]
+    runs += [(bend, GIVEN, BEND_SEEDS[0], {"power": PAPER}) for bend in BENDS]
+    if quick:
+        runs = [(BENDS[5], GIVEN, 1, QUICK)]
+    for bend, given, seed, changes in runs:
+        of = f", power {PAPER:g}" if "power" in changes else ""
+        variant = f"{bend[0]}° on {bend[1]} × {bend[2]} mm, {given} kPa, seed {seed}{of}"
+        run = partial(bend_rows, bend, given, seed, changes)
+        found.append(Case("bends", run, variant, alone=True))
     found += [
         Case("kernels", partial(kernel_rows, scene, seed, kernel, QUICK if quick else {}),
              f"{scene}, seed {seed}, {kernel}", alone=True,
@@ -207,6 +254,35 @@ def tubes_table(rows: Rows) -> str:
         lines.append((title, *counts, "; ".join(shown), f"{seconds:.0f} s"))
     head = ("tube", *State, "figures: least to largest, largest half-width", "median CPU time")
     return markdown(head, lines)
+
+
+def bends_table(rows: Rows) -> str:
+    """Return a line for each bend and pressure that is given, and one for the power of 1."""
+    ours = [row for row in rows if row.case == "bends" and not row.size]
+    paper = [row for row in rows if row.case == "bends" and row.size]
+    bends = dict.fromkeys(row.variant.rpartition(", ")[0] for row in ours)
+    parts = {bend: [row for row in ours if row.variant.startswith(f"{bend},")] for bend in bends}
+    if paper:
+        parts["all eight, 15 kPa, power 1"] = paper
+    lines = [_bend_line(title, part) for title, part in parts.items()]
+    head = ("bend, pressure given", "reached", "worst figure over its tolerance", "takes",
+            "printed", "median CPU time")  # fmt: skip
+    return markdown(head, lines)
+
+
+def _bend_line(title: str, own: Rows) -> tuple[str, ...]:
+    values = {
+        key: [row.value for row in own if row.figure == key and row.value is not None]
+        for key in ("worst", "pressure", "printed_fraction")
+    }
+    worst, pressure, printed = values.values()
+    seconds = [row.seconds for row in own if row.seconds is not None]
+    ends = sorted({f"{1e-3 * end:.3g}" for end in (min(pressure), max(pressure))}, key=float)
+    return (
+        title, f"{sum(one <= 1 for one in worst)} of {len(worst)}",
+        ", ".join(f"{one:.2f}" for one in worst), f"{' to '.join(ends)} kPa",
+        f"{np.median(printed):.0%}", f"{np.median(seconds):.0f} s",
+    )  # fmt: skip
 
 
 def _spread(figures: list[Figure]) -> str:
@@ -255,6 +331,7 @@ COMMAND = Command(
     serial=True,
     tables=(
         Table("discovery.md", "tubes from random starts", tubes_table),
+        Table("optimisation.md", "bends and pressures", bends_table),
         Table("optimisation.md", "reproducible runs", kernels_table),
     ),
 )

@@ -103,8 +103,9 @@ def test_energy_of_a_sheet_by_hand(alone: MPI.Comm) -> None:
             for j, k in itertools.combinations(range(3), 2)
         )
         factor = 1 / (1 - shares.sum()) + CROSSING * ratio * crossings
-        mu, lam = (fabric.mu * (1 - row[0]) + row[0] * printed.mu,
-                   fabric.lam * (1 - row[0]) + row[0] * printed.lam)  # fmt: skip
+        thicker = printed.thickness / fabric.thickness
+        mu, lam = (fabric.mu * (1 - row[0]) + row[0] * thicker * printed.mu,
+                   fabric.lam * (1 - row[0]) + row[0] * thicker * printed.lam)  # fmt: skip
         psi = -mu * a * np.log(1 - strains**2 / a).sum()
         psi -= lam / 2 * b * np.log(1 - strains.sum() ** 2 / b)
         lines = sum(s / 2 * (length(F, angle) - 1) ** 2 for s, angle in zip(shares, t, strict=True))

@@ -51,7 +51,7 @@ DENSITIES = {
     "curve_pressure": None,
 }
 DESIGNS: dict[str, tuple[str, dict[str, Any]]] = {
-    "bend": ("bend", DENSITIES | {"angle": 55.0, "design_pressure": True, "corrections": 1}),
+    "bend": ("bend", DENSITIES | {"angle": 55.0, "corrections": 1}),
     "contract": ("contract", LINES),
     "twist": (
         "twist",

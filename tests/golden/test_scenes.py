@@ -46,7 +46,7 @@ FINGER: dict[str, Any] = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
 HELD = own_mesh.Held(where="z < 4 mm")
 ACTUATORS: dict[str, ActuatorScene] = {
     "bend": bend.BendScene.of(**TUBE),
-    "bend whole": bend.BendScene.of(**TUBE, whole=True, design_pressure=True),
+    "bend whole": bend.BendScene.of(**TUBE, whole=True),
     "bend robust": bend.BendScene.of(**TUBE, width_tolerance=4e-4),
     "bend wrinkling": bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
     "bend knit bladder": bend.BendScene.of(
@@ -58,7 +58,7 @@ ACTUATORS: dict[str, ActuatorScene] = {
     "bend-twist": bend_twist.BendTwistScene.of(**TUBE),
     "walker": walking.WalkerScene.of(**STAR),
     "walker stride": walking.WalkerScene.of(
-        **STAR, motion="crawl", aim="stride", design_pressure=True
+        **STAR, motion="crawl", aim="stride"
     ),
     "gripper": gripper.GripperScene.of(**FINGER),
     "gripper box": gripper.GripperScene.of(**FINGER, shape="box"),
