@@ -57,9 +57,7 @@ ACTUATORS: dict[str, ActuatorScene] = {
     "twist length": twist.TwistScene.of(**TUBE, keep_length=True),
     "bend-twist": bend_twist.BendTwistScene.of(**TUBE),
     "walker": walking.WalkerScene.of(**STAR),
-    "walker stride": walking.WalkerScene.of(
-        **STAR, motion="crawl", aim="stride"
-    ),
+    "walker stride": walking.WalkerScene.of(**STAR, motion="crawl", aim="stride"),
     "gripper": gripper.GripperScene.of(**FINGER),
     "gripper box": gripper.GripperScene.of(**FINGER, shape="box"),
 }

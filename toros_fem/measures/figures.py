@@ -280,6 +280,12 @@ def _weight(figure: Figure) -> tuple[bool, float]:
     return figure.target != 0, far
 
 
+def largest_part(figures: Sequence[Figure]) -> float:
+    """Return the largest distance of a figure from its target over its tolerance."""
+    off = [abs(f.miss / f.tolerance) for f in figures if f.tolerance and f.miss is not None]
+    return max(off, default=0.0)
+
+
 def formatted(value: float | None, unit: str, digits: int = 4, *, sign: bool = False) -> str:
     """Return a value, or a change of it, with its unit, such as "180°"; a dash for None.
 

@@ -24,6 +24,7 @@ from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
+from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
@@ -35,6 +36,7 @@ from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
 from toros_fem.products.actuators.space_mapping import aims_of, largest_error
+from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import warn_of_doubts
 from toros_fem.results.result import write_summary
 from toros_fem.results.runs.folder import run_of
@@ -45,6 +47,10 @@ if TYPE_CHECKING:  # a scene is designed here, and says so
     from toros_fem.products.actuators.scene import ActuatorScene, Level
 
 log = logging.getLogger(__name__)
+
+# A print is trimmed again by what a finer mesh tells if a figure is off by more than this part of
+# its tolerance.
+AGAIN = 0.5
 
 
 @collective("comm", owned=("journal",))
@@ -224,7 +230,7 @@ class Designer(Distributed, DensityDesigner):
             self._check()
             errors = self._errors(found)
             if errors is not None:
-                found = found.with_errors(errors)
+                found, printed = self._told(found, errors)
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
@@ -260,6 +266,43 @@ class Designer(Distributed, DensityDesigner):
         found = replace(found, seconds=dict(self.reporter.seconds))
         write_design(self.output, found)
         return found
+
+    def _told(
+        self, found: ActuatorResult, errors: MetricErrors
+    ) -> tuple[ActuatorResult, PrintedDesign]:
+        """Return a result with errors, and its print; both at another pressure if that is better.
+
+        It is where a finer mesh tells figures that miss more than the print's own mesh does.
+        """
+        told, printed, made = found.with_errors(errors), found.printed, found.printed.evaluation
+        held = self.scene.pressure.hold_pressure
+        if held or made is None or errors.limit is None or largest_part(told.figures) <= AGAIN:
+            return told, printed
+        own = made.problem.physics.shape_of(made.equilibrium)
+        moved = trimmed(
+            printed,
+            tolerances=told.tolerances,
+            beyond=errors.limit - own,
+            designed=self._designed_pressures(found),
+        )
+        if moved is printed or moved.evaluation is made:
+            return told, printed
+        found = replace(
+            found, printed=moved, metrics=moved.metrics, shape=shape_of(moved.evaluation)
+        )
+        again = self._errors(found)
+        other = found if again is None else found.with_errors(again)
+        better = again is not None and largest_part(other.figures) < largest_part(told.figures)
+        return (other, moved) if better else (told, printed)
+
+    def _designed_pressures(self, found: ActuatorResult) -> tuple[float, ...]:
+        """Return the pressures of the design before its print was trimmed."""
+        lines = found.search.lines
+        if found.search.laid and lines is not None:
+            made = lines.made.printed.evaluation
+            assert made is not None
+            return made.equilibrium.pressures
+        return found.design.pressures
 
     def _errors(self, found: ActuatorResult) -> MetricErrors | None:
         """Return the errors of the metrics of a print; None without an equilibrium."""

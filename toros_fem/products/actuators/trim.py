@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from toros_fem.base.validation import require_between, require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.measures.figures import DEFAULT, Tolerances
+from toros_fem.measures.figures import DEFAULT, Tolerances, largest_part
 from toros_fem.measures.miss import shape_figures
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.results.shape_miss import shape_measure
@@ -29,7 +30,12 @@ SAMPLES = 61
 
 @collective("printed.evaluation.problem.comm")
 def trimmed(
-    printed: PrintedDesign, share: float = SHARE, tolerances: Tolerances = DEFAULT
+    printed: PrintedDesign,
+    share: float = SHARE,
+    tolerances: Tolerances = DEFAULT,
+    *,
+    beyond: Floats | None = None,
+    designed: Sequence[float] | None = None,
 ) -> PrintedDesign:
     """Return a print at the pressure where its worst figure is nearest to its target (collective).
 
@@ -43,6 +49,9 @@ def trimmed(
         printed: A print; without an equilibrium it is returned as it is.
         share: Largest change of the pressure, as a fraction of it, below 1; 0 changes nothing.
         tolerances: How far figures may be off.
+        beyond: What a finer mesh tells beyond the print's own, at all vertices, (n, 3), in m; None
+            leaves it out.
+        designed: Pressures in Pa that the share is of; None takes those of the print.
 
     Raises:
         ParameterError: The share is negative, or not below 1.
@@ -53,16 +62,21 @@ def trimmed(
     if made is None or share == 0 or not isinstance(made.problem, ShapeProblem):
         return printed
     problem, begin = made.problem, np.log(made.equilibrium.pressures or [1.0])
-    lowest, highest = np.log1p(-share), np.log1p(share)
+    moved = float(begin[0] - np.log(designed[0])) if designed else 0.0
+    lowest, highest = np.log1p(-share) - moved, np.log1p(share) - moved
+
+    def shape_of(one: Evaluation[Equilibrium]) -> Floats:
+        return _shape(one) if beyond is None else _shape(one) + beyond
+
     for at, most, bounds in zip(
         begin, problem.physics.pressures, problem.physics.pressure_ranges, strict=True
     ):
         highest = min(highest, np.log(bounds[1] if bounds else most) - at)
-    least, total = _worst(problem, _shape(made), tolerances), 0.0
+    least, total = _worst(problem, shape_of(made), tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:
             break
-        shape, motion = _shape(made), _motion(problem, made.equilibrium)
+        shape, motion = shape_of(made), _motion(problem, made.equilibrium)
         steps = np.linspace(lowest, highest, SAMPLES) - total
         promised = [_worst(problem, shape + step * motion, tolerances) for step in steps]
         best = int(np.argmin(promised))
@@ -75,7 +89,7 @@ def trimmed(
             )
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        worst = _worst(problem, _shape(other), tolerances)
+        worst = _worst(problem, shape_of(other), tolerances)
         if worst >= least:
             break
         made, least, total = other, worst, total + float(steps[best])
@@ -119,5 +133,4 @@ def _worst(problem: ShapeProblem, shape: Floats, tolerances: Tolerances) -> floa
     ]
     if measure is not None:
         figures += shape_figures(measure(pattern, shape), {}, tolerances)
-    off = [abs(f.miss / f.tolerance) for f in figures if f.tolerance and f.miss is not None]
-    return max(off, default=0.0)
+    return largest_part(figures)
