@@ -29,7 +29,10 @@ LINES = {
 }  # fmt: skip
 # Command and changes of a short run of each scene in demos/scenes.
 SCENES: dict[str, tuple[str, dict[str, str]]] = {
-    "bend": ("design", {**SMALL, "estimate_error": "true"}),
+    "bend": (
+        "design",
+        {**SMALL, "estimate_error": "true", "pressure": "5 kPa", "hold_pressure": "true"},
+    ),
     "contract": ("design", LINES),
     "twist": ("design", LINES),
     "bend_twist": ("design", LINES),

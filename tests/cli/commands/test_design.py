@@ -44,7 +44,7 @@ def test_simulation_of_a_design(
     for name, more in (("plain", []), ("print", ["--pattern", str(folder)])):
         output = tmp_path / name
         capsys.readouterr()
-        at = f"{summary_of(folder).entries['pressures_pa'][0]} Pa"
+        at = f"{summary_of(folder)['pressures_pa'][0]} Pa"
         words = ["simulate", str(scene), "--output", str(output), *changes(pressure=at), *more]
         words.append("--json")
         assert run(alone, words) == 0

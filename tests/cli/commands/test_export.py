@@ -67,7 +67,7 @@ def test_exported_print_is_the_design(
     assert 2 * source.areas[printed].sum() == pytest.approx(designed_area, rel=BOUND)
     capsys.readouterr()
     words = ["simulate", str(scene), "--output", str(again), "--pattern", str(output), "--json"]
-    at = f"{summary_of(folder).entries['pressures_pa'][0]} Pa"
+    at = f"{summary_of(folder)['pressures_pa'][0]} Pa"
     assert run(alone, [*words, *changes(pressure=at)]) == 0
     captured = capsys.readouterr()
     angle = value_of(summary_of(folder), "angle_deg")

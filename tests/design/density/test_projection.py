@@ -27,9 +27,9 @@ def test_ends(eta: float) -> None:
 
 def test_power() -> None:
     """ρ̄ of the paper, to a power; its derivative by differences."""
-    filtered, paper = np.linspace(0.05, 0.95, 19), Projection(8.0, 0.4)
-    taken = Projection(8.0, 0.4, power=2.5)
-    np.testing.assert_allclose(taken.forward(filtered), paper.forward(filtered) ** 2.5, rtol=1e-14)
+    filtered: np.ndarray = np.linspace(0.05, 0.95, 19)
+    paper, taken = Projection(8.0, 0.4), Projection(8.0, 0.4, power=2.5)
+    assert taken.forward(filtered) == pytest.approx(paper.forward(filtered) ** 2.5, rel=1e-14)
     ends = (taken.forward(filtered + step) for step in (1e-6, -1e-6))
     slope = np.subtract(*ends) / 2e-6
-    np.testing.assert_allclose(taken.backward(filtered, np.ones(19)), slope, rtol=1e-7)
+    assert taken.backward(filtered, np.ones(19)) == pytest.approx(slope, rel=1e-7)

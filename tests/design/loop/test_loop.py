@@ -1,6 +1,6 @@
 """The design loop: stages, stop rules, ranks, failures."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -181,7 +181,7 @@ def test_a_soft_start(short_tube: Skin, short_solver: EquilibriumSolver) -> None
 
 def test_growth_of_the_miss() -> None:
     """Over the least at the end of an earlier stage; a stage alone has none."""
-    row = Iteration(*range(19), metrics={})
+    row: Any = Iteration(**dict.fromkeys((f.name for f in fields(Iteration)), 0))  # type: ignore[arg-type]
     rows = [replace(row, stage=k, shape=shape) for k, shape in ((0, 9.0), (0, 1.0), (1, 4.0))]
     assert growth_of_miss([*rows, replace(row, stage=2, shape=9.0)]) == 3.0
     assert growth_of_miss(rows[:2]) == 1.0

@@ -1,6 +1,7 @@
 """The trim of a print: its pressure goes where the worst figure is least."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,6 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Tolerances
 from toros_fem.products.actuators.trim import _worst, worst_of_print
 from toros_fem.products.tubes.bend import BendScene
@@ -20,7 +20,7 @@ SCENE = BendScene.of(
 
 
 @pytest.fixture(scope="module")
-def made(alone: MPI.Comm) -> PrintedDesign:
+def made(alone: MPI.Comm) -> Any:
     """A strip along the inner side, at a pressure that bends it too little."""
     problem = problem_of(alone, SCENE)
     pattern = problem.skin.pattern
@@ -30,23 +30,21 @@ def made(alone: MPI.Comm) -> PrintedDesign:
     return tf.as_printed(problem, result)
 
 
-def at(made: PrintedDesign, factor: float) -> PrintedDesign:
+def at(made: Any, factor: float) -> Any:
     evaluation = made.evaluation
-    assert evaluation is not None
     pressure = factor * evaluation.equilibrium.pressure
     moved = evaluation.problem.simulate_binary(evaluation.projected, evaluation, pressure=pressure)
     return replace(made, evaluation=moved)
 
 
-def pressure_of(made: PrintedDesign) -> float:
-    assert made.evaluation is not None
-    return made.evaluation.equilibrium.pressure
+def pressure_of(made: Any) -> float:
+    return float(made.evaluation.equilibrium.pressure)
 
 
-def test_worst_figure_is_least(made: PrintedDesign) -> None:
+def test_worst_figure_is_least(made: Any) -> None:
     """Among prints at pressures around it, none is better by more than a sample of the trim."""
     begin = at(made, 0.9)
-    found = tf.trimmed(begin)
+    found: Any = tf.trimmed(begin)
     worst = worst_of_print(found)
     assert worst < 0.9 * worst_of_print(begin)
     ratio = pressure_of(found) / pressure_of(begin)
@@ -56,7 +54,7 @@ def test_worst_figure_is_least(made: PrintedDesign) -> None:
     assert _worst(found.evaluation.problem, found.evaluation.problem.target, Tolerances()) < 1e-6
 
 
-def test_bounds_hold(made: PrintedDesign) -> None:
+def test_bounds_hold(made: Any) -> None:
     """Above all the largest pressure, which the pump gives."""
     begin = at(made, 0.9)
     problem = begin.evaluation.problem
@@ -69,10 +67,24 @@ def test_bounds_hold(made: PrintedDesign) -> None:
     assert pressure_of(tf.trimmed(replace(begin, evaluation=held))) <= pressure_of(begin)
 
 
-def test_nothing_to_trim(made: PrintedDesign) -> None:
+def test_nothing_to_trim(made: Any) -> None:
     assert tf.trimmed(made, share=0.0) is made
     none = replace(made, evaluation=None, failure="made to fail")
     assert tf.trimmed(none) is none
     assert worst_of_print(none) == np.inf
     with pytest.raises(ParameterError, match="share = 1.0 must"):
         tf.trimmed(made, share=1.0)
+
+
+def test_a_finer_mesh_leads(made: Any) -> None:
+    """What it tells beyond the print's mesh counts; the share is of the pressure of the design."""
+    begin = tf.trimmed(at(made, 0.9))
+    assert begin.evaluation is not None
+    problem: Any = begin.evaluation.problem
+    here = problem.physics.shape_of(begin.evaluation.equilibrium)
+    more: Any = at(begin, 1.05)
+    there = problem.physics.shape_of(more.evaluation.equilibrium)
+    found = tf.trimmed(begin, beyond=there - here)
+    assert pressure_of(found) / pressure_of(begin) == pytest.approx(1 / 1.05, abs=0.02)
+    held = tf.trimmed(begin, 0.02, beyond=there - here, designed=[pressure_of(begin)])
+    assert pressure_of(held) / pressure_of(begin) >= 0.98 - 1e-9

@@ -71,7 +71,7 @@ class Check(SceneCommand):
         for role, entry in scene.materials.items():
             lines.append(f"{role:15s}{entry.name}: {entry.title} ({entry.trust})")
         if (skin := getattr(read, "inflated", None)) is not None:
-            lines.append(_pressure(skin, read.needed_strain))
+            lines.append(_pressure(skin, getattr(read, "needed_strain", None)))
         if cost is not None and cost.placing:
             lines.append(f"bed         {BED} {cost.placing}")
         if cost is None:

@@ -132,7 +132,8 @@ def optimize(
     signature = signature_of(problem, replace(options, stages=stages), _content(after))
     entry = (journal or Journal()).entry(problem.comm, signature)
     try:
-        saved, soft = entry.saved(), ()
+        saved = entry.saved()
+        soft: tuple[int, ...] = ()
         if after is None and start is None and problem.fields.beta > 0:
             # A run that goes on keeps the soft start that it has made.
             soft = options.soft_steps() if saved is None else tuple(saved.numbers["soft"])

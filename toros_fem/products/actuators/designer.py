@@ -173,6 +173,7 @@ class Designer(Distributed, DensityDesigner):
         if better is not None:
             return self._written(better.result, better.printed, search)
         printed = self.trimmed(found.made.printed)
+        assert printed.evaluation is not None  # as the print before
         return self._written(replace(found.result(), final=printed.evaluation), printed, search)
 
     def _best_start(self) -> BestStart:
@@ -279,6 +280,7 @@ class Designer(Distributed, DensityDesigner):
         if held or made is None or errors.limit is None or largest_part(told.figures) <= AGAIN:
             return told, printed
         own = made.problem.physics.shape_of(made.equilibrium)
+        assert own is not None
         moved = trimmed(
             printed,
             tolerances=told.tolerances,
