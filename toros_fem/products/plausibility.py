@@ -64,7 +64,7 @@ RANGES: Mapping[str, Range] = {
     ),
     "contrast": Range(
         "stiffness of the reinforced fabric over that of the fabric, E h of each",
-        (3.0, 1e5), (0.0, INFINITE), "260 in the default materials",
+        (3.0, 1e5), (0.0, INFINITE), "560 in the default materials",
         "A print that is hardly stiffer than the fabric shapes nothing.",
     ),
     "bladder": Range(
