@@ -160,7 +160,7 @@ def test_what_binds(result: DesignResult, printed: PrintedDesign) -> None:
     )
     at_bound = (
         f"pressure at its bound, {pressure / 1e3:g} kPa. If the pump gives more: "
-        f'pressure = "{1.5 * pressure / 1e3:.3g} kPa"'
+        f'pressure_bounds up to "{1.5 * pressure / 1e3:.3g} kPa"'
     )
     assert at_bound not in dataclasses.replace(found, design=free).binding
     assert at_bound in dataclasses.replace(found, design=tight).binding

@@ -130,7 +130,7 @@ class PrintedResult(RunResult):
         if state in (None, State.REACHED):
             return ()
         found = [*self._pressures_at_bounds(), *self._stretched(), *self._cleaned_away()]
-        if (growth := growth_of_miss(self.design.history)) > LOST:
+        if (growth := growth_of_miss(self.design.history, self.design.final.shape)) > LOST:
             found.append(f"widths: printable lines miss the target {growth:.1f} times as much")
         if state is State.NOT_CERTAIN:
             known = all(figure.interval is not None for figure in self.figures if figure.state)
@@ -186,9 +186,11 @@ class PrintedResult(RunResult):
     def _pressures_at_bounds(self) -> list[str]:
         final = (self.printed.evaluation or self.design.final).equilibrium.pressures
         ranges = self.problem.physics.pressure_ranges
+        key = "pressure_bounds up to" if self.config is None else "pressure ="
+        advised = not self._stretched()
         return [
-            f"pressure at its bound, {bounds[1] / 1e3:g} kPa. If the pump gives more: "
-            f'pressure = "{MORE * bounds[1] / 1e3:.3g} kPa"'
+            f"pressure at its bound, {bounds[1] / 1e3:g} kPa"
+            + f'. If the pump gives more: {key} "{MORE * bounds[1] / 1e3:.3g} kPa"' * advised
             for pressure, bounds in zip(final, ranges, strict=True)
             if bounds and abs(pressure - bounds[1]) < NEAR_BOUND * bounds[1]
         ]

@@ -169,4 +169,7 @@ def test_what_the_pressure_does(tmp_path: Path, capsys: pytest.CaptureFixture[st
     around, along = tube_strains(sheet, radius, 8e3)
     assert f"8 kPa makes the bare skin {around:.0%} wider and {along:.0%} longer" in line
     needed = tube_pressure(sheet, radius, config.needed_strain)
-    assert f"needs {config.needed_strain:.0%}, which it has from {needed / 1e3:.2g} kPa on" in line
+    assert (
+        f"needs {config.needed_strain:.0%}; the bare skin has that from {needed / 1e3:.2g} kPa on"
+        in line
+    )

@@ -180,8 +180,12 @@ def test_a_soft_start(short_tube: Skin, short_solver: EquilibriumSolver) -> None
 
 
 def test_growth_of_the_miss() -> None:
-    """Over the least at the end of an earlier stage; a stage alone has none."""
+    """Over the least at the end of an earlier stage as sharp; line families have none."""
     row: Any = Iteration(**dict.fromkeys((f.name for f in fields(Iteration)), 0))  # type: ignore[arg-type]
-    rows = [replace(row, stage=k, shape=shape) for k, shape in ((0, 9.0), (0, 1.0), (1, 4.0))]
-    assert growth_of_miss([*rows, replace(row, stage=2, shape=9.0)]) == 3.0
-    assert growth_of_miss(rows[:2]) == 1.0
+    rows = [
+        replace(row, stage=stage, shape=shape, beta=beta)
+        for stage, shape, beta in ((0, 0.1, 4), (1, 9.0, 20), (1, 1.0, 20), (2, 4.0, 20))
+    ]
+    assert growth_of_miss(rows, 9.0) == 3.0
+    assert growth_of_miss(rows[:3], 1.0) == 1.0, "a grey stage before does not count"
+    assert growth_of_miss([replace(one, beta=0) for one in rows], 9.0) == 1.0

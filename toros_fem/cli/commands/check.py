@@ -90,14 +90,15 @@ def _pressure(skin: Inflated, needed: float | None) -> str:
     )
     told = (
         f"pressure    {formatted(skin.pressure, 'pa')} makes the bare skin {around:.0%} wider and "
-        f"{along:.0%} longer (p r/(E h) = {load.value:.2g}); the fabric ends at "
+        f"{along:.0%} longer (p r/(E h) = {load.value:.2g}); its bound is "
         f"{skin.sheet.fabric_bounds[0] - 1:.0%}"
     )
     if not needed:
         return told
     enough = tube_pressure(skin.sheet, skin.radius, needed)
     gives = f"from {formatted(enough, 'pa', 2)} on" if math.isfinite(enough) else "at no pressure"
-    return f"{told}. The target needs {needed:.0%}, which it has {gives}"
+    more = ", more than is given" if enough > skin.pressure else ""
+    return f"{told}. The target needs {needed:.0%}; the bare skin has that {gives}{more}"
 
 
 def _figures(found: Cost) -> dict[str, Any]:

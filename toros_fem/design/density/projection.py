@@ -22,7 +22,7 @@ class Projection:
     Attributes:
         beta: Steepness β; 20 in the paper.
         eta: Threshold η; 0.5 in the paper.
-        power: q.
+        power: q, from 1 to 10.
     """
 
     beta: float = 20.0
@@ -30,8 +30,9 @@ class Projection:
     power: float = 1.0
 
     def __post_init__(self) -> None:
-        require_positive(beta=self.beta, power=self.power)
+        require_positive(beta=self.beta)
         require_between(0.0, 1.0, eta=self.eta)
+        require_between(1.0, 10.0, power=self.power)
         if self.eta in (0, 1):
             raise ParameterError(
                 f"eta = {self.eta} must lie between 0 and 1, not at an end: at 0 everything would "

@@ -51,10 +51,11 @@ class Case:
         target: Target positions of all assembled vertices, (n, 3), in m, or a map from assembled
             positions to them, `meshes.bend` for instance.
         supports: Fixed components and directions.
-        pressure: In Pa, of all chambers or of each; the first guess where it is designed.
+        pressure: In Pa, of all chambers or of each; where a designed one starts.
         pressure_bounds: Least and largest pressure in Pa, of all chambers or of each; None
             prescribes it.
-        pressure_weight: As of `DesignProblem`; None prefers no pressure to another.
+        pressure_weight: As of `DesignProblem`; None prefers no pressure to another. The default
+            suits parts of the order of half the square of a miss over the skin's size.
         composite: Fabric, reinforcement and stretch bounds; None takes those of the paper.
         parts: Make the parts of the objective, which is their sum: `ShapePart`, or a function of
             the vertices of the sewn skin and their target positions.

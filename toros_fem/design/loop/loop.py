@@ -246,11 +246,14 @@ class _Run:
             self.begin = time.perf_counter() - float(numbers["seconds"])
             stage = int(numbers["stage"])
             limits = list(map(int, numbers["iterations"]))
-        for one, then in zip(self.options.stages[: stage - first], limits, strict=False):
+        over = self.options.stages[: stage - first]
+        for k, (one, then) in enumerate(zip(over, limits, strict=False)):
             if one.iterations != then:
+                soft = sum(self.soft) * (k == len(self.soft))  # of the stage that was given
                 raise CheckpointError(
-                    f"a stage of {then} steps is over, and another one followed: {one.iterations} "
-                    f"steps change nothing. Go on with {then}, or start a new run."
+                    f"a stage of {then + soft} steps is over, and another one followed: "
+                    f"{one.iterations + soft} steps change nothing. Go on with {then + soft}, or "
+                    "start a new run."
                 )
         restored = getattr(self.callback, "restored", None)
         if restored is not None:

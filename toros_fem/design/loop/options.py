@@ -91,7 +91,7 @@ class DesignOptions(Table):
         return sum(stage.iterations for stage in self.stages)
 
     def soft_steps(self) -> tuple[int, ...]:
-        """Return the steps of the parts of a soft start, which the first stage loses."""
+        """Return the steps of the parts of a soft start, taken from those of the first stage."""
         first = self.stages[0]
         if not self.soft_start or first.beta is not None:
             return ()
@@ -165,14 +165,20 @@ class Iteration:
         return {**own, **self.metrics}
 
 
-def growth_of_miss(rows: Sequence[Iteration]) -> float:
-    """Return the miss of the last row over the least one at the end of a stage before.
+def growth_of_miss(rows: Sequence[Iteration], shape: float) -> float:
+    """Return the miss of a design over the least one at the end of a stage before.
 
-    The miss is the root of the shape's part of T: a distance over the skin's size.
+    The miss is the root of the shape's part of T, a distance over the skin's size. Stages with a
+    smaller β, whose patterns are grey, do not count; line families have no β, and a growth of 1.
     """
-    ends = [row.shape for row, after in pairwise(rows) if after.stage != row.stage]
-    least = max(min(ends, default=rows[-1].shape), float(np.finfo(float).tiny))
-    return float(np.sqrt(rows[-1].shape / least))
+    last = rows[-1]
+    ends = [
+        row.shape
+        for row, after in pairwise(rows)
+        if after.stage != row.stage and row.beta >= last.beta > 0
+    ]
+    least = max(min(ends, default=shape), float(np.finfo(float).tiny))
+    return float(np.sqrt(shape / least))
 
 
 def reason_to_end(

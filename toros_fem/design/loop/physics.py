@@ -75,7 +75,7 @@ class Physics(Protocol[R]):
 
     @property
     def pressures(self) -> tuple[float, ...]:
-        """Pressure of each chamber in Pa, the first guess where it is designed."""
+        """Pressure of each chamber in Pa, where it starts if it is designed."""
 
     @property
     def pressure_ranges(self) -> tuple[Bounds | None, ...]:
@@ -135,7 +135,7 @@ class InflatedSkin:
 
     Attributes:
         solver: Equilibrium solver of the skin.
-        pressure: Pressure in Pa, of all chambers or of each; the first guess where it is designed.
+        pressure: Pressure in Pa, of all chambers or of each; where a designed one starts.
         pressure_bounds: Least and largest pressure in Pa of all chambers, or such a pair for each;
             None prescribes the pressure, or that chamber's.
         force: Dead forces in N on all assembled vertices, (n, 3).
@@ -174,7 +174,7 @@ class InflatedSkin:
 
     @property
     def pressures(self) -> tuple[float, ...]:
-        """Pressure of each chamber in Pa, the first guess where it is designed."""
+        """Pressure of each chamber in Pa, where it starts if it is designed."""
         return self._for_each(self.pressure, "pressure", np.isscalar(self.pressure))
 
     @property

@@ -195,7 +195,8 @@ class DesignProblem(Distributed, Generic[R]):
         if self.pressure_weight is None:
             return 0.0
         pairs = zip(pressures, self.physics.pressure_ranges, strict=True)
-        return self.pressure_weight * sum(np.log(p / bounds[0]) for p, bounds in pairs if bounds)
+        logarithms = [np.log(p / bounds[0]) for p, bounds in pairs if bounds and p > 0]
+        return self.pressure_weight * float(sum(logarithms))
 
     def without_variants(self) -> Self:
         """Return the same problem with the nominal pattern alone."""
@@ -377,9 +378,9 @@ class DesignProblem(Distributed, Generic[R]):
             by_seen, by_variants = by_seen + weight * first, [weight * slope for slope in others]
         by_projected, by_pressure = self.physics.pull_back(e.equilibrium, by_seen)
         if by_pressure is not None and self.pressure_weight is not None:
-            designed = [bounds is not None for bounds in self.physics.pressure_ranges]
-            slopes = self.pressure_weight * np.asarray(designed) / e.equilibrium.pressures
-            by_pressure = by_pressure + slopes
+            pairs = zip(e.equilibrium.pressures, self.physics.pressure_ranges, strict=True)
+            slopes = [self.pressure_weight / p if bounds else 0.0 for p, bounds in pairs]
+            by_pressure = by_pressure + np.array(slopes)
         for term in self.terms:
             by_projected = by_projected + term.price * term.measure.backward(e.projected)
         by_filtered = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from toros_fem.base.validation import require_kind, require_positive
+from toros_fem.base.validation import require_between, require_kind, require_positive
 from toros_fem.materials.sheet import Composite
 
 # Halvings of an interval that holds a strain.
@@ -24,6 +24,7 @@ def tube_pressure(composite: Composite, radius: float, strain: float) -> float:
     """
     require_kind("composite", composite, Composite, "a Composite")
     require_positive(radius=radius)
+    require_between(0.0, math.inf, strain=strain)
     return bare_tube(composite, radius, strain)[0]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -153,8 +154,8 @@ class DensityDesigner(Job):
         return worst_of_print(printed, self.scene.results.tolerances)
 
     def lost(self, result: DesignResult, printed: PrintedDesign) -> bool:
-        """Return whether a print misses since the stages with widths lost the shape."""
-        return growth_of_miss(result.history) > LOST and self.worst(printed) > 1
+        """Return whether a print misses because the stages with widths lost the shape."""
+        return growth_of_miss(result.history, result.final.shape) > LOST and self.worst(printed) > 1
 
     def print_of(self, result: DesignResult) -> PrintedDesign:
         """Return the print of a design, simulated at the pressure that suits it best."""
@@ -264,8 +265,8 @@ def other_ways(
     *free, last = first.stages
     if not last.constrained:
         return
-    softer = replace(last, iterations=2 * last.iterations, tighten=np.sqrt(last.tighten))
-    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta), last
+    softer = replace(last, iterations=2 * last.iterations, tighten=math.sqrt(last.tighten))
+    sharper = Stage(max(1, last.iterations // 3), beta=2 * beta, robust=False), last
     yield "softer constraints", (replace(first, stages=(*free, softer)), *finer), seed
     yield "a sharper projection first", (replace(first, stages=(*free, *sharper)), *finer), seed
     yield "another seed", tuple(options), seed + ANOTHER_SEED

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toros_fem.base.errors import PanelError
+from toros_fem.base.errors import NoEquilibriumError, PanelError
 from toros_fem.base.files import guarded, if_possible
-from toros_fem.base.mpi import Distributed, collective, on_first_rank
+from toros_fem.base.mpi import Distributed, collective, free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import DesignResult
@@ -143,11 +143,17 @@ class Designer(Distributed, DensityDesigner):
             if self.comm.rank == 0:
                 log.warning("printable lines lost the shape: the design is tried with %s", name)
             way = replace(self, journal=self.branch(name.replace(" ", "-")))
-            other = way.over_levels(problems(), rules, seed=seed)
             found = replace(found, tried=(*found.tried, name))
+            try:
+                other = way.over_levels(problems(), rules, seed=seed)
+            except NoEquilibriumError:  # of its start; raised by all ranks or by none
+                continue
+            kept = not self.lost(*other)
             if (worst := self.worst(other[1])) < best:
                 best, made, found = worst, other, replace(found, seed=seed)
-            if not self.lost(*other):
+            del other
+            free_dropped(self.comm)
+            if kept:
                 break
         return made, found
 
@@ -201,7 +207,7 @@ class Designer(Distributed, DensityDesigner):
             return other.case(comm, scene.density_level).following(comm, found.made.regions)
 
         chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
-        made = found.made
+        made = replace(found.made, printed=self.trimmed(found.made.printed))
         # Both are judged by their own meshes.
         lines = misses_of(made.case).error(made.limit.limit)
         better = largest_error(chosen.metrics, aims_of(made.problem.metrics)) < lines
@@ -273,7 +279,7 @@ class Designer(Distributed, DensityDesigner):
     ) -> tuple[ActuatorResult, PrintedDesign]:
         """Return a result with errors, and its print; both at another pressure if that is better.
 
-        It is where a finer mesh tells figures that miss more than the print's own mesh does.
+        That is tried if a finer mesh tells a figure off by more than half of its tolerance.
         """
         told, printed, made = found.with_errors(errors), found.printed, found.printed.evaluation
         held = self.scene.pressure.hold_pressure
@@ -316,8 +322,9 @@ class Designer(Distributed, DensityDesigner):
         measures = measures_of(problem, [*found.shape])
         shape = limit_shape(problem.solver, made.equilibrium)
         lines, level = found.search.lines, self._print_level
-        known = lines is not None and found.search.laid and made is lines.made.printed.evaluation
-        finer = lines.finer if known and lines is not None else None  # it is of that pressure
+        finer = None
+        if lines is not None and found.search.laid and made is lines.made.printed.evaluation:
+            finer = lines.finer  # it is of this pressure
         return metric_errors(self, level, shape, measures, Again.of(printed), finer)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:

@@ -24,7 +24,7 @@ class Searched:
         start: What it began with: "random", "pattern" (a given density), "print" (of another
             design) or "relaxed" (line families from a random start).
         rounds: How often it was asked again for what its print missed.
-        tried: Ways that were tried since printable lines had lost the shape, one after the other.
+        tried: Ways that were tried because printable lines had lost the shape, one after the other.
         starts: Objective of each start by seed, infinite without an equilibrium; None of one start.
         robust: Figures of a robust design; None of another.
         lines: The lines that it was made of; None of densities.
@@ -121,7 +121,7 @@ class ActuatorResult(PrintedResult):
     def binding(self) -> tuple[str, ...]:
         """What keeps the print from its targets, as of `PrintedResult`, and its corrections."""
         found, rounds, state = list(super().binding), self.search.rounds, overall(self.figures)
-        if self.search.tried:
+        if self.search.tried and state in (State.MISSED, State.NOT_CERTAIN):
             found.append(f"printable lines lost the shape; tried: {', '.join(self.search.tried)}")
         if rounds >= self.corrections > 0 and state in (State.MISSED, State.NOT_CERTAIN):
             found.append(f"all {rounds} corrections are used")

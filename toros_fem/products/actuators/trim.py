@@ -42,36 +42,41 @@ def trimmed(
     The motion of all vertices with the logarithm of the pressure is y of K y = Σ p ∂V/∂x, by one
     solve with the tangent of the print. It predicts all figures along the pressure: angles,
     distances, directions. The print is simulated where the largest of them over its tolerance is
-    least, and kept there if it is better. Pressures of several chambers keep their ratios. None
-    rises above its upper bound, or above the one that is prescribed.
+    least, and kept there if it is better. Pressures of several chambers keep their ratios. They
+    may fall below their lower bounds, and none rises above its upper bound, or above the one that
+    is prescribed.
 
     Args:
         printed: A print; without an equilibrium it is returned as it is.
-        share: Largest change of the pressure, as a fraction of it, below 1; 0 changes nothing.
+        share: Largest change of the pressure, as a fraction of it, at most 0.9; 0 changes
+            nothing.
         tolerances: How far figures may be off.
         beyond: What a finer mesh tells beyond the print's own, at all vertices, (n, 3), in m; None
             leaves it out.
         designed: Pressures in Pa that the share is of; None takes those of the print.
 
     Raises:
-        ParameterError: The share is negative, or not below 1.
+        ParameterError: The share is out of its bounds.
     """
     require_kind("printed", printed, PrintedDesign, "the PrintedDesign of as_printed")
-    require_between(0.0, 0.99, share=share)
+    require_between(0.0, 0.9, share=share)
     made = printed.evaluation
     if made is None or share == 0 or not isinstance(made.problem, ShapeProblem):
         return printed
-    problem, begin = made.problem, np.log(made.equilibrium.pressures or [1.0])
-    moved = float(begin[0] - np.log(designed[0])) if designed else 0.0
+    problem, at = made.problem, made.equilibrium.pressures
+    largest = max(at, default=0.0)
+    if not largest > 0:
+        return printed
+    moved = float(np.log(largest / max(designed))) if designed else 0.0
     lowest, highest = np.log1p(-share) - moved, np.log1p(share) - moved
 
     def shape_of(one: Evaluation[Equilibrium]) -> Floats:
         return _shape(one) if beyond is None else _shape(one) + beyond
 
-    for at, most, bounds in zip(
-        begin, problem.physics.pressures, problem.physics.pressure_ranges, strict=True
-    ):
-        highest = min(highest, np.log(bounds[1] if bounds else most) - at)
+    ranges = problem.physics.pressure_ranges
+    for own, given, bounds in zip(at, problem.physics.pressures, ranges, strict=True):
+        if own > 0:
+            highest = min(highest, float(np.log((bounds[1] if bounds else given) / own)))
     least, total = _worst(problem, shape_of(made), tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:

@@ -35,7 +35,7 @@ class Pressing(Table):
         10e3, "most that the pump gives: a design takes what its target wants, a simulation all"
     )
     hold_pressure: bool = key(
-        False, "design for this pressure as it is; else for what the target wants, at most this"
+        False, "design for exactly this pressure, and not for the least that the target wants"
     )
 
 
