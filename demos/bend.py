@@ -90,11 +90,8 @@ edges, radius = ([2.8e-3], 4.4e-3) if given.coarse else ([2.8e-3, 1.4e-3], 2.15e
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))
 steps = tf.DesignOptions(stages, min_relative_decrease=0.05)
-finer = tf.DesignOptions(
-    (tf.Stage(10, constrained=True),),
-    min_relative_decrease=0.05,
-    mma=tf.MMAOptions(move=0.05),
-)
+stage, small = tf.Stage(10, constrained=True), tf.MMAOptions(move=0.05)
+finer = tf.DesignOptions((stage,), min_relative_decrease=0.05, mma=small)
 
 
 def problem(edge: float) -> tf.ShapeDesign:

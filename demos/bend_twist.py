@@ -101,15 +101,15 @@ near, best, missed = (field.pattern, relaxed.positions), None, np.inf
 for _ in range(5):
     case = case_on(print_edge, lines)
     fine, laid = tf.ShapeDesign(comm, case, rules[1]), (lines.pattern, lines.regions)
-    printed = tf.printed_lines(fine, *laid, limits, island_area=20e-6, near=near)
+    more = {"near": near, "pressure": relaxed.pressures}
+    printed = tf.printed_lines(fine, *laid, limits, island_area=20e-6, **more)
     made, misses = LinePrint(case, regions_on(*laid, case.pattern), fine, printed), misses_of(case)
     error, reached = misses.error(made.shape[1]), made.metrics
     if comm.rank == 0:
         print(f"{reached}; largest miss {error / 0.03:.2f} of what may be", flush=True)
-    step = mending(made, lines, misses)
     if error < missed:
         best, missed = (fine, printed), error
-    if step is None:
+    if (step := mending(made, lines, misses)) is None:
         break
     near = made.shape
     lines = comm.bcast(changed(lines, step.change) if comm.rank == 0 else None, root=0)
@@ -120,7 +120,7 @@ for _ in range(5):
 # `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-fine, printed = best
+fine, printed = best[0], tf.trimmed(best[1])
 result = tf.DesignResult(
     fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
 )

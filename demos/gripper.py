@@ -86,8 +86,7 @@ case = tf.Case(
     ],
     metrics=[gap, replace(tip, target=tip.measure(pattern, target))],
     passive=np.where(inner & (np.abs(plane_centroids(pattern)[:, 1]) < 3e-3), 1.0, np.nan),
-    # The outer panel is to stretch; without this hint the start is the same in and out.
-    start=np.where(inner, 0.65, 0.35),
+    start=np.where(inner, 0.65, 0.35),  # else it is the same in and out
     symmetry=(1,),
     contact=contact,
 )
@@ -99,8 +98,8 @@ case = tf.Case(
 
 # %%
 options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
-reporter = tf.DesignReporter(comm, given.output)
 design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))
+reporter = tf.DesignReporter(comm, given.output)
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(0.6e-3, 0.6e-3)
 printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=20e-6))
@@ -118,15 +117,14 @@ problem = made.problem  # that of the print has a mesh of its own, which follows
 assert isinstance(problem, tf.ShapeDesign)
 supports, pulling = problem.case.supports, replace(problem.case.contact, friction=FRICTION)
 solver = tf.EquilibriumSolver(problem.skin, composite, supports, contact=pulling)
-pressure = made.equilibrium.pressure
-at = made.projected, pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
+at = made.projected, made.equilibrium.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
 pull = list(pull_out(solver, *at, made.equilibrium.positions))
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
 closed, lifted = (problem.whole.at_vertices(one.positions) for one in (pull[0], end))
 shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]
 rows = [(problem.whole.at_cells(problem.skin.gather_cells(at[0])), shapes)]
 grams = 1e3 * parts / GRAVITY * largest_force(pull, limit)
-told = f"The fingers bear {grams:.0f} g at {pressure:.0f} Pa"
+told = f"The fingers bear {grams:.0f} g at {at[1]:.0f} Pa"
 write_lift(comm, given.output, printed.pattern, rows, printed.regions, ball, FINGERS, told)
 if comm.rank == 0:
-    print(f"{told}; see {given.output}/shape.png and {given.output}/lift.png")
+    print(f"{told}; see shape.png and lift.png in {given.output}/")

@@ -91,9 +91,9 @@ for _ in range(4):
         tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 else None, root=0
     )
     fine = problem(print_edge, TWIST, lines)
-    near = (field.pattern, relaxed.positions)
+    more = {"near": (field.pattern, relaxed.positions), "pressure": relaxed.pressures}
     printed = tf.printed_lines(
-        fine, lines.pattern, lines.regions, limits, island_area=20e-6, near=near
+        fine, lines.pattern, lines.regions, limits, island_area=20e-6, **more
     )
     reached = printed.metrics["twist_deg"]
     if comm.rank == 0:
@@ -110,7 +110,9 @@ for _ in range(4):
 # `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-reached, fine, printed, relaxed = best
+_, fine, printed, relaxed = best
+printed = tf.trimmed(printed)
+reached = printed.metrics["twist_deg"]
 result = tf.DesignResult(
     fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
 )

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # A walker that stands up (paper Fig. 9)
 #
-# Two flat panels are sewn along an X: a body and four legs. Inflated to 20 kPa, each leg is to turn
-# down by 90°, so that the robot stands. By symmetry a quarter with one leg is designed. A density ρ
-# of print in each triangle minimises
+# Two flat panels are sewn along an X: a body and four legs. Inflated to 20 kPa at most, each leg is
+# to turn down by 90°, so that the robot stands. By symmetry a quarter with one leg is designed. A
+# density ρ of print in each triangle minimises
 #
 #     T(ρ) = Σ w |x̄ₖ − x̄ₖ*|² + v |Rₖ − Rₖ*|²,                             (eqs. 17, 18)
 #
