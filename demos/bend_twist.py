@@ -101,8 +101,9 @@ near, best, missed = (field.pattern, relaxed.positions), None, np.inf
 for _ in range(5):
     case = case_on(print_edge, lines)
     fine, laid = tf.ShapeDesign(comm, case, rules[1]), (lines.pattern, lines.regions)
-    more = {"near": near, "pressure": relaxed.pressures}
-    printed = tf.printed_lines(fine, *laid, limits, island_area=20e-6, **more)
+    printed = tf.printed_lines(
+        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
+    )
     made, misses = LinePrint(case, regions_on(*laid, case.pattern), fine, printed), misses_of(case)
     error, reached = misses.error(made.shape[1]), made.metrics
     if comm.rank == 0:
@@ -125,6 +126,5 @@ result = tf.DesignResult(
     fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
 )
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
-reached = printed.metrics
 if comm.rank == 0:
-    print(f"{reached} as printed; see {given.output}/shape.png")
+    print(f"{printed.metrics} as printed; see {given.output}/shape.png")

@@ -99,9 +99,9 @@ for _ in range(4):
         tf.lay_lines(field, widths, printed=caps, planes=(1,)) if comm.rank == 0 else None, root=0
     )
     fine = problem(print_edge, SHORTENING, lines)
-    more = {"near": (field.pattern, relaxed.positions), "pressure": relaxed.pressures}
+    laid, near = (lines.pattern, lines.regions), (field.pattern, relaxed.positions)
     printed = tf.printed_lines(
-        fine, lines.pattern, lines.regions, limits, island_area=20e-6, **more
+        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
     )
     reached = printed.metrics["shortening_percent"]
     if comm.rank == 0:
@@ -119,7 +119,7 @@ for _ in range(4):
 # FOLDER` writes the files for printer and cutter.
 
 # %%
-_, fine, printed, relaxed = best
+fine, printed, relaxed = best[1:]
 printed = tf.trimmed(printed)
 reached = printed.metrics["shortening_percent"]
 result = tf.DesignResult(
