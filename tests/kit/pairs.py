@@ -580,6 +580,6 @@ ROWS: dict[str, Make] = {
 ON_ONE_RANK: dict[str, Make] = {
     "design of two chambers": partial(designed, chambered),
     "path through friction": partial(loads, dragged, (0.25, 0.35), 6e-5),
-    "path through friction to its end": partial(loads, dragged, (0.25, 0.35), 6e-5, last=True),
+    "path through friction to its end": partial(loads, dragged, (0.25, 0.35), 1e-4, last=True),
     "path on pads": partial(loads, lambda comm: on_pads(sew(comm, tube())), (0.01, 0.03), 1e-5),
 }

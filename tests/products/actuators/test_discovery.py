@@ -36,7 +36,7 @@ SHORT: dict[str, Any] = {
     "start": "relaxed",
     "length": 0.06,
     "relaxed_edge_length": 6e-3,
-    "print_edge_length": 2.5e-3,
+    "print_edge_length": 2e-3,
     "laid_width": 2.5e-3,
     **DESIGN_ALONE,
 }
@@ -91,7 +91,8 @@ def test_only_the_best_print_is_kept(found: Discovery) -> None:
 def test_lines_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> None:
     """What a change of widths and a warp promise is what the print of the changed lines has."""
     best, made = found.best, found.made
-    aim = space_mapping.Aim(1.01 * best.metrics["twist_deg"], 60.0)
+    # New meshes alone change the twist by 0.5 %.
+    aim = space_mapping.Aim(0.97 * best.metrics["twist_deg"], 60.0)
     misses = replace(misses_of(made.case), aims={"twist_deg": aim}, labels=None)
     step = mending(made, best.laid, misses)
     assert step.promised < 0.2 * step.before
