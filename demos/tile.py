@@ -10,7 +10,7 @@
 #
 #     T(ρ) = Σ (s(nₖ) / s*(nₖ) − 1)² / k
 #
-# over k directions. The target s* is that of a linear sheet: 2000 N/m along x and y, 400 at 45°,
+# over k directions. The target s* is that of a linear sheet: 4000 N/m along x and y, 800 at 45°,
 #
 #     1/s* = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².
 #
@@ -58,7 +58,7 @@ edge, radius, starts, drafts = (
 
 # %%
 angles = np.linspace(0.0, np.pi / 4, 4, dtype=np.float64)
-stiffness = linear_profile(angles, along=2000.0, diagonal=400.0, across=2000.0)
+stiffness = linear_profile(angles, along=4000.0, diagonal=800.0, across=4000.0)
 case = TileCase(comm, (SIZE, SIZE), edge, MESH, SYMMETRY, angles, ProfileTarget(stiffness))
 
 # %% [markdown]

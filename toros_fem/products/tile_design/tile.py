@@ -6,9 +6,9 @@ families of straight and wavy lines and long waves of the density by turns, and 
 continued; islands and lines or gaps below `--print-width` count against a start and a print. All
 figures are those of the printed pattern, simulated again on a mesh of half the edge length.
 
-Targets: "orthotropic" (2000 N/m along x, 500 along y and at 45°), "tetragonal" (2000 along x and y,
-400 at 45°), "isotropic" (700 everywhere), "anisotropic" (the largest ratio of stiffness along x to
-that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet of
+Targets: "orthotropic" (4000 N/m along x, 1000 along y and at 45°), "tetragonal" (4000 along x and
+y, 800 at 45°), "isotropic" (1500 everywhere), "anisotropic" (the largest ratio of stiffness along x
+to that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet of
 the result.
 """
 
@@ -49,9 +49,9 @@ SYMMETRIES = {
 }
 # Stiffness along x, at 45° and along y, in N/m, of the targets that prescribe it.
 STIFFNESSES = {
-    "orthotropic": (2000.0, 500.0, 500.0),
-    "tetragonal": (2000.0, 400.0, 2000.0),
-    "isotropic": (700.0, 700.0, 700.0),
+    "orthotropic": (4000.0, 1000.0, 1000.0),
+    "tetragonal": (4000.0, 800.0, 4000.0),
+    "isotropic": (1500.0, 1500.0, 1500.0),
 }
 PRESCRIBED = tuple(STIFFNESSES)
 
