@@ -8,8 +8,8 @@ figures are those of the printed pattern, simulated again on a mesh of half the 
 
 Targets: "orthotropic" (4000 N/m along x, 1000 along y and at 45°), "tetragonal" (4000 along x and
 y, 800 at 45°), "isotropic" (1500 everywhere), "anisotropic" (the largest ratio of stiffness along x
-to that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet of
-the result.
+to that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet
+of the result.
 """
 
 from __future__ import annotations
