@@ -244,12 +244,6 @@ def bend_strain(angle: float, length: float, outer: float) -> float:
     return abs(math.radians(angle)) * outer / length
 
 
-def twist_strain(angle: float, length: float, radius: float) -> float:
-    """Return the largest principal strain of a tube that twists by an angle in degrees."""
-    half = abs(math.radians(angle)) * radius / length / 2  # of the shear
-    return half + math.hypot(1.0, half) - 1
-
-
 def sheet_groups(sheet: Composite, size: float) -> Iterator[Group]:
     """Yield the groups of the sheets of a skin with a radius, or of a tile with a side, in m."""
     fabric, printed, bladder = sheet.fabric, sheet.reinforcement, sheet.bladder
@@ -376,7 +370,8 @@ class Inflated:
     def twist(self, key: str, angle: float, length: float) -> Iterator[Group]:
         """Yield the groups of a twist by an angle in degrees over a length in m."""
         yield angle_group(key, angle)
-        yield from self.reach(key, twist_strain(angle, length, self.radius))
+        half = abs(math.radians(angle)) * self.radius / length / 2  # of the shear
+        yield from self.reach(key, half + math.hypot(1.0, half) - 1)  # the largest principal strain
 
     def _widening(self, pressure: float) -> float:
         return pressure * self.radius / self.sheet.least_stiffness

@@ -102,7 +102,12 @@ class PrintedResult(RunResult):
     @property
     def pressure(self) -> float:
         """Pressure of the print in Pa, the largest of all chambers; that of the design without."""
-        return (self.printed.evaluation or self.design.final).equilibrium.pressure
+        return max(self.pressures, default=0.0)
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Pressure of each chamber of the print in Pa; those of the design without."""
+        return (self.printed.evaluation or self.design.final).equilibrium.pressures
 
     @property
     def most_pressure(self) -> float:
@@ -148,7 +153,7 @@ class PrintedResult(RunResult):
         """Return design, print and cost."""
         design, simulated = self.design, self.printed.evaluation
         return {
-            "pressures_pa": list((simulated or design.final).equilibrium.pressures),
+            "pressures_pa": list(self.pressures),
             "equilibrium": simulated and simulated.equilibrium.reason,
             "printed_objective": simulated and simulated.shape,
             "printed_failure": self.printed.failure or None,
@@ -184,14 +189,13 @@ class PrintedResult(RunResult):
         )
 
     def _pressures_at_bounds(self) -> list[str]:
-        final = (self.printed.evaluation or self.design.final).equilibrium.pressures
         ranges = self.problem.physics.pressure_ranges
         key = "pressure_bounds up to" if self.config is None else "pressure ="
         advised = not self._stretched()
         return [
             f"pressure at its bound, {bounds[1] / 1e3:g} kPa"
             + f'. If the pump gives more: {key} "{MORE * bounds[1] / 1e3:.3g} kPa"' * advised
-            for pressure, bounds in zip(final, ranges, strict=True)
+            for pressure, bounds in zip(self.pressures, ranges, strict=True)
             if bounds and abs(pressure - bounds[1]) < NEAR_BOUND * bounds[1]
         ]
 

@@ -11,8 +11,7 @@ from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.robust import WidthTolerance
 
-# Power q of the projection. With 1 bends of 45 to 180° miss by up to 15 tolerances, with 2 and 3
-# all reach (docs/theory/design.md).
+# Power q of the projection: with 1 many bends miss, with 2 few (docs/theory/design.md).
 POWER = 2.0
 
 
