@@ -229,7 +229,7 @@ def cases(quick: bool) -> list[Case]:
         Case("kernels", partial(kernel_rows, scene, seed, kernel, QUICK if quick else {}),
              f"{scene}, seed {seed}, {kernel}", alone=True,
              environment={"OPENBLAS_CORETYPE": kernel})
-        for seed in (range(1, 2) if quick else range(1, 9))
+        for seed in (range(1, 2) if quick else BEND_SEEDS)
         for scene in (["contract"] if quick else FIGURES)
         for kernel in TYPES
     ]  # fmt: skip
