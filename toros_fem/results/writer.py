@@ -24,6 +24,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.results.files import write_fields
 from toros_fem.results.frames.files import Frame
 from toros_fem.results.frames.record import shown_skin, whole_cells, write_series
@@ -92,12 +93,17 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     positions = whole.at_vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
     composite, stiffened = problem.solver.model.composite, whole_cells(problem, shown.projected)
     folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
-    fields = {
-        "rho": whole_cells(designed, found.design.density),
-        "rho_filtered": whole_cells(designed, final.filtered),
-        "rho_projected": whole_cells(designed, final.projected),
-        "printed": printed.cells.astype(np.float64),
+    design = {
+        "rho": found.design.density,
+        "rho_filtered": final.filtered,
+        "rho_projected": final.projected,
     }
+    before = designed.skin
+    transfer = None if before.pattern is part else make_transfer(before.pattern, part)
+    fields = {"printed": printed.cells.astype(np.float64)}
+    for name, owned in design.items():
+        values = before.gather_cells(owned)
+        fields[name] = whole.at_cells(values if transfer is None else transfer.at_cells(values))
     limit = problem.physics.shape_of(shown.equilibrium) if found.limit is None else found.limit
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences

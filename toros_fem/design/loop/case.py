@@ -29,11 +29,11 @@ from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight, refined_force
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.following import snapped
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.transfer import make_transfer, refine
+from toros_fem.meshes.transfer import Remeshed, make_transfer, refine
 
 # Weight of ln p in T: one per cent of the pressure is worth as much as a change of the miss from
 # 2.2 to 2.25 % of the skin's length. Ten times less drifts to much print under much pressure.
@@ -138,16 +138,20 @@ class Case:
 
     @collective("comm")
     def following(self, comm: MPI.Comm, regions: Sequence[BaseGeometry]) -> Case:
-        """Return the same case on a mesh whose edges follow polygons, by `snapped` (collective).
+        """Return the same case on a mesh whose edges are the borders of a print (collective).
+
+        Each triangle is printed or not, by its prescribed density.
 
         Args:
             comm: Communicator.
-            regions: Polygons on each panel of the pattern, in m.
+            regions: Print on each panel of the pattern, polygons in m.
 
         Raises:
             PanelError: The number of regions is not that of the panels.
+            PatternError: Borders of the print meet each other.
         """
-        return self.on(snapped(comm, self.pattern, regions))
+        finer, printed = bordered(comm, self.pattern, regions)
+        return replace(self.on_finer(finer), passive=printed.astype(np.float64), start=None)
 
     def smoothed(self) -> Case:
         """Return the same case with smoothed strains (`Membrane.strain`), as prints have."""
@@ -182,7 +186,11 @@ class Case:
         """
         if self.composite is not None:
             self.composite.require_refinable()
-        finer, target = refine(self.pattern), self.target
+        return self.on_finer(refine(self.pattern))
+
+    def on_finer(self, finer: Remeshed) -> Case:
+        """Return the same case on a finer mesh of its pattern, as `refined` does."""
+        target = self.target
         passive, start, force, of_parts = self.passive, self.start, self.force, finer
         if len(self.symmetry) and self.parts_of_whole:
             of_parts = self.whole.refined(finer, self.symmetry)

@@ -124,11 +124,6 @@ class DensityFields(Fields, Distributed):
                     f"passive holds densities from {given.min()} to {given.max()}; they must lie "
                     "in [0, 1], or be NaN where the triangle is designed."
                 )
-        if total(skin.comm, self.designed.sum()) == 0:
-            raise DensityError(
-                "passive prescribes the density of every triangle: none is designed. Set NaN where "
-                "the density is to be designed."
-            )
 
     def _check_centre(self) -> None:
         if self.centre is None:

@@ -201,8 +201,11 @@ def followed(
     assert isinstance(problem, ShapeDesign)
     there = problem.for_print(regions)
     skin, other = problem.skin, there.skin
+    transfer = make_transfer(skin.pattern, other.pattern)
     fields = (like.density, like.filtered, like.projected)
-    density, filtered, projected = (skin.gather_cells(v)[other.owned_cells] for v in fields)
+    density, filtered, projected = (
+        transfer.at_cells(skin.gather_cells(v))[other.owned_cells] for v in fields
+    )
     moved = replace(like, density=density, filtered=filtered, projected=projected)
     start = state_near(there, skin.pattern, skin.gather_vertices(like.equilibrium.positions))
     return there, moved, there.solver.model.assembled if start is None else start
