@@ -27,6 +27,7 @@ from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.lines.field import LineField
 from toros_fem.design.mma.optimizer import MMA, Functions
+from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.print.cleaning import require_island_area
 from toros_fem.materials.library.files import named, read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
@@ -523,6 +524,7 @@ DESIGNS: Table = {
     "print's width is text": lambda s: tf.PrintLimits(width="0.6 mm"),
     "print of nothing": lambda s: tf.as_printed(s.design, None),
     "trim of nothing": lambda s: tf.trimmed(None),
+    "polish of nothing": lambda s: polished(s.design, None, tf.DesignOptions()),
     "islands larger than the skin": lambda s: require_island_area(s.pattern, 20.0),
 }
 

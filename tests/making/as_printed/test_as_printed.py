@@ -15,7 +15,7 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.physics import InflatedSkin
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import as_printed, contour_values, followed
-from toros_fem.making.as_printed.free_islands import without_free_islands
+from toros_fem.making.as_printed.free_islands import polished, without_free_islands
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -123,7 +123,7 @@ def test_a_flat_skin_is_inflated_from_rest(
 
 
 def test_islands_are_taken_out_of_the_density(
-    short_tube: Skin, short_solver: EquilibriumSolver
+    short_tube: Skin, short_solver: EquilibriumSolver, result: DesignResult
 ) -> None:
     """A body, a spot near it and one far from it: the body alone stays, as it was."""
     problem = full(short_tube, short_solver, beta=20.0)
@@ -135,7 +135,7 @@ def test_islands_are_taken_out_of_the_density(
     for x, y in spots:
         whole |= np.hypot(u - x, v - y) < 0.8 * radius
     density = whole.astype(float)[short_tube.owned_cells]
-    chosen = DesignResult(problem, density, problem.simulate(density), (), "", {})
+    chosen = DesignResult(problem, density, problem.simulate(density), result.history, "", {})
     printed = as_printed(problem, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
     start, _ = without_free_islands(problem, chosen, printed)
@@ -145,6 +145,14 @@ def test_islands_are_taken_out_of_the_density(
     wall = pattern.panel_index("wall")
     body = max(printed.contours[wall].geoms, key=lambda part: part.area)
     assert bare.contours[wall].symmetric_difference(body).area < 0.01 * body.area
+    options = DesignOptions((Stage(1),))
+    assert polished(again, bare, options) is again
+    onward = polished(chosen, printed, options)
+    joined = without_free_islands(problem, chosen, printed)[1]
+    least = min(problem.simulate(one).objective for one in (start, joined))
+    begin = onward.history[len(result.history)]
+    assert begin.objective == pytest.approx(least, rel=1e-3)
+    assert len(onward.history) == len(result.history) + 2
 
 
 def test_islands_near_each_other_are_joined_to_the_body(

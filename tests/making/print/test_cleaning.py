@@ -45,6 +45,19 @@ def test_large_islands_are_bridged() -> None:
     assert len(clean(Panels(pattern), regions, island_area=math.inf).dropped) == 2
 
 
+def test_an_island_is_bridged_to_a_small_piece_at_the_rim() -> None:
+    """The bridge is wider than the piece is high, and ends at the panel's border."""
+    pattern = cylinder(MPI.COMM_SELF, 0.04, 0.02, 2e-3)
+    wall, whole = pattern.panel_index("wall"), pattern.outlines
+    body, island, rim = box(20, 0, 40, 10), box(25, 24, 35, 34), box(27, 39.7, 33, 40)
+    regions = [*whole]
+    regions[wall] = metres(shapely.MultiPolygon([body, island, rim])) & whole[wall]
+    cleaned = clean(Panels(pattern), regions, island_area=20e-6)
+    assert [len(cleaned.dropped), len(cleaned.bridged)] == [0, 1]
+    assert cleaned.regions[wall].contains(metres(island).buffer(-0.1 * MM))
+    checked(pattern, cleaned)
+
+
 def test_a_mesh_sees_the_bridge_that_it_smooths() -> None:
     """It is three smoothing lengths wide, where that is more than twice the least width."""
     pattern = square(n=8)

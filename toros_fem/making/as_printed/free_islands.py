@@ -1,4 +1,4 @@
-"""Starts of a design that goes on from a print with free islands: without them, or joined."""
+"""Designs that go on from a print with free islands: without them, or with them joined."""
 
 from __future__ import annotations
 
@@ -6,11 +6,47 @@ import numpy as np
 import shapely
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
-from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback, DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
+
+
+@collective("result.problem.comm", owned=("callback", "journal"))
+def polished(
+    result: DesignResult,
+    printed: PrintedDesign,
+    options: DesignOptions,
+    *,
+    callback: Callback | None = None,
+    journal: Journal | None = None,
+) -> DesignResult:
+    """Go on with a design whose print has free islands, from one without them (collective).
+
+    Cleaning removes or bridges islands that the design relies on, which moves the shape. The design
+    is told: they are removed, or all are joined to the rest, whichever does less harm to the
+    objective, and the stages of the options follow. A design whose print has none is returned as
+    it is. The arguments are those of `optimize`.
+    """
+    require_kind("result", result, DesignResult, "the DesignResult of optimize")
+    require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
+    problem, near = result.problem, result.final.equilibrium
+    if not on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
+        return result
+    starts, objectives = without_free_islands(problem, result, printed), []
+    for density in starts:
+        try:
+            found = problem.simulate(density, near.state, near.pressures, trial=True)
+            objectives.append(found.objective)
+        except EquilibriumError:  # raised by all ranks or by none
+            objectives.append(np.inf)
+    start = starts[int(np.argmin(objectives))]
+    return optimize(problem, options, start=start, callback=callback, after=result, journal=journal)
 
 
 def without_free_islands(

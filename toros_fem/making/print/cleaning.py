@@ -232,9 +232,12 @@ def _bridge(
     """Return a line from an island to the rest of its panel; None where the panel has no room."""
     if rest.is_empty:
         return None
-    ends = shapely.get_coordinates(shapely.shortest_line(island, rest))
+    line = shapely.shortest_line(island, rest)
+    if not outline.covers(line):
+        return None
+    ends = shapely.get_coordinates(line)
     way = ends[1] - ends[0]
-    # Into both, so that it meets them over its whole width.
+    # Into both, so that it meets them over its whole width. What is left of a small piece at the
+    # rim may be shorter than that.
     way *= width / 2 / max(float(np.hypot(*way)), 1e-12)
-    line = shapely.LineString([ends[0] - way, ends[1] + way])
-    return line.buffer(width / 2) & outline if outline.covers(line) else None
+    return shapely.LineString([ends[0] - way, ends[1] + way]).buffer(width / 2) & outline

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
@@ -20,9 +19,8 @@ from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
-from toros_fem.making.as_printed.free_islands import without_free_islands
+from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
-from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
@@ -115,7 +113,7 @@ class DensityDesigner(Job):
         steps = sum(level.iterations for level in options)
         printed: PrintedDesign | None = None
 
-        def polished(result: DesignResult) -> DesignResult:
+        def finished(result: DesignResult) -> DesignResult:
             nonlocal steps, printed
             printed = made = self.print_of(result)
             polishing = self.scene.design.polish_iterations
@@ -125,14 +123,8 @@ class DensityDesigner(Job):
             last = replace(rules.stages[-1], iterations=polishing)
             steps += last.iterations
             self.reporter.expect(steps)
-            result = optimize(
-                result.problem,
-                replace(rules, stages=(last,)),
-                start=_best_without_islands(result, printed),
-                callback=self.reporter,
-                after=result,
-                journal=self.branch("polish"),
-            )
+            last_rules, journal = replace(rules, stages=(last,)), self.branch("polish")
+            result = polished(result, made, last_rules, callback=self.reporter, journal=journal)
             printed = self.print_of(result)
             return result
 
@@ -142,7 +134,7 @@ class DensityDesigner(Job):
             options,
             seed=self.scene.design.seed if seed is None else seed,
             callback=self.reporter,
-            finish=polished,
+            finish=finished,
             after=after,
             journal=self.journal,
         )
@@ -291,16 +283,3 @@ def _error(attempt: Attempt) -> float:
     """Return the largest error of a metric, more if the contours have to be cleaned."""
     aims = aims_of(attempt.problem.metrics)
     return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN
-
-
-def _best_without_islands(result: DesignResult, printed: PrintedDesign) -> Floats:
-    """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
-    problem, near = problem_of(result), result.final.equilibrium
-    starts, objectives = without_free_islands(problem, result, printed), []
-    for density in starts:
-        try:
-            found = problem.simulate(density, near.state, near.pressures, trial=True)
-            objectives.append(found.objective)
-        except EquilibriumError:  # raised by all ranks or by none
-            objectives.append(np.inf)
-    return starts[int(np.argmin(objectives))]
