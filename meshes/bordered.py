@@ -142,10 +142,19 @@ def _thick(region: BaseGeometry, outline: BaseGeometry, least: float) -> BaseGeo
         opened = shape.buffer(-least / 2, join_style="mitre")
         return shape.difference(opened.buffer((0.5 + ROUNDING) * least, join_style="mitre"))
 
-    inside = shapely.intersection(region, outline, grid_size=grid)
-    gaps = thin(shapely.difference(outline, inside, grid_size=grid))
-    filled = shapely.union(inside, gaps, grid_size=grid)
-    return shapely.difference(filled, thin(filled), grid_size=grid)
+    inside = _polygons(shapely.intersection(region, outline, grid_size=grid))
+    gaps = thin(_polygons(shapely.difference(outline, inside, grid_size=grid)))
+    filled = _polygons(shapely.union(inside, _polygons(gaps), grid_size=grid))
+    spurs = _polygons(thin(filled))
+    return _polygons(shapely.difference(filled, spurs, grid_size=grid))
+
+
+def _polygons(shape: BaseGeometry) -> BaseGeometry:
+    """Return the polygons of a shape, without its lines and points."""
+    parts = shapely.get_parts(shape)
+    return shapely.MultiPolygon(
+        list(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON])
+    )
 
 
 # ------------------------------------------------------------------------------------- outlines
