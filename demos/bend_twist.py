@@ -79,7 +79,7 @@ def case_on(edge: float, lines: LaidLines | None = None) -> tf.Case:
     )
     if lines is None:
         return case
-    return case.following(comm, regions_on(lines.pattern, lines.regions, pattern)).smoothed()
+    return case.following(comm, regions_on(lines.pattern, lines.regions, pattern))
 
 
 # %% [markdown]

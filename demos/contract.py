@@ -76,7 +76,7 @@ def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.Sha
         symmetry=(1,),
     )
     if lines is not None:
-        case = case.following(comm, regions_on(lines.pattern, lines.regions, pattern)).smoothed()
+        case = case.following(comm, regions_on(lines.pattern, lines.regions, pattern))
     return tf.ShapeDesign(comm, case, tf.Regularisation(2 * edge, length_scale=None))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.mpi import collective
 from toros_fem.design.loop.physics import Bounds, Pressure
 from toros_fem.materials.sheet import Composite
@@ -74,6 +74,8 @@ class Case:
         weight: The skin's own weight; None leaves it out.
         contact: What the skin cannot pass through; None for nothing.
         force: Dead forces in N on all assembled vertices, (n, 3).
+        quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
+            is in the lines of a print; None where none is.
     """
 
     pattern: Pattern
@@ -94,6 +96,7 @@ class Case:
     weight: Weight | None = None
     contact: Contact | None = None
     force: Floats | None = None
+    quadratic: Bools | None = None
 
     @cached_property
     def whole(self) -> Mirrored:
@@ -137,25 +140,30 @@ class Case:
         return MirroredObjective(skin, whole, lambda nodes: self._sum(nodes, goal_of_whole))
 
     @collective("comm")
-    def following(self, comm: MPI.Comm, regions: Sequence[BaseGeometry]) -> Case:
+    def following(
+        self, comm: MPI.Comm, regions: Sequence[BaseGeometry], *, printed: bool = True
+    ) -> Case:
         """Return the same case on a mesh whose edges are the borders of a print (collective).
 
-        Each triangle is printed or not, by its prescribed density.
+        Each triangle is printed or not, by its prescribed density. In print its displacement is
+        quadratic, but in panels that are printed all over.
 
         Args:
             comm: Communicator.
             regions: Print on each panel of the pattern, polygons in m.
+            printed: Whether this is the print; if not, densities are designed on its mesh.
 
         Raises:
             PanelError: The number of regions is not that of the panels.
             PatternError: Borders of the print meet each other.
         """
-        finer, printed = bordered(comm, self.pattern, regions)
-        return replace(self.on_finer(finer), passive=printed.astype(np.float64), start=None)
-
-    def smoothed(self) -> Case:
-        """Return the same case with smoothed strains (`Membrane.strain`), as prints have."""
-        return replace(self, composite=(self.composite or Composite()).smoothed())
+        finer, inside = bordered(comm, self.pattern, regions)
+        made, panel = self.on_finer(finer), finer.pattern.panel
+        if not printed:
+            return made
+        bare = np.bincount(panel, ~inside, minlength=len(regions)) > 0
+        given, quadratic = inside.astype(np.float64), inside & bare[panel]
+        return replace(made, passive=given, start=None, quadratic=quadratic)
 
     def on(self, pattern: Pattern) -> Case:
         """Return the same case on the same triangles, whose vertices have moved.
@@ -191,18 +199,22 @@ class Case:
     def on_finer(self, finer: Remeshed) -> Case:
         """Return the same case on a finer mesh of its pattern, as `refined` does."""
         target = self.target
+        if not callable(target):
+            there = make_transfer(self.pattern, finer.pattern)
+            target = there.positions(np.asarray(target))
         passive, start, force, of_parts = self.passive, self.start, self.force, finer
         if len(self.symmetry) and self.parts_of_whole:
             of_parts = self.whole.refined(finer, self.symmetry)
         return replace(
             self,
             pattern=finer.pattern,
-            target=target if callable(target) else finer.at_vertices(np.asarray(target)),
+            target=target,
             supports=self.supports.refined(finer),
             parts=[p.refined(of_parts) if hasattr(p, "refined") else p for p in self.parts],
             passive=None if passive is None else np.asarray(passive)[finer.cell],
             start=None if start is None else np.asarray(start)[finer.cell],
             chambers=self.chambers and self.chambers.refined(finer),
+            quadratic=None if self.quadratic is None else self.quadratic[finer.cell],
             force=None if force is None else refined_force(finer, self.pattern, np.asarray(force)),
         )
 

@@ -98,6 +98,7 @@ class ShapeDesign(ShapeProblem):
             chambers=case.chambers,
             weight=case.weight,
             contact=case.contact,
+            quadratic=case.quadratic,
         )
         physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
         beyond = whole if whole.parts > 1 else None
@@ -170,14 +171,14 @@ class ShapeDesign(ShapeProblem):
 
     @collective("self.comm")
     def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
-        """Return the design whose mesh follows a print, with smoothed strains (collective).
+        """Return the design on a mesh whose edges are the borders of a print (collective).
 
         Variants, width constraints and perimeter are left out: nothing is designed there.
 
         Args:
             regions: Print on each panel of the pattern, polygons in m.
         """
-        case = self.case.following(self.comm, regions).smoothed()
+        case = self.case.following(self.comm, regions)
         return self._with(case, self.regularisation.plain)
 
     def refined(self) -> ShapeDesign:

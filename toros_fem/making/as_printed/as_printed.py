@@ -126,7 +126,7 @@ def as_printed(
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it (collective).
 
-    A `ShapeDesign` is simulated on a mesh whose edges follow the print, with smoothed strains. What
+    A `ShapeDesign` is simulated on a mesh whose edges are the borders of the print. What
     is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels. Free
     islands smaller than the area, in m², are removed; larger ones are bridged.
 

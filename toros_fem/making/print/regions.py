@@ -50,9 +50,9 @@ def with_more(
 def case_of_print(
     comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
 ) -> tuple[Case, list[BaseGeometry]]:
-    """Return a case that follows a print, with smoothed strains, and `print_on` it (collective)."""
+    """Return a case whose mesh has the borders of a print, and `print_on` it (collective)."""
     own = print_on(comm, case, pattern, regions)
-    return case.following(comm, own).smoothed(), own
+    return case.following(comm, own), own
 
 
 @collective("comm")

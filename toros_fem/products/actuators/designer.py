@@ -204,7 +204,8 @@ class Designer(Distributed, DensityDesigner):
             return None
 
         def goal(other: ActuatorScene) -> Case:
-            return other.case(comm, scene.density_level).following(comm, found.made.regions)
+            case = other.case(comm, scene.density_level)
+            return case.following(comm, found.made.regions, printed=False)
 
         chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
         made = replace(found.made, printed=self.trimmed(found.made.printed))

@@ -439,8 +439,9 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
 
     Width constraints hold from the first step, and the filter radius is about the lines' width.
     """
-    made, history = found.made, found.best.relaxed.history
-    lines, problem = made.printed.evaluation, job.problem(made.case, job.scene.density_level)
+    made, history, level = found.made, found.best.relaxed.history, job.scene.density_level
+    case = job.scene.case(job.comm, level).following(job.comm, made.regions, printed=False)
+    lines, problem = made.printed.evaluation, job.problem(case, level)
     assert lines is not None
     carried = CarriedDesign(
         made.problem.skin.pattern,

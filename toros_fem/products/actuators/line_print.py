@@ -96,7 +96,7 @@ def print_of_lines(
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(job.comm, cleaning)
-    fine = case.following(job.comm, regions).smoothed()
+    fine = case.following(job.comm, regions)
     problem = job.problem(fine, level)
 
     again = Again(near, (case.whole.pattern, cleaned.regions), pressures)

@@ -66,7 +66,7 @@ def simulated_on(job: Job, level: Level, again: Again) -> Evaluation[Equilibrium
         case, own = case_of_print(comm, case, *again.printed)
         fine = case.pattern
         part = on_first_rank(comm, lambda: printed_fractions(fine, own))
-    problem = job.problem(case.smoothed(), level)
+    problem = job.problem(case, level)
     here = part[problem.skin.owned_cells]
     start = state_near(problem, *again.near)
     return problem.simulate_binary(here, start=start, pressure=again.pressures)

@@ -93,7 +93,6 @@ def simulate_actuator(
     made, level, density, regions = _printed(comm, scene, pattern)
     if pattern is not None and not scene.pressure.hold_pressure:
         _tell_pressure(comm, scene.pressure.pressure, Path(pattern))
-    made = made.smoothed()
     skin = sew(comm, made.pattern)
     log = print_step(comm) if job.verbose else None
     assert made.composite is not None
@@ -104,6 +103,7 @@ def simulate_actuator(
         log=log,
         chambers=made.chambers,
         contact=made.contact,
+        quadratic=made.quadratic,
     )
     own = density[skin.owned_cells]
     pressures = np.linspace(0.0, scene.pressure.pressure, scene.results.curve_steps + 1)[1:]

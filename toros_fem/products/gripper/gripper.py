@@ -306,11 +306,9 @@ class GripperScene(ActuatorScene):
         target, angle = self._bent(pattern)
         inner = pattern.panel == pattern.panel_index("top")
         off_middle = np.abs(plane_centroids(pattern)[:, 1])
-        supports = self.mounted(pattern) | symmetry_plane(pattern, 1)
         contact, body = self.held_contact, self.body
         contact_sizes = contact.sizes(self.material.composite)
-        strip = self.touching_vertices(pattern, edge).astype(np.float64)
-        if not strip.any():
+        if not self.touching_vertices(pattern, edge).any():
             raise ParameterError(
                 f"size = {self.object.size:.3g} m: no vertex of the fingers would touch an object "
                 f"as small as this with edges of {edge:.3g} m. Take a larger one, or a smaller "
@@ -321,21 +319,23 @@ class GripperScene(ActuatorScene):
         direction = (self.contact.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
         force = goal.holding_factor * self.object.mass * GRAVITY / (2 * self.fingers)
 
+        def held(pattern: Pattern) -> Supports:
+            return self.mounted(pattern) | symmetry_plane(pattern, 1)
+
         def touching(nodes: Nodes, target: Floats) -> Objective:
+            strip = self.touching_vertices(nodes.pattern, edge).astype(np.float64)
             return GapObjective(nodes, body, strip, goal.contact_weight)
 
         def holding(nodes: Nodes, target: Floats) -> Objective:
-            weight = goal.holding_weight
-            return HoldingObjective(
-                nodes, contact, contact_sizes, supports.fixed, direction, force, weight
-            )
+            fixed, weight = held(nodes.pattern).fixed, goal.holding_weight
+            return HoldingObjective(nodes, contact, contact_sizes, fixed, direction, force, weight)
 
         def gap(pattern: Pattern, positions: Floats) -> float:
             return 1e3 * mean_gap(body, pattern, positions, self.touching_vertices(pattern, edge))
 
         at_rest = gap(pattern, pattern.points)
         return replace(
-            self.loaded(pattern, target, supports, (1,)),
+            self.loaded(pattern, target, held(pattern), (1,)),
             parts=[self.leg.sections(pattern, goal), touching, holding],
             metrics=(Metric("gap", "mm", 0.0, gap, scale=at_rest), angle),
             passive=np.where(inner & (off_middle < sizes.backbone_width / 2), 1.0, np.nan),

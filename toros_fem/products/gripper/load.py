@@ -31,6 +31,7 @@ from toros_fem.mechanics.paths.trace_point import until_failure
 from toros_fem.mechanics.skin.dead_loads import GRAVITY
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Mirrored, sew
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import normals
 from toros_fem.products.actuators.estimates import OnOtherMesh, trial_intervals
 from toros_fem.products.actuators.result import ActuatorResult
@@ -293,7 +294,9 @@ def lift(
     drawn = designed.fields.start(design.search.seed)
     _, initial = designed.fields.forward(designed.fields.with_passive(drawn))
     grip = grip_of(comm, problem, scene)
-    begun = grip.every(problem, designed.skin.gather_cells(initial))
+    # On the mesh of the print, so that both are seen alike.
+    there = make_transfer(designed.skin.pattern, problem.skin.pattern)
+    begun = grip.every(problem, there.at_cells(designed.skin.gather_cells(initial)))
     first, pull = grip.pull(begun, shown.equilibrium.pressures, None), grip.pull_of(shown)
     figures = pull.figures
     intervals = {}  # where the pull ends early the held mass is a lower bound

@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.design.loop.case import Case
@@ -352,8 +352,9 @@ class WalkerScene(ActuatorScene):
         skin = shown.problem.skin
         quarter = skin.gather_cells(shown.projected)
         half = mirrored(skin.pattern, (0,))
-        density = half.at_cells(quarter)
-        return self.follow(comm, gait, half.pattern, density, full)
+        density, case = half.at_cells(quarter), shown.problem.case
+        quadratic = None if case.quadratic is None else half.at_cells(case.quadratic)
+        return self.follow(comm, gait, half.pattern, density, full, quadratic)
 
     def follow(
         self,
@@ -362,6 +363,7 @@ class WalkerScene(ActuatorScene):
         half: Pattern,
         density: Floats,
         pressures: Sequence[float],
+        quadratic: Bools | None = None,
     ) -> Walk:
         """Simulate half of a robot on the ground through one cycle of a gait (collective).
 
@@ -372,17 +374,19 @@ class WalkerScene(ActuatorScene):
             half: Half of the robot, at y ≥ 0.
             density: Printed part of each triangle of the half, (t,).
             pressures: Full pressure of each chamber in Pa, (3,).
+            quadratic: As of `Case`.
         """
         skin, supports, sheets = sew(comm, half), symmetry_plane(half, 1), self.material
         sizes = self.contact_on(half, 0.0).sizes(sheets.composite)
         start, height = flat_on_ground(comm, half, supports, sizes)
         solver = EquilibriumSolver(
             skin,
-            sheets.composite.smoothed(),
+            sheets.composite,
             supports,
             chambers=chambers(half, self.star),
             weight=Weight(sheets.fabric_mass, sheets.fabric_mass + sheets.print_mass),
             contact=self.contact_on(half, height),
+            quadratic=quadratic,
         )
         legs = [
             leg.angle_metric(self.leg_angle, name=f"leg_{k}")
