@@ -10,6 +10,7 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.bending import Edges, edge_angles
+from toros_fem.forms.bubbles import POINTS, Bubbles
 from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, minus, total
 from toros_fem.forms.kinematics import CELL, Strain, Triangle, edge_products
 from toros_fem.forms.lines import Lines
@@ -27,6 +28,7 @@ class EnergyTerm:
     Attributes:
         edges: Constants of the triangles' edges, of the term by which the sheet bends.
         smoothing: Constants of the triangles around, of the sheet; None: strains are not smoothed.
+        bubbles: Unknowns of edges by which strains are linear in a triangle; None for none.
         symbols: All else that its laws read, as of `base.compiled_forms.SharedForms`: terms of one
             class differ in nothing but these. NotImplemented: not known, no forms are shared.
     """
@@ -34,6 +36,7 @@ class EnergyTerm:
     symbols: Any = NotImplemented
     edges: Edges | None = None
     smoothing: Smoothing | None = None
+    bubbles: Bubbles | None = None
 
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:
         """Return the nodes that a triangle sees from the parts of a patch, or of a variation."""
@@ -129,7 +132,8 @@ def skin_forms(
     t = Triangle(seen(q), ufl.Jacobian(domain), density, lines)
     variation, adjoint_parts = seen(ufl.TestFunction(space)), seen(adjoint)
     smoothing = next((term.smoothing for term in terms if term.smoothing is not None), None)
-    metrics = _metrics(t, smoothing)
+    bubbles = next((term.bubbles for term in terms if term.bubbles is not None), None)
+    metrics = _metrics(t, smoothing, bubbles, geometric[0])
     whole = _stored(t, metrics, terms, geometric)
     placed = ((number, term.of_place(t)) for number, term in enumerate(terms))
     loads = {number: load for number, load in placed if load is not None}
@@ -208,8 +212,16 @@ def _stored(
     return Jet(value, jet.gradient, jet.hessian)
 
 
-def _metrics(t: Triangle, smoothing: Smoothing | None) -> list[Part]:
+def _metrics(
+    t: Triangle, smoothing: Smoothing | None, bubbles: Bubbles | None, geometric: Any
+) -> list[Part]:
     """Return (e₁·e₁, e₂·e₂, e₁·e₂) of equal parts of a triangle, each as a function of vectors."""
+    if bubbles is not None:
+        held = t.nodes[bubbles.first : bubbles.first + 2]
+        return [
+            (lambda *given, at=at: bubbles.metric(at, geometric, *given), (*t.edges, *held))
+            for at in POINTS
+        ]
     if smoothing is None:
         return [(lambda *edges: edge_products((edges[0], edges[1])), t.edges)]
     return [

@@ -115,18 +115,21 @@ def compose(
     law: Callable[..., Scalar],
     inputs: Sequence[Jet],
     stress: Callable[[list[Scalar]], Sequence[Scalar]] = lambda first: first,
+    bend: Scalar = 1,
 ) -> Jet:
     """Return a law of jets as a jet; `ufl.diff` differentiates the law, a function of scalars.
 
     `stress` makes what stands for the law's first derivatives in front of the second ones of the
-    inputs; the derivatives themselves give the exact Hessian.
+    inputs; the derivatives themselves give the exact Hessian. `bend` is a factor on the law's own
+    second derivatives.
     """
     given = [ufl.variable(jet.value) for jet in inputs]
     value = law(*given)
     first = [ufl.diff(value, x) for x in given]
     count = range(len(given))
     second: dict[Pair, Scalar] = {
-        (a, b): ufl.diff(first[a], given[b]) for a, b in combinations_with_replacement(count, 2)
+        (a, b): _times(ufl.diff(first[a], given[b]), bend)
+        for a, b in combinations_with_replacement(count, 2)
     }
     unknowns = sorted(set().union(*(jet.gradient for jet in inputs)))
     by_input = {

@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
@@ -87,22 +86,39 @@ def with_flat_points(pattern: Pattern, flat: Floats) -> Pattern:
     inner[pattern.sewn[edges.ends[edges.border]]] = False
     points, panel = pattern.points.copy(), pattern.panel_of_point
     moved = np.flatnonzero(np.any(flat != pattern.flat_points, axis=1))
-    normal = _normals(pattern)
-    for number in np.unique(panel[moved]):
-        here, cells = moved[panel[moved] == number], np.flatnonzero(pattern.panel == number)
-        near = min(NEIGHBOURS, len(cells))
-        found = cKDTree(pattern.centroids[cells]).query(flat[here], k=near)[1]
-        around = cells[np.reshape(found, (len(here), near))]
-        weights = barycentric(pattern.corners[around], flat[here][:, None, None])[:, :, 0]
-        row, best = np.arange(len(here)), np.argmax(weights.min(axis=2), axis=1)
-        weight, corner = weights[row, best], pattern.flat_triangles[around[row, best]]
-        corners, up = pattern.points[pattern.sewn[corner]], normal[corner]
-        place = np.einsum("ij,ijk->ik", weight, corners)
-        off = np.einsum("ijk,ijk->ij", place[:, None] - corners, up)
-        bulge = 0.5 * np.einsum("ij,ij,ijk->ik", weight, off, up)
-        vertex = pattern.sewn[here]
-        points[vertex] = place - bulge * inner[vertex][:, None]
+    cell, weight = located(pattern, panel[moved], flat[moved])
+    vertex = pattern.sewn[moved]
+    points[vertex] = places_on(pattern, cell, weight, curved=inner[vertex])
     return replace(pattern, flat_points=flat, points=points)
+
+
+def located(pattern: Pattern, panel: Ints, places: Floats) -> tuple[Ints, Floats]:
+    """Return the triangle at each place, (k, 2) in m on panels (k,), and barycentric coordinates.
+
+    A place outside of its panel gets the nearest triangle.
+    """
+    cell: Ints = np.zeros(len(places), dtype=np.int64)
+    for number in np.unique(panel):
+        here, cells = np.flatnonzero(panel == number), np.flatnonzero(pattern.panel == number)
+        tree = shapely.STRtree(shapely.polygons(pattern.corners[cells]))
+        cell[here] = cells[tree.nearest(shapely.points(places[here]))]
+    weight: Floats = barycentric(pattern.corners[cell], places[:, None])[:, 0]
+    inner = np.maximum(weight, 0.0)
+    return cell, inner / inner.sum(axis=1, keepdims=True)
+
+
+def places_on(pattern: Pattern, cell: Ints, weight: Floats, *, curved: Bools) -> Floats:
+    """Return assembled places, (k, 3), in triangles at barycentric coordinates, (k,) and (k, 3).
+
+    Those that are `curved` lie on the curved surface that the normals of the panel suggest, as of
+    `with_flat_points`, others in the flat triangle.
+    """
+    corner = pattern.flat_triangles[cell]
+    corners, up = pattern.points[pattern.sewn[corner]], _normals(pattern)[corner]
+    place = np.einsum("ij,ijk->ik", weight, corners)
+    off = np.einsum("ijk,ijk->ij", place[:, None] - corners, up)
+    bulge = 0.5 * np.einsum("ij,ij,ijk->ik", weight, off, up)
+    return np.asarray(place - bulge * curved[:, None])
 
 
 def _normals(pattern: Pattern) -> Floats:

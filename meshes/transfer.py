@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -12,7 +13,14 @@ from scipy.sparse import csr_array
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import PanelError, PatternError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.triangles import barycentric, cross, edges_of, flat_areas, require_fewer
+from toros_fem.meshes.triangles import (
+    barycentric,
+    cross,
+    edges_of,
+    flat_areas,
+    half_edges,
+    require_fewer,
+)
 
 # Largest relative difference in size of a panel on two meshes; a round outline that is a polygon
 # of six sides on one of them is smaller by 17 % in its area and by 13 % in its width.
@@ -27,26 +35,57 @@ PAIRS = 500_000
 
 
 @dataclass(frozen=True, eq=False)
-class Refinement:
-    """A refined pattern, and its relation to the coarse one.
+class Remeshed:
+    """A finer mesh of the same flat panels with the same seams, and its relation to the first one.
 
     Attributes:
-        pattern: The refined pattern: the same flat panels, the same seams.
-        cell: Coarse triangle of which each triangle is a quarter, shape (4 t,).
-        ends: Two coarse vertices with each assembled vertex in their middle, shape (n, 2); both
-            are the same for a vertex of the coarse pattern.
+        source, pattern: The first pattern, and the finer one.
+        cell: Triangle of the source in which each triangle, by its centroid, lies, (t,).
+        ends: Vertices of the source between which each assembled vertex lies, (n, k): on an edge
+            its ends, in a triangle its corners, each of them at least once.
+        weights: Share of each of them, (n, k).
     """
 
+    source: Pattern
     pattern: Pattern
     cell: Ints
     ends: Ints
+    weights: Floats
 
     def at_vertices(self, values: Floats) -> Floats:
-        """Interpolate values at the coarse vertices, (n, …), to the refined ones."""
-        return np.asarray(values[self.ends].mean(axis=1))
+        """Interpolate values at the source's vertices, (n, …)."""
+        return np.asarray(np.einsum("ij,ij...->i...", self.weights, values[self.ends]))
+
+    def free_edges(self) -> Ints:
+        """Return the free edge of the source on which each free edge lies, (k,)."""
+        before, after = (_FreeEdges.of(pattern) for pattern in (self.source, self.pattern))
+        return before.nearest(after)
 
 
-def refine(pattern: Pattern) -> Refinement:
+class _FreeEdges(NamedTuple):
+    """Free edges in the flat charts: panel and ends of each, in the order of `free_edges`."""
+
+    panel: Ints
+    ends: Floats
+
+    @classmethod
+    def of(cls, pattern: Pattern) -> _FreeEdges:
+        half = pattern.edges.twins[pattern.edges.border, 0]
+        ends = pattern.flat_points[half_edges(pattern.flat_triangles)[half]]
+        return cls(pattern.panel[half // 3], ends)
+
+    def nearest(self, others: _FreeEdges) -> Ints:
+        """Return the number of the edge of the same panel nearest to the middle of each other."""
+        found = np.full(len(others.panel), -1)
+        for panel in np.unique(others.panel):
+            here, there = np.flatnonzero(self.panel == panel), others.panel == panel
+            tree = shapely.STRtree(shapely.linestrings(self.ends[here]))
+            middles = others.ends[there].mean(axis=1)
+            found[there] = here[tree.nearest(shapely.points(middles))]
+        return found
+
+
+def refine(pattern: Pattern) -> Remeshed:
     """Divide each triangle into four by the middles of its edges; panels keep their outlines."""
     require_fewer(4 * len(pattern.panel), float(pattern.areas.sum()))
     flat, tri = pattern.flat_points, pattern.flat_triangles
@@ -66,7 +105,8 @@ def refine(pattern: Pattern) -> Refinement:
         sewn=np.concatenate([pattern.sewn, count + sewn_middle.ravel()]),
         points=pattern.points[vertices].mean(axis=1),
     )
-    return Refinement(fine, np.repeat(np.arange(len(tri)), 4), vertices)
+    halves = np.full(vertices.shape, 0.5)
+    return Remeshed(pattern, fine, np.repeat(np.arange(len(tri)), 4), vertices, halves)
 
 
 @dataclass(frozen=True, eq=False)

@@ -190,6 +190,19 @@ TERMS = {
     "lines with a side": Term(
         {}, composite=replace(SHEET, print_side="inside"), lines=2, kinds=2
     ),
+    "quadratic": Term({"quadratic": TOP}, kinds=2),
+    "quadratic membrane": Term(
+        {"quadratic": TOP}, composite=replace(SHEET, bending=None), kinds=2
+    ),
+    "quadratic, own bounds": Term({"quadratic": TOP}, composite=TIGHT, kinds=2),
+    "quadratic tension field": Term(
+        {"quadratic": TOP}, kinds=2,
+        composite=replace(SHEET, bending=None, membrane=Membrane("tension-field", 1e-3)),
+    ),
+    "quadratic, printed outside, knit": Term(
+        {"quadratic": TOP}, kinds=2,
+        composite=replace(SHEET, print_side="outside", knit=Knit(3.0, 0.4)),
+    ),
     "pressure": Term({}, PRESSED, by_hand=volume_work),
     "pressure on a half": Term(
         None, PRESSED, skin=HALF, kinds=2, free=False,

@@ -35,6 +35,7 @@ from toros_fem.mechanics.terms.sheet import (
     Courses,
     LineFamilies,
     OffsetPrint,
+    QuadraticEdges,
     RubberLayer,
     Sheet,
 )
@@ -130,7 +131,9 @@ class SkinModel:
         design, entries = self.design, ufl.TestFunction(self.entry_space)
         read = design.density, design.lines
         self._symbols = self.q, self._adjoint, entries, read, self.geometric
-        of_terms = [(type(one), one.symbols, one.edges, one.smoothing) for one in self.terms]
+        of_terms = [
+            (type(one), one.symbols, one.edges, one.smoothing, one.bubbles) for one in self.terms
+        ]
         self._shared = SharedForms(skin.mesh, (self._symbols, of_terms))
         self._energy = self.compiled("energy", lambda forms: forms.energy)
         self._residual = self.compiled("residual", lambda forms: forms.residual)
@@ -214,7 +217,10 @@ class SkinModel:
         seen = np.asarray(q[self._dofs[:, :nodes]])
         for term in self.terms:
             seen = term.moved(seen, q)
-        return seen
+        first = self.bounds.bubbles
+        if first is None or nodes != self.bounds.nodes:
+            return seen
+        return np.concatenate([seen, q[self._dofs[:, first : first + 2]]], axis=1)
 
     def count_folds(self, state: Floats, angle: float) -> int:
         """Return how many hinges of triangles fold by more than an angle in rad; see `Bend`."""
@@ -365,6 +371,8 @@ class Further(TypedDict, total=False):
         design: Makes of skin and composite what is designed; None for `Densities`. A
             `functools.partial` of `LineDesign` makes line families.
         periodic: The tile that the skin is.
+        quadratic: Whether the displacement in the plane of each triangle, (t,), is quadratic, as it
+            is in printed lines.
     """
 
     chambers: Chambers | None
@@ -372,6 +380,7 @@ class Further(TypedDict, total=False):
     contact: Contact | None
     design: Callable[[Skin, Composite], Densities] | None
     periodic: Periodic | None
+    quadratic: Bools | None
 
 
 @collective("skin.comm")
@@ -425,6 +434,13 @@ def make_model(
     if bending is not None:
         repeats = periodic is not None
         terms.append(Bend(skin, composite, bending, supports, repeats=repeats))
+    quadratic = further.get("quadratic")
+    if quadratic is not None:
+        sheet, first = terms[0].bounds, 3
+        if bending is not None:
+            first = 7 if bending.curvature == "midedge" else 6
+        assert sheet is not None
+        terms.append(QuadraticEdges(skin, supports, sheet, quadratic, first))
     if composite.print_side is not None:
         terms.append(OffsetPrint(skin, composite))
     if periodic is not None:

@@ -298,7 +298,7 @@ class BlockPairs:
         number = index_map.local_to_global(local)
         self._row, dofs, present = triangles.rows, triangles.dofs, triangles.present
         unknowns = dofs.shape[1]
-        nodes = min(unknowns, 18) // 3
+        nodes = 3 if model.bend is None and model.design.around is None else 6
         first = np.append(np.arange(0, 3 * nodes, 3), np.arange(3 * nodes, unknowns))
         width = np.where(first < 3 * nodes, 3, 1)
         u, v = np.triu_indices(len(first))

@@ -11,9 +11,10 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.compiled_forms import assembled
 from toros_fem.base.mpi import largest, smallest
+from toros_fem.forms.bubbles import POINTS, gradient_at
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.hinges import Flaps
@@ -23,6 +24,7 @@ COLLAPSED = 1e-6
 # From the fraction OUTSIDE of its bounds a triangle of a start is outside. Its bounds are loosened,
 # so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance.
 OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
+EVERY = slice(None)
 # Least fraction of the way back that is gone with a predicted motion.
 SHORTEST = 1 / 16
 
@@ -46,8 +48,14 @@ def _product(u: Floats, v: Floats, matrix: Floats) -> Floats:
     return np.stack([u * a + v * c, u * b + v * d])
 
 
-def _times(factors: Floats, matrices: Floats) -> Floats:
-    return factors.reshape(-1, *(1,) * (matrices.ndim - 1)) * matrices
+def reference_gradients(one: Floats, two: Floats, held: Floats, scales: Floats) -> list[Any]:
+    """Return the matrices G of `Bubbles` at its points, each 2×2 with entries (n,).
+
+    Edges of the triangles from the first corner, (3, n), unknowns of all edges, (6, n), and their
+    scales, (3, n).
+    """
+    a, b, c = (one * one).sum(axis=0), (two * two).sum(axis=0), (one * two).sum(axis=0)
+    return [gradient_at(point, (a, b, c), [*held], scales, np.sqrt) for point in POINTS]
 
 
 class StretchBounds:
@@ -62,7 +70,12 @@ class StretchBounds:
 
     Attributes:
         nodes: Number of nodes that are given of each triangle, 3 or 6.
+        bubbles: Number of the first of two more, which hold the unknowns of its edges as of
+            `forms.bubbles.Bubbles`, and are given after these; None without. Then three points of
+            each triangle are tested.
     """
+
+    bubbles: int | None = None
 
     def __init__(
         self,
@@ -88,22 +101,38 @@ class StretchBounds:
         """Take the weights of the triangles across the edges in the smoothed strain, (n, 3)."""
         self._roots = np.sqrt(np.stack([1 - shares, shares], axis=1)).transpose(2, 1, 0)
 
+    def take_bubbles(self, first: int, scales: Floats) -> None:
+        """Take the place of the unknowns of edges, and the scales of those of `flat`, (n, 3)."""
+        self.bubbles, self._scales = first, np.ascontiguousarray(scales.T)
+
     def gradient(self, corners: Floats) -> Floats:
         """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
         # Components first: each is then one array without gaps.
         first, second, third = np.ascontiguousarray(corners[:, :3].transpose(1, 2, 0))
         return _product(second - first, third - first, self._inverse_chart).T
 
-    def _factors(self, nodes: Floats) -> Floats:
-        """Matrices A, linear in the nodes, with AᵀA = C, (n, 3, 2), or (n, 3, 6, 2) of thirds."""
-        own = self.gradient(nodes)
+    def _factors(self, nodes: Floats, cells: Ints | slice = EVERY) -> Floats:
+        """Matrices A with AᵀA = C, (n, 3, 2), or of three parts of a triangle, (n, 3, k, 2).
+
+        The nodes are those of some of the triangles.
+        """
+        at, chart = np.ascontiguousarray(nodes.transpose(1, 2, 0)), self._inverse_chart[..., cells]
+        one, two = at[1] - at[0], at[2] - at[0]
+        if self.bubbles is not None:
+            matrices = reference_gradients(one, two, at[3:].reshape(6, -1), self._scales[:, cells])
+            parts = [
+                _product(G[0][0] * one + G[1][0] * two, G[0][1] * one + G[1][1] * two, chart)
+                for G in matrices
+            ]
+            return np.stack(parts, axis=2).T
+        own = _product(one, two, chart)
         if self.nodes == 3:
-            return own
-        at, parts = np.ascontiguousarray(nodes.transpose(1, 2, 0)), []
-        for k, (mine, other) in enumerate(self._roots):
+            return own.T
+        parts = []
+        for k, (mine, other) in enumerate(self._roots[..., cells]):
             start, end = at[(k + 1) % 3], at[(k + 2) % 3]
-            there = _product(end - start, at[3 + k] - start, self._across[k])
-            parts.append(np.concatenate([mine * own.T, other * there], axis=1))
+            there = _product(end - start, at[3 + k] - start, self._across[k][..., cells])
+            parts.append(np.concatenate([mine * own, other * there], axis=1))
         return np.stack(parts, axis=2).T
 
     def _strains(self, F: Floats) -> tuple[Floats, Bools]:
@@ -146,18 +175,19 @@ class StretchBounds:
         upper bounds are convex in x, so that they also hold during the step. The lower ones are
         tested at its end only, and the energy there decides.
         """
-        F, G = self._factors(corners), self._factors(direction)
-        use = self._use(F)
+        use = self._use(self._factors(corners))
         limit = use + fraction * (1 - use)
-        beyond = np.flatnonzero(~(self._use(F + G) <= limit))
+        beyond = np.flatnonzero(~(self._use(self._factors(corners + direction)) <= limit))
         step = 1.0
         if len(beyond):
-            F, G, limit, room = F[beyond], G[beyond], limit[beyond], self._room[:, beyond]
+            limit, room = limit[beyond], self._room[:, beyond]
+            begin, way = corners[beyond], direction[beyond]
             inside: Floats = np.zeros(len(beyond))
             outside: Floats = np.ones(len(beyond))
             for _ in range(20):
                 middle = (inside + outside) / 2
-                good = self._use(F + _times(middle, G), room) <= limit
+                at = begin + middle[:, None, None] * way
+                good = self._use(self._factors(at, beyond), room) <= limit
                 inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
             step = float(inside.min())
         return smallest(self._comm, step)
@@ -253,13 +283,13 @@ class MixedBounds(StretchBounds):
 
     def _follow(self, corners: Floats, motion: Floats) -> float:
         """Narrow loosened bounds with a motion, as far as all triangles stay inside; 0 if not."""
-        F, G = self._factors(corners), self._factors(motion)
         whole = self._true - self._room
-        limit = 1 - KEPT * (1 - self._use(F))
+        limit = 1 - KEPT * (1 - self._use(self._factors(corners)))
         fraction = 1.0
         while fraction >= SHORTEST:
             room = self._room + fraction * whole if fraction < 1 else self._true
-            inside = bool((self._use(F + fraction * G, room) <= limit).all())
+            there = self._factors(corners + fraction * motion)
+            inside = bool((self._use(there, room) <= limit).all())
             if smallest(self._comm, float(inside)) > 0:
                 self._set(room)
                 return fraction

@@ -24,7 +24,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Refinement
+from toros_fem.meshes.transfer import Remeshed
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
 
 # Cosine between a guided edge and the normal of its plane.
@@ -103,21 +103,20 @@ class Supports:
             tuple(dict.fromkeys(self.planes + other.planes)),
         )
 
-    def refined(self, finer: Refinement) -> Supports:
-        """Return supports of a refined pattern: a middle is fixed if both its ends are.
+    def refined(self, finer: Remeshed) -> Supports:
+        """Return supports of a finer mesh: a vertex is fixed if all between which it lies are.
 
         This is right for whole panels and straight borders.
         """
         displacement, count = self.displacement, len(self.fixed)
         if displacement is not None:
             displacement = finer.at_vertices(displacement)
-        known = edge_keys(finer.ends[count:], count)
-        middle = count + np.searchsorted(known, edge_keys(self.guided, count))
-        halves = np.stack([self.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
+        on_edge = edge_keys(finer.source.free_edges, count)[finer.free_edges()]
+        guide, edge = np.nonzero(edge_keys(self.guided, count)[:, None] == on_edge)
         return Supports(
             np.asarray(self.fixed[finer.ends].all(axis=1)),
-            halves.reshape(-1, 2),
-            np.repeat(self.normals, 2, axis=0),
+            finer.pattern.free_edges[edge],
+            self.normals[guide],
             displacement,
             self.planes,
         )

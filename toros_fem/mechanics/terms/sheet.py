@@ -11,9 +11,10 @@ import numpy as np
 from dolfinx import fem, la
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.forms.bending import Edges, bending_energy, coupling_energy, coupling_of_lines
+from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle, interpolate
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
@@ -42,6 +43,10 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.mechanics.terms.term import Compiled, Term
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.triangles import normals, opposite_edges
+
+# A direction whose component along an axis is below this fraction of it lies in the plane across.
+IN_PLANE = 1e-6
 
 
 class Sheet(Term):
@@ -149,6 +154,54 @@ class Sheet(Term):
     def moduli(self, design: Densities) -> Floats | float:
         both = zip(self._mu, self._lam, strict=True)
         return design.mix(*(2 * float(mu.value) + float(lam.value) for mu, lam in both))
+
+
+class QuadraticEdges(Term):
+    """Bubbles on the edges of some triangles, whose displacement is quadratic in their plane.
+
+    Along a clamped edge, and across one in a symmetry plane, there are none.
+    """
+
+    def __init__(
+        self, skin: Skin, supports: Supports, bounds: StretchBounds, cells: Bools, first: int
+    ) -> None:
+        skin.mesh.topology.create_entities(1)
+        index_map = skin.mesh.topology.index_map(1)
+        facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+        owned = len(skin.owned_cells)
+        used = la.vector(index_map, 1)
+        used.array[facets[:owned][cells[skin.owned_cells]].ravel()] = 1.0
+        used.scatter_reverse(la.InsertMode.add)
+        used.scatter_forward()
+
+        numbers, _ = pattern_edges(skin)
+        fixed = (used.array[:, None] == 0) | _held(skin.pattern, supports)[numbers]
+        self.unknowns = Unknowns(index_map, fixed, facets, lambda: pattern_edges(skin))
+
+        vertex = skin.vertex[skin.position_space.dofmap.list]
+        ends = opposite_edges(vertex)
+        corners = skin.mesh.geometry.x[: 3 * len(vertex)].reshape(-1, 3, 3)[:, :, :2]
+        sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+        sign = np.where(ends[..., 0] < ends[..., 1], 1.0, -1.0)
+        scales = sign / np.linalg.norm(sides, axis=2)
+        self._scales = cell_function(cell_space(skin, 3), scales)
+        self.symbols = self._scales
+        self.bubbles = Bubbles(first, self._scales)
+        bounds.take_bubbles(first, scales[:owned])
+
+
+def _held(pattern: Pattern, supports: Supports) -> Bools:
+    """Return whether each edge, (e, 2), is held along itself, and across it in the sheet."""
+    edges, triangles = pattern.edges, pattern.triangles
+    along = pattern.points[edges.ends[:, 1]] - pattern.points[edges.ends[:, 0]]
+    half = np.cross(normals(pattern.points, triangles)[:, None], along[edges.of_triangle])
+    across = np.zeros(along.shape)
+    np.maximum.at(across, edges.of_triangle, np.abs(half))
+    held = supports.fixed[edges.ends].all(axis=1)
+    return np.stack(
+        [(held & (abs(way) > IN_PLANE * abs(way).max(axis=1, keepdims=True))).any(axis=1)
+         for way in (along, across)], axis=1,
+    )  # fmt: skip
 
 
 class RubberLayer(Term):
