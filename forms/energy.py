@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -220,7 +219,8 @@ def _metrics(
     if bubbles is not None:
         held = t.nodes[bubbles.first : bubbles.first + 2]
         return [
-            (partial(bubbles.metric, point, geometric), (*t.edges, *held)) for point in POINTS
+            (lambda *given, at=at: bubbles.metric(at, geometric, *given), (*t.edges, *held))
+            for at in POINTS
         ]
     if smoothing is None:
         return [(lambda *edges: edge_products((edges[0], edges[1])), t.edges)]

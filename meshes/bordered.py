@@ -16,10 +16,10 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.meshes.following import located, places_on
-from toros_fem.meshes.makers.flat import faces_mesh
+from toros_fem.meshes.gmsh_model import faces_mesh
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import Remeshed
-from toros_fem.meshes.triangles import cross, edge_keys, edges_of, equilateral_edge, lengths
+from toros_fem.meshes.triangles import cross, edge_keys, edges_of, equilateral_edge
 
 # Edges of a border are as long as the print is wide, in the mean, and at most this fraction of
 # those of the plain fabric.
@@ -101,7 +101,8 @@ def bordered(
 
     Outlines and seams are kept, with their vertices where they turn. Where they are straight, and
     inside, the vertices are new. Borders are simplified by less than a twentieth of the mean width
-    of the regions, so that their areas stay. Returned is whether each triangle lies in a region too.
+    of the regions, so that their areas stay. With the mesh comes whether each triangle lies in a
+    region, (t,).
 
     Args:
         comm: Communicator.
@@ -130,7 +131,8 @@ def _sizes(pattern: Pattern, fabric: float, regions: Regions) -> _Sizes:
         inside = region.boundary.difference(outline.boundary.buffer(near))
         area, border = area + region.area, border + inside.length
     width = 2 * area / border if border else fabric
-    off, joined = min(OFF_WIDTH * width, OFF_EDGE * fabric), min(JOINED_WIDTH * width, JOINED * fabric)
+    off = min(OFF_WIDTH * width, OFF_EDGE * fabric)
+    joined = min(JOINED_WIDTH * width, JOINED * fabric)
     return _Sizes(fabric, min(width, FINER * fabric), off, joined)
 
 
@@ -187,14 +189,9 @@ def _chains(pattern: Pattern) -> list[_Chain]:
     edges = edges_of(pattern.flat_triangles)
     flat = edges.ends[edges.border]
     free = _straight_on(pattern, flat)
+    pairs = [(int(a), int(b)) for a, b in flat]
     around: dict[int, list[int]] = {}
-    for a, b in flat.tolist():
-        around.setdefault(a, []).append(b)
-        around.setdefault(b, []).append(a)
-    keys = edge_keys(pattern.sewn[flat], len(pattern.points))
     sides_of: dict[int, list[tuple[int, int]]] = {}
-    for key, (a, b) in zip(keys.tolist(), flat.tolist(), strict=True):
-        sides_of.setdefault(key, []).append((a, b))
     done: set[int] = set()
     found = []
 
@@ -208,17 +205,20 @@ def _chains(pattern: Pattern) -> list[_Chain]:
             way.append(two if one == way[-2] else one)
         return np.array(way)
 
-    stops = ~free[pattern.sewn[flat]]
-    starts = [(a, b) for (a, b), s in zip(flat.tolist(), stops, strict=True) if s[0]]
-    starts += [(b, a) for (a, b), s in zip(flat.tolist(), stops, strict=True) if s[1]]
-    for a, b in [*sorted(starts), *flat.tolist()]:  # closed outlines without a corner come last
+    for a, b in pairs:
+        around.setdefault(a, []).append(b)
+        around.setdefault(b, []).append(a)
+        sides_of.setdefault(key_of(a, b), []).append((a, b))
+    both_ways = [*pairs, *((b, a) for a, b in pairs)]
+    starts = sorted(pair for pair in both_ways if not free[pattern.sewn[pair[0]]])
+    for a, b in [*starts, *pairs]:  # closed outlines without a corner come last
         key = key_of(a, b)
         if key in done:
             continue
         begin = pattern.sewn[a]
         both = [(c, d) if pattern.sewn[c] == begin else (d, c) for c, d in sides_of[key]]
         sides = [walk(c, d) for c, d in both]
-        done.update(key_of(c, d) for c, d in pairwise(sides[0].tolist()))
+        done.update(key_of(c, d) for c, d in pairwise(map(int, sides[0])))
         steps = np.diff(pattern.flat_points[sides[0]], axis=0)
         reach = np.append(0.0, np.cumsum(np.hypot(*steps.T)))
         found.append(_Chain(pattern.sewn[sides[0]], sides, reach, reach, []))
@@ -528,13 +528,15 @@ def _panel_mesh(
     known = np.full(len(corners), -1)
     on_outline = sum(len(places) for places, _ in outline)
     known[number.ravel()[:on_outline]] = np.concatenate([label for _, label in outline])
-    of_place = {tuple(place): k for k, place in enumerate(corners.tolist())}
+    of_place = {(float(x), float(y)): k for k, (x, y) in enumerate(corners)}
     pieces = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in paths])
     faces = shapely.get_parts(shapely.polygonize(shapely.linestrings(pieces)))
     inside = shapely.area(shapely.intersection(faces, region)) > 0.5 * shapely.area(faces)
     rings = [
-        [[of_place[tuple(p)] for p in shapely.get_coordinates(ring)[:-1].tolist()]
-         for ring in shapely.get_rings(face)]
+        [
+            [of_place[float(x), float(y)] for x, y in shapely.get_coordinates(ring)[:-1]]
+            for ring in shapely.get_rings(face)
+        ]
         for face in faces
     ]  # fmt: skip
     points, triangles, face = faces_mesh(corners, rings, sizes.fabric)
@@ -556,14 +558,16 @@ def _without_bridges(flat: _Flat) -> _Flat:
             return flat
         a, b = edges.ends[np.argmax(bridge)]
         middle, beside = len(flat.points), np.isin(flat.triangles, [a, b]).sum(axis=1) == 2
+        panel, inside = (
+            np.concatenate([value[~beside], value[beside], value[beside]])
+            for value in (flat.panel, flat.inside)
+        )
         halves = [np.where(flat.triangles[beside] == end, middle, flat.triangles[beside])
                   for end in (a, b)]  # fmt: skip
         flat = _Flat(
             np.concatenate([flat.points, flat.points[[a, b]].mean(axis=0)[None]]),
             np.concatenate([flat.triangles[~beside], *halves]),
-            *(
-                np.concatenate([value[~beside], value[beside], value[beside]])
-                for value in (flat.panel, flat.inside)
-            ),
+            panel,
+            inside,
             np.append(flat.label, flat.label.max() + 1),
         )

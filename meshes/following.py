@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats, Ints
@@ -98,12 +97,12 @@ def located(pattern: Pattern, panel: Ints, places: Floats) -> tuple[Ints, Floats
 
     A place outside of its panel gets the nearest triangle.
     """
-    cell, weight = np.zeros(len(places), dtype=np.int64), np.zeros((len(places), 3))
+    cell: Ints = np.zeros(len(places), dtype=np.int64)
     for number in np.unique(panel):
         here, cells = np.flatnonzero(panel == number), np.flatnonzero(pattern.panel == number)
         tree = shapely.STRtree(shapely.polygons(pattern.corners[cells]))
         cell[here] = cells[tree.nearest(shapely.points(places[here]))]
-    weight = barycentric(pattern.corners[cell], places[:, None])[:, 0]
+    weight: Floats = barycentric(pattern.corners[cell], places[:, None])[:, 0]
     inner = np.maximum(weight, 0.0)
     return cell, inner / inner.sum(axis=1, keepdims=True)
 

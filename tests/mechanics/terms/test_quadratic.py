@@ -12,7 +12,8 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.dead_loads import point_force
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.skin.patch_space import pattern_edges
+from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import cylinder, mirrored, sew
 from toros_fem.meshes.makers.sheets import rectangle
 
@@ -21,27 +22,24 @@ WIDE = Composite(SHEET, SHEET, c1=1e3, c2=1e3, bending=None)  # eq. (1) without 
 
 
 def test_a_uniform_strain_needs_no_bubbles(comm: MPI.Comm) -> None:
-    """The patch test: no force acts inside, on vertices or on bubbles."""
-    skin = sew(comm, square(n=4))
-    everywhere = np.ones(len(skin.pattern.panel), dtype=bool)
-    fixed = np.ones((len(skin.pattern.points), 3), dtype=bool)
-    model = make_model(skin, WIDE, Supports(fixed), quadratic=everywhere)
-    model.set_density(np.ones(len(skin.owned_cells)))
-    stretched = affine(model, np.array([[1.2, 0.1], [0.05, 0.9], [0.3, -0.2]]))
-    plain = make_model(skin, WIDE, Supports(fixed))
-    plain.set_density(np.ones(len(skin.owned_cells)))
-    assert model.energy(stretched) == pytest.approx(
-        plain.energy(affine(plain, np.array([[1.2, 0.1], [0.05, 0.9], [0.3, -0.2]]))), rel=1e-12
-    )
+    """The patch test: no force acts on vertices and bubbles inside."""
+    skin, F = sew(comm, square(n=4)), np.array([[1.2, 0.1], [0.05, 0.9], [0.3, -0.2]])
+    pattern, everywhere = skin.pattern, np.ones(len(skin.pattern.panel), dtype=bool)
+    model = make_model(skin, WIDE, pin(pattern), quadratic=everywhere)
+    plain = make_model(skin, WIDE, pin(pattern))
+    for one in (model, plain):
+        one.set_density(np.ones(len(skin.owned_cells)))
+    stretched = affine(model, F)
+    assert model.energy(stretched) == pytest.approx(plain.energy(affine(plain, F)), rel=1e-12)
     force = model.variation(stretched)
-    inner = np.all((skin.pattern.points > 1e-9) & (skin.pattern.points < 0.02 - 1e-9) | (
-        np.arange(3) == 2), axis=1)  # fmt: skip
-    size = 1e-3 * np.abs(model.positions(force)).max(initial=0.0)
-    largest = comm.allreduce(size, op=MPI.MAX)
-    nodes = np.abs(model.positions(force))[inner[skin.owned_vertices]].max(initial=0.0)
-    assert nodes < 1e-9 * 1e3 * largest
-    bubbles = np.abs(force[model.positions(force).size :] * model.free[3 * len(skin.owned_vertices) :])
-    assert bubbles.max(initial=0.0) < 1e-9 * 1e3 * largest
+    edge, (bubbles,) = pattern_edges(skin)[0], model.patch.dofs
+    owned = bubbles[:, 0] < len(force)
+    of_edges, inner = force[bubbles[owned]], pattern.edges.count[edge[owned]] == 2
+    inside = np.all(np.abs(pattern.points[:, :2] - 0.01) < 0.0099, axis=1)[skin.owned_vertices]
+    largest = comm.allreduce(float(np.abs(of_edges).max(initial=0.0)), op=MPI.MAX)
+    assert largest > 0, "border edges are pulled"
+    assert np.abs(of_edges[inner]).max(initial=0.0) < 1e-9 * largest
+    assert np.abs(model.positions(force)[inside]).max(initial=0.0) < 1e-9 * largest
 
 
 def test_a_line_one_triangle_wide_bends(comm: MPI.Comm) -> None:
@@ -85,6 +83,8 @@ def test_half_a_skin_is_half_of_the_whole(alone: MPI.Comm) -> None:
     there = np.zeros_like(whole.pattern.points)
     at = np.zeros_like(pattern.points)
     skins = sew(alone, pattern), sew(alone, whole.pattern)
-    at[:], there[:] = (s.gather_vertices(e.positions) for s, e in zip(skins, (half, both), strict=True))
+    at[:], there[:] = (
+        s.gather_vertices(e.positions) for s, e in zip(skins, (half, both), strict=True)
+    )
     assert np.abs(whole.at_vertices(at) - there).max() < 1e-8
     assert 2 * half.energy == pytest.approx(both.energy, rel=1e-8)

@@ -55,7 +55,7 @@ def reference_gradients(one: Floats, two: Floats, held: Floats, scales: Floats) 
     scales, (3, n).
     """
     a, b, c = (one * one).sum(axis=0), (two * two).sum(axis=0), (one * two).sum(axis=0)
-    return [gradient_at(point, (a, b, c), held, scales, np.sqrt) for point in POINTS]
+    return [gradient_at(point, (a, b, c), [*held], scales, np.sqrt) for point in POINTS]
 
 
 class StretchBounds:

@@ -111,13 +111,12 @@ class Supports:
         displacement, count = self.displacement, len(self.fixed)
         if displacement is not None:
             displacement = finer.at_vertices(displacement)
-        guide = dict(zip(edge_keys(self.guided, count).tolist(), self.normals, strict=True))
-        lies_on = edge_keys(finer.source.free_edges, count)[finer.free_edges()].tolist()
-        guided = [key in guide for key in lies_on]
+        on_edge = edge_keys(finer.source.free_edges, count)[finer.free_edges()]
+        guide, edge = np.nonzero(edge_keys(self.guided, count)[:, None] == on_edge)
         return Supports(
             np.asarray(self.fixed[finer.ends].all(axis=1)),
-            finer.pattern.free_edges[guided],
-            np.reshape([guide[key] for key in lies_on if key in guide], (-1, 3)),
+            finer.pattern.free_edges[edge],
+            self.normals[guide],
             displacement,
             self.planes,
         )

@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.bending import Edges, bending_energy, coupling_energy, coupling_of_lines
+from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.jets import Scalar
 from toros_fem.forms.kinematics import Strain, Triangle, interpolate
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
