@@ -20,6 +20,7 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import write_print_polygons
+from toros_fem.making.print.printability import printed_cells
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.readings.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.meshes.pattern import Pattern
@@ -89,10 +90,13 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     problem = shown.problem
     assert isinstance(problem, ShapeProblem)
     whole, part = problem.whole, problem.skin.pattern
+    pattern, cells = whole.pattern, printed.cells
+    if printed.evaluation is None and len(cells) != len(pattern.panel):
+        cells = printed_cells(pattern, printed.regions)  # on the mesh of the design
     # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
     positions = whole.at_vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
     composite, stiffened = problem.solver.model.composite, whole_cells(problem, shown.projected)
-    folds = wrinkles_of(printed.pattern, composite, stiffened, positions)
+    folds = wrinkles_of(pattern, composite, stiffened, positions)
     design = {
         "rho": found.design.density,
         "rho_filtered": final.filtered,
@@ -100,7 +104,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     }
     before = designed.skin
     transfer = None if before.pattern is part else make_transfer(before.pattern, part)
-    fields = {"printed": printed.cells.astype(np.float64)}
+    fields = {"printed": cells.astype(np.float64)}
     for name, owned in design.items():
         values = before.gather_cells(owned)
         fields[name] = whole.at_cells(values if transfer is None else transfer.at_cells(values))
@@ -108,7 +112,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
-        slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
+        slack = 1 - folds.share(Tension.TAUT, pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
     density = fields["rho_projected"] if printed.evaluation is None else None
     frame = Frame("print", 0, "", whole.at_vertices(limit), density, values, note)
@@ -120,9 +124,9 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
         write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
-        write_pattern(folder / NAME, part, printed.cells[: len(part.panel)])
+        write_pattern(folder / NAME, part, cells[: len(part.panel)])
         write_series(folder, seen, [frame])
-        write_skin_fields(folder, printed.pattern, positions, fields, folds)
+        write_skin_fields(folder, pattern, positions, fields, folds)
 
     guarded(found.problem.comm, folder, write)
 
