@@ -11,11 +11,10 @@ import ufl
 
 from toros_fem.forms.bending import Edges, edge_angles
 from toros_fem.forms.bubbles import POINTS, Bubbles
-from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, minus, total
+from toros_fem.forms.jets import Jet, Scalar, Vector, by_vectors, compose, total
 from toros_fem.forms.kinematics import CELL, Strain, Triangle, edge_products
 from toros_fem.forms.lines import Lines
 from toros_fem.forms.membrane import Logarithm, log1p, plain_log
-from toros_fem.forms.smoothing import Smoothing
 
 # Metric of a part of a triangle as a function of vectors, and these between its nodes.
 Metric = Callable[..., list[Jet]]
@@ -27,7 +26,6 @@ class EnergyTerm:
 
     Attributes:
         edges: Constants of the triangles' edges, of the term by which the sheet bends.
-        smoothing: Constants of the triangles around, of the sheet; None: strains are not smoothed.
         bubbles: Unknowns of edges by which strains are linear in a triangle; None for none.
         symbols: All else that its laws read, as of `base.compiled_forms.SharedForms`: terms of one
             class differ in nothing but these. NotImplemented: not known, no forms are shared.
@@ -35,7 +33,6 @@ class EnergyTerm:
 
     symbols: Any = NotImplemented
     edges: Edges | None = None
-    smoothing: Smoothing | None = None
     bubbles: Bubbles | None = None
 
     def place(self, patch: Sequence[Any]) -> Sequence[Any]:
@@ -82,7 +79,7 @@ class SkinForms:
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivities: ∂(residual · adjoint) by each coefficient of the design, as linear forms on
-            their spaces, in J; with smoothed strains last by the densities around.
+            their spaces, in J.
         loads: Forms of the terms that are loads, by their number.
     """
 
@@ -131,9 +128,8 @@ def skin_forms(
     density, lines = design
     t = Triangle(seen(q), ufl.Jacobian(domain), density, lines)
     variation, adjoint_parts = seen(ufl.TestFunction(space)), seen(adjoint)
-    smoothing = next((term.smoothing for term in terms if term.smoothing is not None), None)
     bubbles = next((term.bubbles for term in terms if term.bubbles is not None), None)
-    metrics = _metrics(t, smoothing, bubbles, geometric[0])
+    metrics = _metrics(t, bubbles, geometric[0])
     whole = _stored(t, metrics, terms, geometric)
     placed = ((number, term.of_place(t)) for number, term in enumerate(terms))
     loads = {number: load for number, load in placed if load is not None}
@@ -145,8 +141,6 @@ def skin_forms(
     values = [whole.hessian[pair] * entries[n] for n, pair in numbers if pair in whole.hessian]
     along_adjoint = _first(whole, adjoint_parts) * dx
     designed = [density] if lines is None else [density, lines.state]
-    if smoothing is not None:
-        designed.append(smoothing.around)
     return SkinForms(
         energy=whole.value * dx,
         residual=_first(whole, variation) * dx,
@@ -212,24 +206,14 @@ def _stored(
     return Jet(value, jet.gradient, jet.hessian)
 
 
-def _metrics(
-    t: Triangle, smoothing: Smoothing | None, bubbles: Bubbles | None, geometric: Any
-) -> list[Part]:
+def _metrics(t: Triangle, bubbles: Bubbles | None, geometric: Any) -> list[Part]:
     """Return (e₁·e₁, e₂·e₂, e₁·e₂) of equal parts of a triangle, each as a function of vectors."""
-    if bubbles is not None:
-        held = t.nodes[bubbles.first : bubbles.first + 2]
-        return [
-            (lambda *given, at=at: bubbles.metric(at, geometric, *given), (*t.edges, *held))
-            for at in POINTS
-        ]
-    if smoothing is None:
+    if bubbles is None:
         return [(lambda *edges: edge_products((edges[0], edges[1])), t.edges)]
+    held = t.nodes[bubbles.first : bubbles.first + 2]
     return [
-        (
-            lambda *given, k=k: smoothing.metric(t, k, *given),
-            (*t.edges, minus(t.nodes[3 + k], t.nodes[0])),
-        )
-        for k in range(3)
+        (lambda *given, at=at: bubbles.metric(at, geometric, *given), (*t.edges, *held))
+        for at in POINTS
     ]
 
 

@@ -18,7 +18,6 @@ SEAMS = ("continuous", "hinged")
 RESTS = ("flat", "assembled")
 PRINT_SIDES = ("outside", "inside")
 WRINKLINGS = ("tension-field",)
-STRAINS = ("constant", "smoothed")
 
 
 @dataclass(frozen=True)
@@ -102,11 +101,7 @@ class Bending(Table):
 
 @dataclass(frozen=True)
 class Membrane(Table):
-    """Stretching of a sheet: its strains, and whether it takes compression, eq. (1), or wrinkles.
-
-    Triangles of constant strain are too stiff where a printed line bends in its plane and has few
-    of them across. Smoothed strains are means over the two triangles of an edge, at the same cost;
-    they are much less stiff there (docs/theory/error.md).
+    """Stretching of a sheet: whether it takes compression, eq. (1), or wrinkles.
 
     A tension field lets the sheet wrinkle finely without resistance, so that it carries no
     compression (Pipkin 1986). Without any residual stiffness the equilibrium of a slack sheet is
@@ -121,14 +116,6 @@ class Membrane(Table):
     residual_stiffness: Annotated[float, In(at_least=1e-9, at_most=1e-2)] = key(
         1e-5, "fraction of the stiffness that a tension field keeps against compression"
     )
-    strain: Annotated[str, OneOf(STRAINS)] = key(
-        "constant", "whether each triangle has a strain of its own, or edges smooth them"
-    )
-
-    @property
-    def smoothed(self) -> bool:
-        """Whether strains are smoothed over the two triangles of each edge."""
-        return self.strain == "smoothed"
 
     @property
     def relaxed(self) -> bool:
@@ -257,10 +244,6 @@ class Composite(Table):
             f"print_side = {self.print_side!r} with {wrinkling}: a tension field has no strain "
             "across its wrinkles that a print could bend by. Use None for one of them.",
         )
-
-    def smoothed(self) -> Composite:
-        """Return the same sheet with smoothed strains, as prints have."""
-        return replace(self, membrane=replace(self.membrane, strain="smoothed"))
 
     @property
     def fabric_bounds(self) -> tuple[float, float]:

@@ -106,8 +106,8 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     transfer = None if before.pattern is part else make_transfer(before.pattern, part)
     fields = {"printed": cells.astype(np.float64)}
     for name, owned in design.items():
-        values = before.gather_cells(owned)
-        fields[name] = whole.at_cells(values if transfer is None else transfer.at_cells(values))
+        every = before.gather_cells(owned)
+        fields[name] = whole.at_cells(every if transfer is None else transfer.at_cells(every))
     limit = problem.physics.shape_of(shown.equilibrium) if found.limit is None else found.limit
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences

@@ -17,7 +17,6 @@ from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.mechanics.skin.load import Load
 
 Bounds = tuple[float, float]
@@ -228,8 +227,8 @@ class InflatedSkin:
         return response.positions
 
     def shape_of(self, response: Equilibrium) -> Floats:
-        """Return the positions of all vertices, (n, 3), in m, as of `limit_shape` (collective)."""
-        return limit_shape(self.solver, response).limit
+        """Return the positions of all vertices, (n, 3), in m (collective)."""
+        return self.solver.skin.gather_vertices(response.positions)
 
     def state_at(self, positions: Floats) -> Floats | None:
         """Return positions of the owned nodes, from those of all vertices.

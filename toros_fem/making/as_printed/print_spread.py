@@ -13,9 +13,8 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import part_regions
-from toros_fem.meshes.following import border_motion, snapped, with_flat_points
+from toros_fem.meshes.following import border_motion, with_flat_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +49,13 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     assert isinstance(problem, ShapeDesign)
     comm, part = problem.comm, problem.skin.pattern
     regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
-    pattern = snapped(comm, part, regions)
-    part_of = on_first_rank(comm, lambda: printed_fractions(pattern, regions))
-    motion = on_first_rank(comm, lambda: border_motion(pattern, regions, part_of > 0.5, offset))
+    part_of = problem.skin.gather_cells(made.projected)
+    motion = on_first_rank(comm, lambda: border_motion(part, regions, part_of > 0.5, offset))
     shapes, metrics = [problem.skin.gather_vertices(made.equilibrium.positions)], []
     try:
         for way in (-offset, offset):
-            flat = pattern.flat_points + way * motion
-            there = problem.on(on_first_rank(comm, partial(with_flat_points, pattern, flat)))
+            flat = part.flat_points + way * motion
+            there = problem.on(on_first_rank(comm, partial(with_flat_points, part, flat)))
             found = there.simulate_binary(
                 part_of[there.skin.owned_cells],
                 start=there.physics.state_at(shapes[-1]),

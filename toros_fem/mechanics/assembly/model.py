@@ -100,8 +100,6 @@ class SkinModel:
         self.bounds: StretchBounds = bounds[0]
 
         flaps = None if self.bend is None else self.bend.hinges.flap
-        if self.sheet is not None and self.sheet.flaps is not None:
-            flaps = self.sheet.flaps.flap
         unknowns = [term.unknowns for term in terms if term.unknowns is not None]
         self.patch = make_patch(skin, flaps, unknowns)
         dofs, none = iter(self.patch.dofs), np.zeros((0, 0), dtype=np.int32)
@@ -132,7 +130,7 @@ class SkinModel:
         read = design.density, design.lines
         self._symbols = self.q, self._adjoint, entries, read, self.geometric
         of_terms = [
-            (type(one), one.symbols, one.edges, one.smoothing, one.bubbles) for one in self.terms
+            (type(one), one.symbols, one.edges, one.bubbles) for one in self.terms
         ]
         self._shared = SharedForms(skin.mesh, (self._symbols, of_terms))
         self._energy = self.compiled("energy", lambda forms: forms.energy)
@@ -204,12 +202,15 @@ class SkinModel:
         self.q.x.scatter_forward()
 
     def corners(self, state: Floats) -> Floats:
-        """Return the positions by which bounds test owned triangles; also sets the state.
+        """Return the corners by which bounds test owned triangles, (n, 3, 3); sets the state too.
 
-        They are those of the corners, (n, 3, 3), or of corners and flaps, (n, 6, 3).
+        Where edges have unknowns, those follow, (n, 5, 3).
         """
         self.set_state(state)
-        return self._seen(self.bounds.nodes)
+        first, corners = self.bounds.bubbles, self._seen(3)
+        if first is None:
+            return corners
+        return np.concatenate([corners, self.q.x.array[self._dofs[:, first : first + 2]]], axis=1)
 
     def _seen(self, nodes: int) -> Floats:
         """Positions of the first corners and flaps of owned triangles where these see them."""
@@ -217,10 +218,7 @@ class SkinModel:
         seen = np.asarray(q[self._dofs[:, :nodes]])
         for term in self.terms:
             seen = term.moved(seen, q)
-        first = self.bounds.bubbles
-        if first is None or nodes != self.bounds.nodes:
-            return seen
-        return np.concatenate([seen, q[self._dofs[:, first : first + 2]]], axis=1)
+        return seen
 
     def count_folds(self, state: Floats, angle: float) -> int:
         """Return how many hinges of triangles fold by more than an angle in rad; see `Bend`."""
@@ -413,18 +411,15 @@ def make_model(
     make_design = further.get("design")
     if make_design is not None:
         require_callable("design", make_design, "a function of skin and composite, or None")
-    if make_design is None:
-        design = Densities(skin, skin.neighbours[0] if composite.membrane.smoothed else None)
-    else:
-        design = make_design(skin, composite)
+    design = Densities(skin) if make_design is None else make_design(skin, composite)
     if isinstance(design, LineDesign):
-        _require_known(composite, contact)
+        _require_known(contact)
     pattern, bending = skin.pattern, composite.bending
     if periodic is None and (contact is None or not contact.holds):
         supports.require_no_rigid_motion(pattern, bends=bending is not None)
     planes = Planes(pattern, supports)
 
-    terms: list[Term] = [Sheet(skin, composite, supports, design)]
+    terms: list[Term] = [Sheet(skin, composite, design)]
     if composite.bladder is not None:
         terms.append(RubberLayer(skin, composite.bladder))
     if isinstance(design, LineDesign):
@@ -458,11 +453,6 @@ def make_model(
     return SkinModel(skin, composite, supports, terms, design)
 
 
-def _require_known(composite: Composite, contact: Contact | None) -> None:
+def _require_known(contact: Contact | None) -> None:
     if contact is not None:
         raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
-    if composite.membrane.smoothed:
-        raise ParameterError(
-            "strain = 'smoothed': the lines of a relaxed design differ from triangle to triangle. "
-            'Use Membrane(strain="constant") for it, and smoothed strains for its print.'
-        )

@@ -37,7 +37,7 @@ class TriangleMatrices:
         self.rows: LocalInts = model.entry_space.dofmap.list[:owned, 0]
         self.dofs: LocalInts = model.space.dofmap.list[:owned, : model.patch.components]
         self.present: Bools = np.ones(self.dofs.shape, dtype=bool)
-        if model.bend is not None and model.design.around is None:  # smoothed: all are
+        if model.bend is not None:
             seen = model.bend.hinges.has_moment[:owned]
             self.present[:, 9:18] = np.repeat(seen, 3, axis=1)
         self.count = owned * model.entry_space.dofmap.bs
@@ -298,7 +298,7 @@ class BlockPairs:
         number = index_map.local_to_global(local)
         self._row, dofs, present = triangles.rows, triangles.dofs, triangles.present
         unknowns = dofs.shape[1]
-        nodes = 3 if model.bend is None and model.design.around is None else 6
+        nodes = 3 if model.bend is None else 6
         first = np.append(np.arange(0, 3 * nodes, 3), np.arange(3 * nodes, unknowns))
         width = np.where(first < 3 * nodes, 3, 1)
         u, v = np.triu_indices(len(first))

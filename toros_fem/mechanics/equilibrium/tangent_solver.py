@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import dot, norm, together
+from toros_fem.base.mpi import norm, together
 from toros_fem.base.validation import require_kind
 from toros_fem.mechanics.assembly.model import SkinModel
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
@@ -20,10 +20,6 @@ from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.path import PathPoint, motion_to
 from toros_fem.mechanics.skin.load import Load
 
-# Less of the smoothing of strains is not taken away, where more is not possible.
-LEAST_PART = 1 / 64
-# Fall of the energy over the predicted one by which a step without smoothing stands for all.
-FALL = 0.5
 # With friction, residual over the right-hand side at which GMRES ends, that is enough, and its
 # largest number of iterations.
 TOLERANCE, ALLOWED, ITERATIONS = 1e-11, 1e-8, 200
@@ -141,38 +137,6 @@ class TangentSolver:
         """
         self.tangent_at(at)
         return motion_to(self.model, self._factor, at.point, PathPoint(density, load, at.state))
-
-    def unsmoothed_motion(self, at: Equilibrium) -> Floats:
-        """Return the motion to the equilibrium without smoothed strains (collective).
-
-        Where strains leave the stretch bounds without smoothing, or the skin is not stable, it is
-        that to less of smoothing, in proportion.
-        """
-        self.tangent_at(at)
-        self.forget()
-        model, part = self.model, 1.0
-        while part > LEAST_PART:
-            assert model.sheet is not None
-            with model.sheet.unsmoothed(part):
-                if model.admits(at.state) and self._newton.stable(at.state):
-                    return np.asarray(self._relaxing(at.state) / part, dtype=np.float64)
-            part /= 2
-        return np.zeros_like(at.state)
-
-    def _relaxing(self, state: Floats) -> Floats:
-        """Return Newton's first step from a state, or all of them where the first one fails.
-
-        A soft skin moves further by the first step than it can: the energy does not fall as its
-        tangent predicts.
-        """
-        model = self.model
-        residual = model.residual(state)
-        step = -self._factor.solve(residual)
-        fall = model.energy(state) - model.energy(state + step)
-        if fall >= FALL * -dot(self.skin.comm, residual, step) / 2:
-            return step
-        # Its energy falls with each step, wherever they end.
-        return self._newton(state, near=True, trial=True).state - state
 
     def reactions(self, at: Equilibrium) -> Floats:
         """Return the forces in N by which the supports pull at all vertices, (n, 3) (collective).

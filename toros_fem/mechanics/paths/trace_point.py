@@ -16,7 +16,6 @@ from toros_fem.base.validation import require_kind, shown
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import limit_shape
 
 P = TypeVar("P")
 
@@ -27,7 +26,7 @@ class TracePoint:
 
     Attributes:
         pressure: Pressure in Pa; one for each chamber if there are several.
-        positions: Positions of all assembled vertices in m, (n, 3), as of `limit_shape`.
+        positions: Positions of all assembled vertices in m, (n, 3).
         metrics: Values of the metrics, by key.
         result: The equilibrium.
         load_factor: Factor on the loads that act; 1 on a path by pressure.
@@ -35,8 +34,6 @@ class TracePoint:
             the energy falls. 0 for a stable equilibrium.
         arc_length: Length of the path up to here, a pure number; None on a path by pressure.
         load_rate: Derivative of the load factor by the arc length; None on a path by pressure.
-        computed: Positions of all vertices in equilibrium on the mesh, (n, 3), in m; None where
-            they are `positions`.
     """
 
     pressure: float | list[float]
@@ -47,7 +44,6 @@ class TracePoint:
     negative_eigenvalues: int = 0
     arc_length: float | None = None
     load_rate: float | None = None
-    computed: Floats | None = None
 
     @property
     def stable(self) -> bool:
@@ -62,10 +58,9 @@ def measured_point(
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin, several = solver.skin, len(result.pressures) > 1
     pressure = list(result.pressures) if several else result.pressure
-    shape = limit_shape(solver, result)
-    positions = shape.limit
+    positions = skin.gather_vertices(result.positions)
     values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
-    return TracePoint(pressure, positions, values, result, computed=shape.computed)
+    return TracePoint(pressure, positions, values, result)
 
 
 def until_failure(path: Iterator[P]) -> tuple[list[P], str]:

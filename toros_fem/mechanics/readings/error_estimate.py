@@ -1,15 +1,11 @@
-"""Errors of the mesh: the limit of two elements on one, and the difference from a refined one."""
+"""Errors of the mesh: from a refined one, and half-widths of intervals from coarser ones."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
-from weakref import WeakKeyDictionary
 
-import numpy as np
 from scipy.optimize import brentq
 
 from toros_fem.base.array_types import Floats
@@ -22,7 +18,6 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import refine
-from toros_fem.meshes.triangles import dihedral_angles, equilateral_edge, lengths
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
@@ -30,21 +25,11 @@ CAUTION = 3.0
 # Residual over the load on the refined mesh: what it leaves is far below any estimate.
 TOLERANCE = 1e-6
 
-# Error with smoothed strains over what smoothing has changed (docs/theory/error.md).
-GAIN = 1.4
-# Parts of the change from rest in the half-width of an interval. The first is a factor on the
-# length of edges over the width of printed lines. The second is one on the mean square of angles at
-# edges, by which a skin of triangles is no round one.
-ACROSS, ROUND = 0.03, 1.0
 # Safety factor of half-widths.
 SAFETY = 1.7
 # Bounds on the order of errors that three meshes tell: it is 1 at corners of stiff lines, and a
 # higher one than the second may be chance.
 ORDERS = (1.0, 1.5)
-# Edges that are folded by more are creases of the skin itself, in rad.
-CREASE = np.radians(45.0)
-# Shapes are read again and again: by each metric, by frames and pictures.
-_KNOWN: WeakKeyDictionary[Equilibrium, LimitShape] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -155,70 +140,19 @@ def estimate_error(
     return estimates
 
 
-@dataclass(frozen=True, eq=False)
-class LimitShape:
-    """A shape on its mesh, and where it tends to on finer ones.
+def half_width(changes: Mapping[float, float]) -> float:
+    """Return the half-width of an interval, from how far coarser meshes tell otherwise.
 
-    Measures are functions of a pattern and the positions of its vertices that return a number, or
-    several.
-
-    Attributes:
-        pattern: The mesh.
-        computed: Positions of all vertices in equilibrium, (n, 3), in m.
-        limit: Those that are told.
-        density: Of all triangles; None of a relaxed design.
-    """
-
-    pattern: Pattern
-    computed: Floats
-    limit: Floats
-    density: Floats | None
-
-    def half_width(self, measure: Callable[[Pattern, Floats], Any]) -> float:
-        """Return the part of a half-width that one mesh tells, of several numbers as a distance."""
-        from_rest = self._away(measure, self.pattern.points)
-        return self.correction(measure) + self._coarseness * from_rest
-
-    def correction(self, measure: Callable[[Pattern, Floats], Any]) -> float:
-        """Return how far the limit is from what is computed, of several numbers as a distance.
-
-        A distance may be least at the limit: what changes on its other side counts too.
-        """
-        both = self.computed, 2 * self.limit - self.computed
-        return max(self._away(measure, positions) for positions in both)
-
-    def _away(self, measure: Callable[[Pattern, Floats], Any], positions: Floats) -> float:
-        told, there = (measure(self.pattern, at) for at in (self.limit, positions))
-        return float(np.linalg.norm(np.subtract(there, told)))
-
-    @cached_property
-    def edges_to_width(self) -> float:
-        """Length of edges over the mean width of what is printed."""
-        edge = equilateral_edge(self.pattern.areas.mean())
-        return edge / _printed_width(self.pattern, self.density)
-
-    @cached_property
-    def _coarseness(self) -> float:
-        pattern = self.pattern
-        angles = dihedral_angles(self.limit, pattern.triangles, pattern.edges)
-        turned = float(np.mean(angles[np.abs(angles) < CREASE] ** 2))
-        return ACROSS * self.edges_to_width + ROUND * turned
-
-
-def half_width(own: float, changes: Mapping[float, float]) -> float:
-    """Return the half-width of an interval.
-
-    It is the larger one of two estimates of the error, with a safety factor: that of the mesh
-    itself, and Richardson's from the next coarser mesh, c/(rᵖ − 1) with the order p that two
-    coarser meshes tell (Roache 1997), within `ORDERS`. With one coarser mesh it is the least order.
+    It is Richardson's estimate of the error from the next coarser mesh, c/(rᵖ − 1), with the order
+    p that two coarser meshes tell (Roache 1997), within `ORDERS`, times a safety factor. With one
+    coarser mesh it is the least order.
 
     Args:
-        own: The estimate of the mesh itself, `LimitShape.half_width`.
-        changes: How far coarser meshes tell otherwise, by their edge length over that of the mesh.
+        changes: The differences, by the edge length of the coarser mesh over that of the mesh.
     """
     near, *others = sorted(changes)
     order = _observed_order(near, others[0], changes) if others else min(ORDERS)
-    return SAFETY * max(own, changes[near] / (near**order - 1))
+    return SAFETY * changes[near] / (near**order - 1)
 
 
 def _observed_order(near: float, far: float, changes: Mapping[float, float]) -> float:
@@ -231,43 +165,3 @@ def _observed_order(near: float, far: float, changes: Mapping[float, float]) -> 
     if above(high) >= 0:
         return high
     return float(brentq(above, low, high)) if above(low) > 0 else low
-
-
-def limit_shape(solver: EquilibriumSolver, at: Equilibrium) -> LimitShape:
-    """Return the limit of an equilibrium of a solver with smoothed strains (collective).
-
-    Triangles of constant strain lock where print bends in its plane, smoothed ones by half as much,
-    and the ratio of the errors hardly depends on the mesh. Newton's method tells how far the shape
-    without smoothing is away; the limit lies `GAIN` times as far on the other side. This is
-    Richardson's extrapolation with two elements in place of two meshes.
-
-    Without smoothed strains, of a trial, and with friction the limit is the shape itself: a skin
-    that friction alone holds is free to go far.
-    """
-    known = _KNOWN.get(at)
-    if known is None:
-        skin, model = solver.skin, solver.model
-        computed = skin.gather_vertices(at.positions)
-        limit = computed
-        if model.composite.membrane.smoothed and at.complete and not model.slides:
-            motion = model.positions(solver.unsmoothed_motion(at))
-            limit = computed - GAIN * skin.gather_vertices(motion)
-        density = skin.gather_cells(at.density) if at.density.ndim == 1 else None
-        known = _KNOWN[at] = LimitShape(skin.pattern, computed, np.asarray(limit), density)
-    return known
-
-
-def _printed_width(pattern: Pattern, density: Floats | None) -> float:
-    """Return twice the area of the print, or of the gaps, over the length of its border, in m.
-
-    The smaller of the two areas counts. The border is where densities of neighbours differ. Without
-    one the width is the size of the skin.
-    """
-    if density is None:
-        return pattern.size
-    inner = pattern.edges.inner
-    one, two = pattern.edges.sides[inner].T
-    along = lengths(pattern.points, pattern.edges.ends[inner])
-    border = float(along @ np.abs(density[one] - density[two]))
-    area = min(float(pattern.areas @ density), float(pattern.areas @ (1 - density)))
-    return min(2 * area / border, pattern.size) if border > 0 and area > 0 else pattern.size

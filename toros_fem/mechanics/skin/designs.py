@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import Any, override
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 
-from toros_fem.base.array_types import Floats, LocalInts
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import DensityError, ParameterError
 from toros_fem.base.mpi import together
 from toros_fem.base.validation import (
@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.coefficients import cell_space, set_cells
+from toros_fem.mechanics.skin.coefficients import cell_space
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
@@ -69,23 +69,19 @@ class Densities:
 
     Attributes:
         density: ρ̄ as a function.
-        around: ρ̄ of the three triangles around as a function; None where strains are not smoothed.
         lines: Line families in UFL; None.
     """
 
     lines: Lines | None = None
 
-    def __init__(self, skin: Skin, neighbour: LocalInts | None = None) -> None:
-        self.skin, self._neighbour = skin, neighbour
+    def __init__(self, skin: Skin) -> None:
+        self.skin = skin
         self.density = fem.Function(skin.density_space, name="projected density")
-        self.around: fem.Function | None = None
-        if neighbour is not None:
-            self.around = fem.Function(cell_space(skin, 3), name="projected density around")
 
     @property
     def functions(self) -> Sequence[fem.Function]:
         """The coefficients by which a gradient is asked."""
-        return [self.density] if self.around is None else [self.density, self.around]
+        return [self.density]
 
     def check(self, design: Any) -> Floats:
         """Return an owned design as an array, or raise a DensityError on all ranks."""
@@ -95,22 +91,10 @@ class Densities:
         """Set the coefficients from an owned design."""
         self.density.x.array[: len(design)] = design
         self.density.x.scatter_forward()
-        if self.around is not None:
-            values = self.density.x.array[self.density.function_space.dofmap.list[:, 0]]
-            set_cells(self.around, values[self._neighbour])
 
     def backward(self, parts: Sequence[Floats]) -> Floats:
         """Return the derivatives by the design from the owned ones by `functions` (collective)."""
-        if self.around is None:
-            return parts[0]
-        assert self._neighbour is not None
-        owned, space = len(parts[0]), self.density.function_space
-        place = self.around.function_space.dofmap.list[:owned, 0]
-        found = la.vector(space.dofmap.index_map, 1)
-        to = space.dofmap.list[:, 0][self._neighbour[:owned]]
-        np.add.at(found.array, to, parts[1].reshape(-1, 3)[place])
-        found.scatter_reverse(la.InsertMode.add)
-        return np.asarray(parts[0] + found.array[:owned])
+        return parts[0]
 
     @property
     def owned(self) -> Floats:

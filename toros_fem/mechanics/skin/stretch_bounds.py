@@ -17,7 +17,6 @@ from toros_fem.base.mpi import largest, smallest
 from toros_fem.forms.bubbles import POINTS, gradient_at
 from toros_fem.forms.kinematics import interpolate
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.hinges import Flaps
 
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6
@@ -64,15 +63,12 @@ class StretchBounds:
     The sign of the logarithm's argument is no test: it turns positive again far outside the bounds.
     Where a sheet wrinkles instead of taking compression, only the upper bounds count: the natural
     width keeps the other ones by itself. Corners are those of the owned triangles, (n, 3, 3), in m,
-    and `flat` their places on the flat panels, (n, 3, 2). Where strains are smoothed by `flaps`,
-    those of owned triangles, the three flaps follow the corners, (n, 6, 3), and each third of a
-    triangle is tested. All methods are collective.
+    and `flat` their places on the flat panels, (n, 3, 2). All methods are collective.
 
     Attributes:
-        nodes: Number of nodes that are given of each triangle, 3 or 6.
-        bubbles: Number of the first of two more, which hold the unknowns of its edges as of
-            `forms.bubbles.Bubbles`, and are given after these; None without. Then three points of
-            each triangle are tested.
+        bubbles: Number of the first of two nodes of a triangle that hold the unknowns of its edges,
+            as of `forms.bubbles.Bubbles`; they are given after the corners, (n, 5, 3), and three
+            points of each triangle are tested. None without.
     """
 
     bubbles: int | None = None
@@ -85,21 +81,13 @@ class StretchBounds:
         c2: float,
         *,
         wrinkles: bool = False,
-        flaps: Flaps | None = None,
     ) -> None:
-        self._comm, self.nodes = comm, 3 if flaps is None else 6
-        if flaps is not None:
-            self._across = np.ascontiguousarray(np.moveaxis(flaps.across[: len(flat)], 0, -1))
-            self.set_shares(flaps.share[: len(flat)])
+        self._comm = comm
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
         # Largest |λᵢ − 1| and |λ₁ + λ₂ − 2| of each triangle, (2, n).
         self._room = np.repeat([[c1 - 1], [c2 - 1]], len(flat), axis=1)
         self._least = 0.0 if wrinkles else -np.inf
-
-    def set_shares(self, shares: Floats) -> None:
-        """Take the weights of the triangles across the edges in the smoothed strain, (n, 3)."""
-        self._roots = np.sqrt(np.stack([1 - shares, shares], axis=1)).transpose(2, 1, 0)
 
     def take_bubbles(self, first: int, scales: Floats) -> None:
         """Take the place of the unknowns of edges, and the scales of those of `flat`, (n, 3)."""
@@ -125,15 +113,7 @@ class StretchBounds:
                 for G in matrices
             ]
             return np.stack(parts, axis=2).T
-        own = _product(one, two, chart)
-        if self.nodes == 3:
-            return own.T
-        parts = []
-        for k, (mine, other) in enumerate(self._roots[..., cells]):
-            start, end = at[(k + 1) % 3], at[(k + 2) % 3]
-            there = _product(end - start, at[3 + k] - start, self._across[k][..., cells])
-            parts.append(np.concatenate([mine * own, other * there], axis=1))
-        return np.stack(parts, axis=2).T
+        return _product(one, two, chart).T
 
     def _strains(self, F: Floats) -> tuple[Floats, Bools]:
         """What is bounded, max |λᵢ − 1| and |λ₁ + λ₂ − 2|, (2, n); and what has collapsed."""
@@ -205,13 +185,12 @@ class MixedBounds(StretchBounds):
         density: fem.Function,
         flat: Floats,
         composite: Composite,
-        flaps: Flaps | None = None,
     ) -> None:
         space = density.function_space
         domain = space.mesh
         wrinkles = composite.membrane.relaxed
         widest = composite.widest_bounds
-        super().__init__(domain.comm, flat, *widest, wrinkles=wrinkles, flaps=flaps)
+        super().__init__(domain.comm, flat, *widest, wrinkles=wrinkles)
         self._density, self._widest = density, self._room
         self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
         self._ends = list(zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any, override
 
 import numpy as np
@@ -16,10 +14,9 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.forms.bending import Edges, bending_energy, coupling_energy, coupling_of_lines
 from toros_fem.forms.bubbles import Bubbles
 from toros_fem.forms.jets import Scalar
-from toros_fem.forms.kinematics import Strain, Triangle, interpolate
+from toros_fem.forms.kinematics import Strain, Triangle
 from toros_fem.forms.lines import Family, bending_of_lines, stretching_energy
 from toros_fem.forms.membrane import Logarithm, barrier, neo_hooke, relaxed
-from toros_fem.forms.smoothing import Smoothing, likeness
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit
 from toros_fem.mechanics.skin.coefficients import (
     cell_function,
@@ -30,10 +27,8 @@ from toros_fem.mechanics.skin.coefficients import (
 )
 from toros_fem.mechanics.skin.designs import Densities, LineDesign
 from toros_fem.mechanics.skin.hinges import (
-    Flaps,
     Hinges,
     edge_angles,
-    find_flaps,
     find_hinges,
     hinge_tensors,
 )
@@ -50,22 +45,11 @@ IN_PLANE = 1e-6
 
 
 class Sheet(Term):
-    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds.
-
-    Attributes:
-        flaps: The triangles around, over which strains are smoothed; None: they are not.
-    """
+    """Membrane of fabric and print with the energy of eq. (1), and its stretch bounds."""
 
     bounds: StretchBounds
 
-    def __init__(
-        self, skin: Skin, composite: Composite, supports: Supports, design: Densities
-    ) -> None:
-        self._design, self._find = design, partial(find_flaps, skin, supports)
-        flaps = self._find() if composite.membrane.smoothed else None
-        self.flaps = flaps
-        if flaps is not None:
-            self.smoothing = self._smoothing(skin, composite, flaps)
+    def __init__(self, skin: Skin, composite: Composite, design: Densities) -> None:
         thicknesses = composite.fabric.thickness, composite.reinforcement.thickness
         self._mu, self._lam = lame_constants(skin, composite, thicknesses)
         # Owned triangles come first in the mesh, each with flat corners of its own.
@@ -74,25 +58,17 @@ class Sheet(Term):
         self._limits: tuple[Any, Any]
         if composite.shares_bounds:
             shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
-            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles, flaps=flaps)
+            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
             c1, c2 = constants(skin, *shared)
             self._limits = read = c1, c2
         else:
-            self.bounds = MixedBounds(design.density, flat, composite, flaps)
+            self.bounds = MixedBounds(design.density, flat, composite)
             self._limits, read = self.bounds.coefficients, self.bounds.symbols
         # Where the sheet wrinkles instead of taking compression.
         self._residual: fem.Constant | None = None
         if composite.membrane.relaxed:
             self._residual = fem.Constant(skin.mesh, composite.membrane.residual_stiffness)
         self.symbols = self._mu, self._lam, read, self._residual
-
-    def _smoothing(self, skin: Skin, composite: Composite, flaps: Flaps) -> Smoothing:
-        both = composite.fabric.membrane_stiffness, composite.reinforcement.membrane_stiffness
-        self._stiffnesses, space = both, cell_space(skin, 4)
-        self._shares = cell_function(cell_space(skin, 3), flaps.share)
-        charts = (flaps.chart[:, k].reshape(-1, 4) for k in range(3))
-        self._charts = [cell_function(space, chart) for chart in charts]
-        return Smoothing(self._charts, self._shares, self._design.around, constants(skin, *both))
 
     @override
     def of_strain(self, t: Triangle, e: Strain, log: Logarithm) -> Scalar:
@@ -112,43 +88,6 @@ class Sheet(Term):
     def after_design(self) -> None:
         if isinstance(self.bounds, MixedBounds):
             self.bounds.update()
-        if self.flaps is not None:
-            self._share_bounds(self.flaps.share)
-
-    def _share_bounds(self, shares: Floats) -> None:
-        """Let the bounds take the shares of the triangles around, where they are alike."""
-        design, around = self._design, self._design.around
-        assert around is not None
-        owned = len(design.owned)
-        place = around.function_space.dofmap.list[:owned, 0]
-        rows = design.density.function_space.dofmap.list[:owned]
-        own = interpolate(design.density.x.array[rows], *self._stiffnesses)
-        other = interpolate(around.x.array.reshape(-1, 3)[place], *self._stiffnesses)
-        self.bounds.set_shares(np.clip(shares[:owned] * likeness(own, other), 0.0, 1.0))
-
-    @override
-    def after_move(self) -> None:
-        if self.flaps is None:
-            return
-        flaps = self._find()
-        set_cells(self._shares, flaps.share)
-        for k, chart in enumerate(self._charts):
-            set_cells(chart, flaps.chart[:, k].reshape(-1, 4))
-
-    @contextmanager
-    def unsmoothed(self, part: float) -> Iterator[None]:
-        """Take a part of the smoothing of strains away within a `with`."""
-        assert self.flaps is not None
-        shares = self.flaps.share
-        self._share((1 - part) * shares)
-        try:
-            yield
-        finally:
-            self._share(shares)
-
-    def _share(self, shares: Floats) -> None:
-        set_cells(self._shares, shares)
-        self._share_bounds(shares)
 
     @override
     def moduli(self, design: Densities) -> Floats | float:

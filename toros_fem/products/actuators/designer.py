@@ -26,7 +26,6 @@ from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import Attempt, DensityDesigner, other_ways
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
@@ -210,7 +209,7 @@ class Designer(Distributed, DensityDesigner):
         chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
         made = replace(found.made, printed=self.trimmed(found.made.printed))
         # Both are judged by their own meshes.
-        lines = misses_of(made.case).error(made.limit.limit)
+        lines = misses_of(made.case).error(made.own_shape)
         better = largest_error(chosen.metrics, aims_of(made.problem.metrics)) < lines
         return chosen if better else None
 
@@ -284,14 +283,14 @@ class Designer(Distributed, DensityDesigner):
         """
         told, printed, made = found.with_errors(errors), found.printed, found.printed.evaluation
         held = self.scene.pressure.hold_pressure
-        if held or made is None or errors.limit is None or largest_part(told.figures) <= AGAIN:
+        if held or made is None or errors.shape is None or largest_part(told.figures) <= AGAIN:
             return told, printed
         own = made.problem.physics.shape_of(made.equilibrium)
         assert own is not None
         moved = trimmed(
             printed,
             tolerances=told.tolerances,
-            beyond=errors.limit - own,
+            beyond=errors.shape - own,
             designed=self._designed_pressures(found),
         )
         if moved is printed or moved.evaluation is made:
@@ -321,12 +320,11 @@ class Designer(Distributed, DensityDesigner):
         problem = made.problem
         assert isinstance(problem, ShapeDesign)
         measures = measures_of(problem, [*found.shape])
-        shape = limit_shape(problem.solver, made.equilibrium)
         lines, level = found.search.lines, self._print_level
         finer = None
         if lines is not None and found.search.laid and made is lines.made.printed.evaluation:
             finer = lines.finer  # it is of this pressure
-        return metric_errors(self, level, shape, measures, Again.of(printed), finer)
+        return metric_errors(self, level, measures, Again.of(printed), finer)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

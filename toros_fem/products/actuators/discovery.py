@@ -59,7 +59,6 @@ class Round:
         of_metrics, of_shape: Largest miss of a metric, and that of the shape, as of `Misses`;
             infinite without an equilibrium.
         missed: Size of all misses, as of `Misses`.
-        uncertain: The part of its half-width that the mesh of the print tells, without a factor.
         failure: Why the print has no equilibrium; empty if it has one.
         answer: What was asked of the shape, and what its print has; None where metrics are asked,
             or without an equilibrium.
@@ -74,7 +73,6 @@ class Round:
     of_metrics: float
     of_shape: float
     missed: float
-    uncertain: float
     failure: str
     answer: Answer | None
     mended: Mending | None
@@ -244,14 +242,10 @@ class _Search:
         return self._mended(best, found)
 
     def enough(self, rounds: Sequence[Round]) -> bool:
-        """Return whether the search ends with these rounds.
-
-        Within the tolerances, what a print misses by less than the error of its mesh is no guide.
-        """
+        """Return whether the search ends with these rounds."""
         last, best = rounds[-1], self.best[0]
         return (
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
-            or (last.error < TOLERANCE and last.missed < last.uncertain)
             or (bool(last.failure) and last.mended is None)
             or self._at_limit(rounds)
             or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
@@ -415,7 +409,7 @@ class _Search:
         finally:
             free_dropped(job.comm)
         pattern = made.case.pattern
-        self.beyond = pattern, there.at_vertices(pattern) - made.limit.limit
+        self.beyond = pattern, there.at_vertices(pattern) - made.own_shape
         made = made.compared_with(*self.beyond)
         strains = None if best.answer is None else best.answer.asked
         self.asked = found = replace(best, **_judged(made, strains), compared=True)
@@ -460,7 +454,7 @@ def densities_from(job: Job, found: Discovery) -> DesignResult | None:
 
 def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
     """Return what a round tells of its print, of which strains were asked."""
-    infinite = dict.fromkeys(("of_metrics", "of_shape", "missed", "uncertain"), np.inf)
+    infinite = dict.fromkeys(("of_metrics", "of_shape", "missed"), np.inf)
     if made.printed.failure:
         return {"metrics": {}, "answer": None, **infinite}
     misses, shape = misses_of(made.case), made.shape[1]
@@ -470,7 +464,6 @@ def _judged(made: LinePrint, strains: Floats | None) -> dict[str, Any]:
         "of_metrics": misses.of_metrics(shape),
         "of_shape": misses.of_shape(shape),
         "missed": float(np.linalg.norm(misses(shape))),
-        "uncertain": made.limit.half_width(lambda _, positions: misses(positions)),
     }
 
 

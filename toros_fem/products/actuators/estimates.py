@@ -18,12 +18,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import (
-    SAFETY,
-    LimitShape,
-    half_width,
-    limit_shape,
-)
+from toros_fem.mechanics.readings.error_estimate import SAFETY, half_width
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
@@ -48,18 +43,17 @@ class MeshValues:
     """What one mesh tells of a print.
 
     Attributes:
-        shape: The shape there.
-        values: Values of the limit, by key; a target may be unknown on other meshes.
-        widths: The part of each half-width that the mesh tells on its own, by key.
+        pattern, positions: The mesh, and the positions of all of its vertices, (n, 3), in m.
+        values: Values by key; a target may be unknown on other meshes.
     """
 
-    shape: LimitShape
+    pattern: Pattern
+    positions: Floats
     values: Mapping[str, float]
-    widths: Mapping[str, float]
 
     def at_vertices(self, pattern: Pattern) -> Floats:
-        """Return the limit at the vertices of another mesh, (n, 3), in m."""
-        return make_transfer(self.shape.pattern, pattern).positions(self.shape.limit)
+        """Return the shape at the vertices of another mesh, (n, 3), in m."""
+        return make_transfer(self.pattern, pattern).positions(self.positions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +61,17 @@ class MetricErrors:
     """What several meshes tell of a print, and how far that may be off.
 
     Attributes:
-        computed: Values of the equilibrium on the print's mesh, by key.
-        meshes: Values of the limit on each mesh, by its edge length over that of the print's mesh.
+        meshes: Values on each mesh, by its edge length over that of the print's mesh.
         intervals: Half-width of the interval of each value that is told, by key.
-        limit: Limit on the finer mesh at the vertices of the print's mesh, (n, 3), in m; None
+        shape: Shape on the finer mesh at the vertices of the print's mesh, (n, 3), in m; None
             without a finer mesh.
         failure: Why there is nothing to compare with; None if there is.
         seconds: Wall time.
     """
 
-    computed: Mapping[str, float]
     meshes: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
     intervals: Mapping[str, float] = field(default_factory=dict)
-    limit: Floats | None = None
+    shape: Floats | None = None
     failure: str | None = None
     seconds: float | None = None
 
@@ -91,7 +83,7 @@ class MetricErrors:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it; the intervals are with the figures."""
-        names = ("computed", "meshes", "failure", "seconds")
+        names = ("meshes", "failure", "seconds")
         return {name: getattr(self, name) for name in names}
 
     @property
@@ -103,7 +95,6 @@ class MetricErrors:
 def metric_errors(
     job: Job,
     level: Level,
-    shape: LimitShape,
     measures: Measures,
     again: Again,
     finer: MeshValues | None = None,
@@ -115,15 +106,13 @@ def metric_errors(
     Args:
         job: What was printed.
         level: The mesh of the print.
-        shape: Its shape.
         measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
             what the shape misses.
-        again: The print, and this shape as it is computed.
+        again: The print, and its shape.
         finer: What the finer mesh tells, if this is known.
     """
     begin, scene = time.perf_counter(), job.scene
-    computed = {key: measure(shape.pattern, shape.computed) for key, measure in measures.items()}
-    found = {1.0: values_of(shape, measures)}
+    found = {1.0: values_of(*again.near, measures)}
     failure = None
     try:
         others = coarser_levels(scene, level)
@@ -144,21 +133,20 @@ def metric_errors(
                 log.warning("the check on a finer mesh is left out: %s", caught)
         free_dropped(job.comm)
     finest = min(found)
-    limit = None if finest == 1 else found[finest].at_vertices(shape.pattern)
+    shape = None if finest == 1 else found[finest].at_vertices(again.near[0])
     widths = {key: _interval(found, key) for key in measures}
     intervals = {key: width for key, width in widths.items() if width is not None}
     failure = failure if len(found) == 1 else None
     meshes = {ratio: one.values for ratio, one in found.items()}
     seconds = time.perf_counter() - begin
-    return MetricErrors(computed, meshes, intervals, limit, failure, seconds)
+    return MetricErrors(meshes, intervals, shape, failure, seconds)
 
 
-def values_of(shape: LimitShape, measures: Measures) -> MeshValues:
-    """Return what the mesh of a shape tells."""
-    found = {key: measure(shape.pattern, shape.limit) for key, measure in measures.items()}
-    widths = {key: shape.half_width(measure) for key, measure in measures.items()}
-    known = [key for key in measures if np.isfinite([found[key], widths[key]]).all()]
-    return MeshValues(shape, *({key: of[key] for key in known} for of in (found, widths)))
+def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshValues:
+    """Return what a mesh tells by the positions of its vertices, (n, 3), in m."""
+    found = {key: measure(pattern, positions) for key, measure in measures.items()}
+    known = {key: value for key, value in found.items() if np.isfinite(value)}
+    return MeshValues(pattern, positions, known)
 
 
 def values_on(job: Job, level: Level, again: Again, keys: Sequence[str]) -> MeshValues:
@@ -166,7 +154,11 @@ def values_on(job: Job, level: Level, again: Again, keys: Sequence[str]) -> Mesh
 
     Keys are those of metrics, and of what the shape misses.
     """
-    return values_of(*_read(simulated_on(job, level, again), keys))
+    made = simulated_on(job, level, again)
+    problem = made.problem
+    assert isinstance(problem, ShapeDesign)
+    positions = problem.skin.gather_vertices(made.equilibrium.positions)
+    return values_of(problem.skin.pattern, positions, measures_of(problem, keys))
 
 
 def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
@@ -178,7 +170,7 @@ def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
         for ratio, one in known.items()
         if ratio > finest
     }
-    return half_width(known[finest].widths[key], changes) if changes and finest <= 1 else None
+    return half_width(changes) if changes and finest <= 1 else None
 
 
 def trial_intervals(
@@ -210,7 +202,7 @@ def trial_intervals(
         if one is not None and two is not None:
             part = SAFETY * (own or {}).get(figure.key, 0.0)
             change, ratio = abs(one - two), scene.TRIAL_MESH
-            width = half_width(0.0, {max(ratio, 1 / ratio): change})
+            width = half_width({max(ratio, 1 / ratio): change})
             # Of a finer mesh, whose value is not told, the interval is around that value.
             found[figure.key] = part + width + (change if ratio < 1 else 0.0)
     return found
@@ -221,10 +213,3 @@ def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
     metrics = {metric.key: metric.measure for metric in problem.metrics}
     missed = [key for key in keys if key not in metrics]
     return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
-
-
-def _read(made: Evaluation[Equilibrium], keys: Sequence[str]) -> tuple[LimitShape, Measures]:
-    """Return the limit of a print, and what its problem measures (collective)."""
-    problem = made.problem
-    assert isinstance(problem, ShapeDesign)
-    return limit_shape(problem.solver, made.equilibrium), measures_of(problem, keys)

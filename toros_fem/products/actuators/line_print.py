@@ -14,7 +14,6 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, state_near
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
-from toros_fem.mechanics.readings.error_estimate import LimitShape, limit_shape
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
@@ -49,16 +48,16 @@ class LinePrint:
         return {metric.key: metric.value(*self.shape) for metric in self.problem.metrics}
 
     @property
-    def limit(self) -> LimitShape:
-        """Its shape under pressure as it is computed, and as it is told (collective)."""
-        assert self.printed.evaluation is not None
-        return limit_shape(self.problem.solver, self.printed.evaluation.equilibrium)
-
-    @property
     def shape(self) -> Shape:
         """The mesh, and its shape with what a finer mesh tells beyond (collective)."""
-        limit = self.limit.limit
-        return self.case.pattern, limit if self.beyond is None else limit + self.beyond
+        own = self.own_shape
+        return self.case.pattern, own if self.beyond is None else own + self.beyond
+
+    @property
+    def own_shape(self) -> Floats:
+        """Positions of all vertices on the print's mesh, (n, 3), in m (collective)."""
+        assert self.printed.evaluation is not None
+        return self.problem.physics.shape_of(self.printed.evaluation.equilibrium)
 
     def compared_with(self, pattern: Pattern, beyond: Floats) -> LinePrint:
         """Return it with what a finer mesh has told of a similar print on another mesh."""

@@ -25,7 +25,6 @@ from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint
-from toros_fem.mechanics.readings.error_estimate import limit_shape
 from toros_fem.meshes import sew
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
@@ -131,11 +130,10 @@ def simulate_actuator(
     write_pressure_path(comm, output, found)
     if scene.results.estimate_error:
         last, measures = points[-1].result, {m.key: m.measure for m in made.judged}
-        errors = MetricErrors({}, failure="a file of triangles has no polygons to print anew.")
+        errors = MetricErrors(failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
-            shape = limit_shape(solver, last)
-            again = Again((shape.pattern, shape.computed), regions, last.pressures)
-            errors = metric_errors(job, level, shape, measures, again)
+            again = Again((made.pattern, points[-1].positions), regions, last.pressures)
+            errors = metric_errors(job, level, measures, again)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)

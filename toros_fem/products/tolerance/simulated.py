@@ -19,7 +19,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.following import border_motion, snapped, with_flat_points
+from toros_fem.meshes.following import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
@@ -86,9 +86,8 @@ def tolerances(
     made = printed.evaluation
     if made is None:
         raise NoEquilibriumError(f"the print has no equilibrium: {printed.failure}")
-    if isinstance(made.problem, ShapeDesign):
-        problem = made.problem
-    part = problem.skin.pattern
+    assert isinstance(made.problem, ShapeDesign)
+    problem, part = made.problem, made.problem.skin.pattern
     drawn = Drawn(
         on_first_rank(problem.comm, lambda: part_regions(part, printed.regions)),
         (printed.pattern, printed.regions),
@@ -97,8 +96,7 @@ def tolerances(
         made.equilibrium.pressures,
         problem.metrics_of(made.equilibrium),
     )
-    following = problem.on(snapped(problem.comm, part, drawn.regions))
-    return simulated_tolerances(following, drawn, config)
+    return simulated_tolerances(problem, drawn, config)
 
 
 @collective("problem.comm")

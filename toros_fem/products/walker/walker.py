@@ -352,8 +352,10 @@ class WalkerScene(ActuatorScene):
         skin = shown.problem.skin
         quarter = skin.gather_cells(shown.projected)
         half = mirrored(skin.pattern, (0,))
-        density, case = half.at_cells(quarter), shown.problem.case
-        quadratic = None if case.quadratic is None else half.at_cells(case.quadratic)
+        density, problem = half.at_cells(quarter), shown.problem
+        assert isinstance(problem, ShapeDesign)
+        quadratic = problem.case.quadratic
+        quadratic = None if quadratic is None else quadratic[half.cell]
         return self.follow(comm, gait, half.pattern, density, full, quadratic)
 
     def follow(
