@@ -135,23 +135,15 @@ def tetrahedron() -> tuple[Skin, Supports]:
 FOUR, HELD = tetrahedron()
 
 
-def bent(
-    *bending: str, side: str | None = None, skin: Skin = SKIN, strain: str = "constant"
-) -> Term:
+def bent(*bending: str, side: str | None = None, skin: Skin = SKIN) -> Term:
     """Return a row of a sheet so thick that stretching does not hide its bending."""
     sheet = Composite(
         Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3),
-        bending=Bending(*bending), print_side=side, membrane=Membrane(strain=strain),
+        bending=Bending(*bending), print_side=side,
     )  # fmt: skip
     supports = oblique(OPEN) if skin is OPEN else None
     turns = bending[0] == "midedge"
     return Term(composite=sheet, kinds=1 + turns, skin=skin, supports=supports, free=skin is SKIN)
-
-
-def smoothed(sheet: Composite, wrinkling: str | None = None, kinds: int = 2) -> Term:
-    """Return a row of a sheet whose strains are smoothed."""
-    membrane = Membrane(wrinkling, 1e-3, "smoothed")
-    return Term(composite=replace(sheet, membrane=membrane), kinds=kinds)
 
 
 TERMS = {
@@ -173,15 +165,6 @@ TERMS = {
     "mirror, printed outside": bent("midedge", side="outside", skin=OPEN),
     "four triangles": Term(None, Load(np.array([100.0])), kinds=2, skin=FOUR, supports=HELD,
                            free=False),
-    "smoothed strains": smoothed(SHEET),
-    "smoothed strains, own bounds": smoothed(TIGHT),
-    "smoothed tension field": smoothed(replace(SHEET, bending=Bending()), "tension-field"),
-    "smoothed strains, hinged seams, knit": smoothed(
-        replace(SHEET, bending=Bending("average", "hinged"), knit=Knit(3.0, 0.4)), kinds=1
-    ),
-    "smoothed strains at a mirror, printed outside": bent(
-        "midedge", side="outside", skin=OPEN, strain="smoothed"
-    ),
     "bladder": Term({}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4)), by_hand=rubber),
     "knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), kinds=2),
     "print on one face": Term({}, composite=replace(SHEET, print_side="outside"), kinds=2),

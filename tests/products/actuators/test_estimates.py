@@ -10,10 +10,11 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.measures.figures import Figure
-from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width
+from toros_fem.mechanics.readings.error_estimate import half_width
 from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors, trial_intervals
+from toros_fem.products.actuators.other_mesh import Again
 
 
 def mean(_: Pattern, positions: np.ndarray) -> float:
@@ -28,7 +29,6 @@ def found(
 ) -> MetricErrors:
     """The errors of a mean, which coarser meshes, a number, tell as 10 and 40 less."""
     pattern = square(n=2)
-    printed = np.ones(len(pattern.panel))
 
     def coarser(level: int) -> tuple[float, int]:
         if level == meshes:
@@ -40,13 +40,12 @@ def found(
             raise NoEquilibriumError(f"none on mesh {level}.")
         return level
 
-    def shape(level: int) -> LimitShape:
+    def shape(level: int) -> np.ndarray:
         at = pattern.points - pattern.points.mean(axis=0)
-        at += 0.1 - 1e-3 * (10 * level**2 if level > 0 else level)
-        return LimitShape(pattern, at, at, printed)
+        return np.asarray(at + 0.1 - 1e-3 * (10 * level**2 if level > 0 else level))
 
-    def read(level: int, keys: list[str]) -> tuple[LimitShape, dict[str, Any]]:
-        return shape(level), dict.fromkeys(keys, mean)
+    def read(level: int, keys: list[str]) -> tuple[Pattern, np.ndarray, dict[str, Any]]:
+        return pattern, shape(level), dict.fromkeys(keys, mean)
 
     monkeypatch.setattr(estimates, "simulated_on", simulated)
     monkeypatch.setattr(estimates, "_read", read)
@@ -57,8 +56,8 @@ def found(
     job: Any = SimpleNamespace(scene=scene, comm=MPI.COMM_SELF)
 
     level: Any = 0
-    again: Any = None
-    return metric_errors(job, level, shape(0), {"x_mm": mean}, again)
+    again = Again((pattern, shape(0)), None, None)
+    return metric_errors(job, level, {"x_mm": mean}, again)
 
 
 def values(errors: MetricErrors) -> dict[float, float]:
@@ -70,7 +69,7 @@ def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert values(both) == {1.0: 100.0, 2.0: 90.0, 4.0: 60.0}
     assert both.told["x_mm"] == pytest.approx(100.0)
     assert both.failure is None
-    assert both.limit is None
+    assert both.shape is None
     near, far = found(monkeypatch, without=(2,)), found(monkeypatch, without=(1,))
     assert (list(near.meshes), list(far.meshes)) == ([1.0, 2.0], [1.0, 4.0])
     # A single mesh counts as of order 1.
@@ -93,11 +92,8 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert values(checked) == {0.5: 101.0, 1.0: 100.0, 2.0: 90.0, 4.0: 60.0}
     assert checked.told["x_mm"] == pytest.approx(101.0)
     pattern = square(n=2)
-    assert mean(pattern, checked.limit) == pytest.approx(101.0)
-    fine = LimitShape(pattern, pattern.points, pattern.points + 0.101, np.ones(8))
-    at_rest = 1e3 * float(pattern.points[:, 0].mean())
-    own = 0.03 * fine.edges_to_width * (101 - at_rest)
-    width = half_width(own, {2.0: 1.0, 4.0: 11.0, 8.0: 41.0})
+    assert mean(pattern, checked.shape) == pytest.approx(101.0)
+    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0})
     assert checked.intervals["x_mm"] == pytest.approx(width)
     assert width < alone.intervals["x_mm"]
     # Where it has no equilibrium the coarser meshes tell the interval.
@@ -105,18 +101,13 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert (failed.intervals, failed.told) == (alone.intervals, alone.told)
     # Alone it counts as of order 1.
     single = found(monkeypatch, refinement=2.0, meshes=0)
-    assert single.intervals["x_mm"] == pytest.approx(half_width(own, {2.0: 1.0}))
+    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}))
 
 
-def test_what_is_not_known_at_rest_too_has_no_interval() -> None:
-    pattern = square(n=2)
-    shape = LimitShape(pattern, pattern.points, 1.1 * pattern.points, None)
-
-    def leaning(_: Pattern, positions: np.ndarray) -> float:
-        return np.nan if positions is pattern.points else 1.0
-
-    told = estimates.values_of(shape, {"x_mm": mean, "lean_deg": leaning})
-    assert [*told.values] == [*told.widths] == ["x_mm"]
+def test_what_is_not_known_has_no_interval() -> None:
+    pattern, unknown = square(n=2), lambda *_: np.nan
+    told = estimates.values_of(pattern, pattern.points, {"x_mm": mean, "lean_deg": unknown})
+    assert [*told.values] == ["x_mm"]
 
 
 @pytest.mark.parametrize(("ratio", "width"), [(1.5, 10.2), (0.5, 3.0 + 5.1)])

@@ -129,9 +129,7 @@ class SkinModel:
         design, entries = self.design, ufl.TestFunction(self.entry_space)
         read = design.density, design.lines
         self._symbols = self.q, self._adjoint, entries, read, self.geometric
-        of_terms = [
-            (type(one), one.symbols, one.edges, one.bubbles) for one in self.terms
-        ]
+        of_terms = [(type(one), one.symbols, one.edges, one.bubbles) for one in self.terms]
         self._shared = SharedForms(skin.mesh, (self._symbols, of_terms))
         self._energy = self.compiled("energy", lambda forms: forms.energy)
         self._residual = self.compiled("residual", lambda forms: forms.residual)

@@ -154,11 +154,7 @@ def values_on(job: Job, level: Level, again: Again, keys: Sequence[str]) -> Mesh
 
     Keys are those of metrics, and of what the shape misses.
     """
-    made = simulated_on(job, level, again)
-    problem = made.problem
-    assert isinstance(problem, ShapeDesign)
-    positions = problem.skin.gather_vertices(made.equilibrium.positions)
-    return values_of(problem.skin.pattern, positions, measures_of(problem, keys))
+    return values_of(*_read(simulated_on(job, level, again), keys))
 
 
 def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
@@ -213,3 +209,11 @@ def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
     metrics = {metric.key: metric.measure for metric in problem.metrics}
     missed = [key for key in keys if key not in metrics]
     return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
+
+
+def _read(made: Evaluation[Equilibrium], keys: Sequence[str]) -> tuple[Pattern, Floats, Measures]:
+    """Return the shape of a print, and what its problem measures (collective)."""
+    problem = made.problem
+    assert isinstance(problem, ShapeDesign)
+    positions = problem.skin.gather_vertices(made.equilibrium.positions)
+    return problem.skin.pattern, positions, measures_of(problem, keys)

@@ -21,6 +21,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Count, In, Length, OneOf, Place, Positive, Table, key
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.figures import Figure
 from toros_fem.measures.metrics import Metric
