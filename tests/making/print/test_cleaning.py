@@ -149,6 +149,35 @@ def test_symmetric_prints_stay_symmetric(alone: MPI.Comm) -> None:
         assert one.symmetric_difference(two).area < 1e-6 * one.area
 
 
+@pytest.mark.parametrize("degrees", [20, 40])
+def test_lines_meet_across_a_seam(alone: MPI.Comm, degrees: float) -> None:
+    """However flat they cross it: each side is cleaned with what goes on beyond."""
+    pattern = cylinder(alone, 0.06, 0.02, 2e-3)
+    wall = pattern.panel_index("wall")
+    left, low, right, high = pattern.outline(wall).bounds
+    width, slope, spacing = right - left, 1 / np.tan(np.radians(degrees)), 0.02
+    rise = spacing * max(1, round(width * slope / spacing))  # from seam to seam
+    starts = np.arange(-4 * rise, high + 4 * rise, spacing)
+    lines = [
+        shapely.LineString([(left - width, z - rise), (left + 2 * width, z + 2 * rise)])
+        for z in starts
+    ]
+    regions = list(pattern.outlines)
+    regions[wall] = shapely.union_all(lines).buffer(0.6e-3) & pattern.outline(wall)
+    cleaned = clean(Panels(pattern), regions, island_area=20e-6)
+    print_ = cleaned.regions[wall].buffer(1e-9)
+
+    def at_seam(x: float) -> np.ndarray:
+        met = print_.intersection(shapely.LineString([(x, low + 2e-3), (x, high - 2e-3)]))
+        parts = shapely.get_parts(met)
+        return shapely.bounds(parts[shapely.length(parts) > 1e-6])[:, [1, 3]]
+
+    one, two = at_seam(left + 1e-6), at_seam(right - 1e-6)
+    assert len(one) >= 2
+    assert one == pytest.approx(two, abs=0.03e-3)
+    checked(pattern, cleaned)
+
+
 def test_bridges_get_mirror_images(alone: MPI.Comm) -> None:
     """The shortest way from an island on the plane lies on one side only."""
     part = cylinder(alone, 0.04, 0.02, 3e-3, planes=(1,))

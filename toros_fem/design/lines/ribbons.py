@@ -98,6 +98,16 @@ def joints_of(pattern: Pattern, planes: tuple[int, ...]) -> list[Joint]:
     return joints
 
 
+def straight_joints(pattern: Pattern) -> list[Joint]:
+    """Return the seams at which one rigid motion leads from a flat chart to the other."""
+    near = 1e-6 * pattern.size
+    return [
+        joint
+        for joint in joints_of(pattern, ())
+        if np.ptp(joint.turn, axis=0).max() < 1e-6 and np.ptp(joint.shift, axis=0).max() < near
+    ]
+
+
 def ribbons(
     panel: Ints, points: Floats, radii: Floats, joints: list[Joint], margin: float, panels: int
 ) -> list[BaseGeometry]:

@@ -13,9 +13,10 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
+from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
-from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
+from toros_fem.making.print.polygons import TOUCHING, fabric_of, polygons_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import part_regions, with_more
 from toros_fem.making.print.thickness import thickened
@@ -27,6 +28,8 @@ from toros_fem.meshes.pattern import Pattern, Regions
 # the mesh of the density sees it too.
 BRIDGE = 2.0
 SEEN = 3.0
+# Print beyond a seam that is cleaned with a panel, over the least width and the smoothing length.
+BEYOND = 8.0
 # Corners of regions that are joined across a cut lie on a grid of this fraction of the skin's size.
 GRID = 1e-9
 
@@ -68,9 +71,11 @@ class Panels:
         outlines: What is cleaned together: the outline of each panel, polygons in m.
         parts: What is kept of each, and has images that make up the whole, polygons in m.
         repeats: Whether a piece has images, so that what joins it gets them too.
+        sewn: Whether the print goes on across straight seams, so that lines meet there.
     """
 
     repeats = False
+    sewn = True
 
     def __init__(self, pattern: Pattern) -> None:
         self.pattern = pattern
@@ -180,10 +185,7 @@ def _clean(
     smoothing: float | None,
 ) -> tuple[CleanedRegions, list[BaseGeometry]]:
     """Return a clean print with all of its corners, and what of it lies on each part."""
-    made = [
-        _cleaned(region, outline, limits, smoothing)
-        for region, outline in zip(domain.laid(regions), domain.outlines, strict=True)
-    ]
+    made = _all_cleaned(domain, domain.laid(regions), limits, smoothing)
     width = BRIDGE * limits.width
     if smoothing is not None:
         width = max(width, SEEN * smoothing)
@@ -198,9 +200,9 @@ def _clean(
                 bridged.append(piece)
                 both = shapely.union_all([piece.polygon, line])
                 joined = shapely.union_all([joined, domain.images(both)])
-        made[panel] = rest
-        if not joined.is_empty:
-            made[panel] = _cleaned(shapely.union_all([rest, joined]), outline, limits, None)
+        made[panel] = shapely.union_all([rest, joined])
+    if bridged:
+        made = _all_cleaned(domain, made, limits, None)
     filled = tuple(h for h in find_holes(domain.pattern, regions) if h.area < limits.hole_area)
     own = domain.part(made, limits.resolution)
     cleaned = CleanedRegions(
@@ -211,6 +213,37 @@ def _clean(
         filled=filled,
     )
     return cleaned, own
+
+
+def _all_cleaned(
+    domain: Panels, laid: Regions, limits: PrintLimits, smoothing: float | None
+) -> list[BaseGeometry]:
+    """Return the print inside each outline with smooth and wide lines, which meet at seams.
+
+    At a straight seam the print is cleaned with what goes on beyond it. By itself each side would
+    be rounded as if its lines ran on at right angles, and they would end beside each other.
+    """
+    outlines, found = list(domain.outlines), list(laid)
+    margin = BEYOND * max(limits.width, limits.gap, smoothing or 0.0)
+    for seam in straight_joints(domain.pattern) if domain.sewn else ():
+        line = shapely.union_all(shapely.linestrings(seam.edges))
+        strip = domain.outlines[seam.source] & line.buffer(margin, cap_style="flat")
+        place = Affine(seam.turn[0], seam.shift[0])
+        outlines[seam.panel] = _joined(outlines[seam.panel], place.region(strip), margin)
+        found[seam.panel] = _joined(
+            found[seam.panel], place.region(laid[seam.source] & strip), margin
+        )
+    made = [
+        _cleaned(region, outline, limits, smoothing)
+        for region, outline in zip(found, outlines, strict=True)
+    ]
+    return [region & own for region, own in zip(made, domain.outlines, strict=True)]
+
+
+def _joined(one: BaseGeometry, other: BaseGeometry, size: float) -> BaseGeometry:
+    """Return the union of two regions that meet at a line, to rounding."""
+    both = one.union(other.buffer(TOUCHING * TOUCHING * size, join_style="mitre"))
+    return shapely.MultiPolygon(list(polygons_of(both)))
 
 
 def _cleaned(

@@ -88,7 +88,7 @@ class RepeatedTile(Panels):
         symmetry: Symmetry that the print keeps exactly, as for `Tile.symmetry_maps`.
     """
 
-    repeats = True
+    repeats, sewn = True, False
 
     def __init__(self, tile: Tile, symmetry: str) -> None:
         self.pattern, self._tile = tile.pattern, tile
