@@ -13,12 +13,11 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
-from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
-from toros_fem.making.print.polygons import TOUCHING, fabric_of, polygons_of, simplified
+from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
-from toros_fem.making.print.regions import part_regions, with_more
+from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
 from toros_fem.making.print.thickness import thickened
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.mirror import Mirrored
@@ -28,8 +27,6 @@ from toros_fem.meshes.pattern import Pattern, Regions
 # the mesh of the density sees it too.
 BRIDGE = 2.0
 SEEN = 3.0
-# Print beyond a seam that is cleaned with a panel, over the least width and the smoothing length.
-BEYOND = 8.0
 # Corners of regions that are joined across a cut lie on a grid of this fraction of the skin's size.
 GRID = 1e-9
 
@@ -223,27 +220,15 @@ def _all_cleaned(
     At a straight seam the print is cleaned with what goes on beyond it. By itself each side would
     be rounded as if its lines ran on at right angles, and they would end beside each other.
     """
-    outlines, found = list(domain.outlines), list(laid)
-    margin = BEYOND * max(limits.width, limits.gap, smoothing or 0.0)
-    for seam in straight_joints(domain.pattern) if domain.sewn else ():
-        line = shapely.union_all(shapely.linestrings(seam.edges))
-        strip = domain.outlines[seam.source] & line.buffer(margin, cap_style="flat")
-        place = Affine(seam.turn[0], seam.shift[0])
-        outlines[seam.panel] = _joined(outlines[seam.panel], place.region(strip), margin)
-        found[seam.panel] = _joined(
-            found[seam.panel], place.region(laid[seam.source] & strip), margin
-        )
+    found, outlines = list(laid), list(domain.outlines)
+    if domain.sewn:
+        margin = BEYOND * max(limits.width, limits.gap, smoothing or 0.0)
+        found, outlines = beyond_seams(domain.pattern, laid, margin)
     made = [
         _cleaned(region, outline, limits, smoothing)
         for region, outline in zip(found, outlines, strict=True)
     ]
     return [region & own for region, own in zip(made, domain.outlines, strict=True)]
-
-
-def _joined(one: BaseGeometry, other: BaseGeometry, size: float) -> BaseGeometry:
-    """Return the union of two regions that meet at a line, to rounding."""
-    both = one.union(other.buffer(TOUCHING * TOUCHING * size, join_style="mitre"))
-    return shapely.MultiPolygon(list(polygons_of(both)))
 
 
 def _cleaned(

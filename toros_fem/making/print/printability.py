@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.validation import require_positive
 from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.regions import BEYOND, beyond_seams
 from toros_fem.making.print.widths import Widths, measure_widths
 from toros_fem.meshes.panels import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -116,9 +117,11 @@ def printability(
 ) -> Printability:
     """Measure the printability of a pattern; lines and gaps narrower than the limits are listed."""
     outlines = pattern.outlines
+    # Lines and gaps go on across straight seams.
+    longer = beyond_seams(pattern, regions, BEYOND * max(limits.width, limits.gap))
     widths = [
-        measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
-        for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))
+        measure_widths(*both, panel, limits.width, limits.gap, limits.resolution, outlines[panel])
+        for panel, both in enumerate(zip(*longer, strict=True))
     ]
     lines, gaps = map(Widths.joined, zip(*widths, strict=True))
     return Printability(

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.design.loop.case import Case
+from toros_fem.making.print.polygons import polygons_of
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import scaled_points
+
+# Print beyond a seam that is seen with a panel, over the least width and the smoothing length.
+BEYOND = 8.0
+# What closes slits of rounding, over the width of a strip.
+SLIT = 1e-7
 
 
 def regions_on(
@@ -31,6 +39,26 @@ def regions_on(
         place = Affine.fit(there[points], target.flat_points[points])
         found.append(place.region(regions[source.panel_index(name)]))
     return found
+
+
+def beyond_seams(
+    pattern: Pattern, regions: Regions, margin: float
+) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
+    """Return print and outline of each panel with what lies beyond its straight seams.
+
+    That is a strip as wide as a margin in m, of the panel to which one rigid motion leads.
+    """
+    found, outlines = list(regions), list(pattern.outlines)
+    for seam in straight_joints(pattern):
+        line = shapely.union_all(shapely.linestrings(seam.edges))
+        strip = pattern.outline(seam.source) & line.buffer(margin, cap_style="flat")
+        place = Affine(seam.turn[0], seam.shift[0])
+        for whole, more in ((outlines, strip), (found, regions[seam.source] & strip)):
+            # A little larger, or rounding would leave a slit.
+            there = place.region(more).buffer(SLIT * margin, join_style="mitre")
+            parts = polygons_of(whole[seam.panel].union(there))
+            whole[seam.panel] = shapely.MultiPolygon(list(parts))
+    return found, outlines
 
 
 def part_regions(part: Pattern, regions: Regions) -> list[BaseGeometry]:
