@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
@@ -150,16 +150,26 @@ class DensityDesigner(Job):
         return growth_of_miss(result.history, result.final.shape) > LOST and self.worst(printed) > 1
 
     def print_of(self, result: DesignResult) -> PrintedDesign:
-        """Return the print of a design, simulated at the pressure that suits it best."""
+        """Return the print of a design, simulated at the pressure that suits it best.
+
+        Where it misses, and islands were bridged, it is tried without them.
+        """
         printer = self.scene.print
-        made = as_printed(
-            problem_of(result),
-            result,
-            printer.limits,
-            island_area=printer.island_area,
-            journal=self.journal,
-        )
-        return self.trimmed(made)
+
+        def printed(island_area: float) -> PrintedDesign:
+            problem = problem_of(result)
+            found = as_printed(
+                problem, result, printer.limits, island_area=island_area, journal=self.journal
+            )
+            return self.trimmed(found)
+
+        made = printed(printer.island_area)
+        if made.cleaned.bridged and (worst := self.worst(made)) > 1:
+            other = printed(math.inf)
+            if self.worst(other) < worst:
+                return other
+            free_dropped(self.comm)
+        return made
 
     def corrected(
         self,
