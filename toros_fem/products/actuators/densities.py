@@ -40,6 +40,8 @@ if TYPE_CHECKING:  # a scene is designed by what imports this
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
+# A print whose worst figure is off by so many tolerances is not tried without its islands.
+FAR = 10.0
 # How far another seed is from the one that was given.
 ANOTHER_SEED = 1000
 
@@ -152,7 +154,7 @@ class DensityDesigner(Job):
     def print_of(self, result: DesignResult) -> PrintedDesign:
         """Return the print of a design, simulated at the pressure that suits it best.
 
-        Where it misses, and islands were bridged, it is tried without them.
+        Where it misses, but not by far, and islands were bridged, it is tried without them.
         """
         printer = self.scene.print
 
@@ -164,7 +166,7 @@ class DensityDesigner(Job):
             return self.trimmed(found)
 
         made = printed(printer.island_area)
-        if made.cleaned.bridged and (worst := self.worst(made)) > 1:
+        if made.cleaned.bridged and 1 < (worst := self.worst(made)) < FAR:
             other = printed(math.inf)
             if self.worst(other) < worst:
                 return other
