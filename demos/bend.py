@@ -12,7 +12,7 @@
 #
 # and lines and gaps keep a least width (eqs. 11-14). MMA takes the adjoint gradient (eq. 19).
 #
-#     python demos/bend.py --coarse            # half a minute; mpirun -n 2 python … does the same
+#     python demos/bend.py --coarse            # 40 s; mpirun -n 2 python … does the same
 
 # %%
 import argparse
@@ -105,8 +105,8 @@ result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callbac
 
 # %% [markdown]
 # ## Print, polish, and trim the pressure
-# Islands are removed or bridged; where there are any, the design goes on from a print without them.
-# A mesh that follows its borders simulates the print. One solve with its tangent predicts all
+# Islands are removed or bridged. Where there are any, the design goes on from a print without them.
+# The print is simulated on a mesh that follows its borders. One solve with its tangent predicts all
 # figures along the pressure, which goes where the worst of them is least, by 15 % at most.
 
 # %%

@@ -54,8 +54,8 @@ class EquilibriumSolver(TangentSolver):
         log: Called with every row of a solve's history as it comes, and with a sentence where the
             equilibrium snapped, is near a limit point, blown up or folded; on every rank.
         further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
-            touches. `design`: what is designed, if not densities. None, or none given, leaves each
-            out (`make_model.Further`).
+            touches. `design`: what is designed, if not densities. `quadratic`: triangles with a
+            quadratic displacement. None, or none given, leaves each out (`make_model.Further`).
 
     Raises:
         ParameterError: An argument is of another type, or does not fit the skin.

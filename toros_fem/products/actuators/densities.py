@@ -170,6 +170,7 @@ class DensityDesigner(Job):
             other = printed(math.inf)
             if self.worst(other) < worst:
                 return other
+            del other
             free_dropped(self.comm)
         return made
 
