@@ -12,10 +12,11 @@
 #
 # and lines and gaps keep a least width (eqs. 11-14). MMA takes the adjoint gradient (eq. 19).
 #
-#     python demos/bend.py --coarse            # half a minute; mpirun -n 2 python … does the same
+#     python demos/bend.py --coarse            # 40 s; mpirun -n 2 python … does the same
 
 # %%
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,6 @@ PUMP = 10e3  # Pa, the most that it gives
 # symmetric about y = 0, so half the tube is enough. The end z = 0 is clamped. The target bends
 # towards +x, and the line 1 cm off the axis keeps its length: a skin under pressure does not
 # shorten. The end plate at the tip counts as much as all the rest, in place and in orientation.
-#
 # The pressure is designed too. It starts where the plain tube is longer by 1.1 times the strain of
 # the bend's outer side, and a part of T prefers less of it, so that no more is printed than needed.
 
@@ -82,17 +82,15 @@ def case(edge: float) -> tf.Case:
 # %% [markdown]
 # ## Design from coarse to fine
 #
-# 60 steps are free. They begin with a soft projection (β = 4, then 8, then 20), since with β = 20
-# the noise of the start freezes into the first pattern that it meets. 40 more have the constraints
-# on widths; each finer mesh goes on with 10 small ones.
+# 60 free steps begin with a soft projection (β = 4, 8, then 20), since with β = 20 the noise of the
+# start freezes. 40 more have the constraints on widths; each finer mesh goes on with 10 small ones.
 
 # %%
 edges, radius = ([2.8e-3], 4.4e-3) if given.coarse else ([2.8e-3, 1.4e-3], 2.15e-3)
 first, second = (40, 30) if given.coarse else (60, 40)
 stages = (tf.Stage(first), tf.Stage(second, constrained=True))
 steps = tf.DesignOptions(stages, min_relative_decrease=0.05)
-stage, small = tf.Stage(10, constrained=True), tf.MMAOptions(move=0.05)
-finer = tf.DesignOptions((stage,), min_relative_decrease=0.05, mma=small)
+finer = replace(steps, stages=(tf.Stage(10, constrained=True),), mma=tf.MMAOptions(move=0.05))
 
 
 def problem(edge: float) -> tf.ShapeDesign:
@@ -107,24 +105,20 @@ result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callbac
 
 # %% [markdown]
 # ## Print, polish, and trim the pressure
-#
-# The print is one piece: small islands are removed, larger ones bridged. Where there are any, the
-# design goes on from a print without them for up to 30 steps, and is printed again. The print is
-# simulated on a mesh that follows its borders. One solve with its tangent predicts all figures
-# along the pressure, which goes where the worst of them is least, by 15 % at most.
+# Islands are removed or bridged. Where there are any, the design goes on from a print without them.
+# The print is simulated on a mesh that follows its borders. One solve with its tangent predicts all
+# figures along the pressure, which goes where the worst of them is least, by 15 % at most.
 
 # %%
-limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-printed = tf.as_printed(result.problem, result, limits, island_area=20e-6)
+limits, area = tf.PrintLimits(0.6e-3, 0.6e-3), 20e-6
+printed = tf.as_printed(result.problem, result, limits, island_area=area)
 if printed.before.free_islands:
-    last = tf.DesignOptions((tf.Stage(30, constrained=True),), min_relative_decrease=0.05)
+    last = replace(steps, stages=(tf.Stage(30, constrained=True),))
     result = polished(result, printed, last, callback=reporter)
-    printed = tf.as_printed(result.problem, result, limits, island_area=20e-6)
+    printed = tf.as_printed(result.problem, result, limits, island_area=area)
 printed = tf.trimmed(printed)
 
 # %% [markdown]
-# ## Files
-#
 # `summary.json` has the figures, `pattern.svg` the flat pattern in true scale, `skin.vtu` the shape
 # for ParaView. `toros export FOLDER` writes the files for printer and cutter.
 

@@ -15,11 +15,13 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
-from toros_fem.meshes.following import located, places_on
+from toros_fem.base.validation import require_positive
+from toros_fem.meshes.following import located, places_on, straight_on
 from toros_fem.meshes.gmsh_model import faces_mesh
+from toros_fem.meshes.panels import polygons_of, runs_of_ring
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import Remeshed
-from toros_fem.meshes.triangles import cross, edge_keys, edges_of, equilateral_edge
+from toros_fem.meshes.triangles import edge_keys, edges_of, equilateral_edge, require_affordable
 
 # Edges of a border are as long as the print is wide, in the mean, and at most this fraction of
 # those of the plain fabric.
@@ -39,8 +41,6 @@ ON_OUTLINE = 1e-7
 LONGER = 0.25
 # How often a border that meets another one is simplified by half as much.
 HALVINGS = 6
-# An outline that turns by less than this, in rad, goes straight on.
-STRAIGHT = 1e-7
 # Least number of vertices along a closed outline without a corner, the first one counted twice.
 LOOP = 4
 # Steps of the search for the shift that restores an area.
@@ -111,10 +111,19 @@ def bordered(
         edge_length: Length of edges outside of the regions in m; None takes that of the pattern.
 
     Raises:
-        PatternError: Borders of the regions meet; the message says where.
+        PanelError: The number of regions is not that of the panels.
+        PatternError: Borders of the regions meet, and the message says where; or the skin is
+            moulded.
+        ParameterError: The edge length is not above 0.
+        MeshSizeError: There would be too many triangles.
     """
+    pattern.require_flat_panels("a mesh along borders")
     pattern.require_regions(regions)
-    fabric = edge_length or equilateral_edge(float(pattern.areas.mean()))
+    fabric = equilateral_edge(float(pattern.areas.mean()))
+    if edge_length is not None:
+        require_positive(edge_length=edge_length)
+        require_affordable(float(pattern.areas.sum()), edge_length)
+        fabric = edge_length
     sizes = _sizes(pattern, fabric, regions)
     regions = [_thick(one, pattern.outline(k), sizes.joined) for k, one in enumerate(regions)]
     curves = [c for k, region in enumerate(regions) for c in _curves(pattern, k, region)]
@@ -152,43 +161,17 @@ def _thick(region: BaseGeometry, outline: BaseGeometry, least: float) -> BaseGeo
 
 
 def _polygons(shape: BaseGeometry) -> BaseGeometry:
-    """Return the polygons of a shape, without its lines and points."""
-    parts = shapely.get_parts(shape)
-    return shapely.MultiPolygon(
-        list(parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON])
-    )
+    return shapely.MultiPolygon(list(polygons_of(shape)))
 
 
 # ------------------------------------------------------------------------------------- outlines
-
-
-def _straight_on(pattern: Pattern, border: Ints) -> Bools:
-    """Return whether each vertex, (n,), may be left out of the outlines, edges (k, 2).
-
-    All of its flat points lie between the same two vertices, and the outline goes straight on.
-    """
-    count = len(pattern.points)
-    both = np.concatenate([border, border[:, ::-1]])
-    both = both[np.argsort(both[:, 0], kind="stable")]
-    twice = np.bincount(border.ravel(), minlength=len(pattern.flat_points)) == 2
-    both = both[twice[both[:, 0]]]
-    point, around = both[::2, 0], both[:, 1].reshape(-1, 2)
-    one, two = (pattern.flat_points[around[:, i]] - pattern.flat_points[point] for i in range(2))
-    turn = np.abs(np.arctan2(cross(one, two), -np.einsum("ij,ij->i", one, two)))
-    vertex, beside = pattern.sewn[point], np.sort(pattern.sewn[around], axis=1)
-    low, high = np.full((count, 2), count), np.full((count, 2), -1)
-    np.minimum.at(low, vertex, beside)
-    np.maximum.at(high, vertex, beside)
-    straight = np.bincount(vertex[turn <= STRAIGHT], minlength=count)
-    every = np.bincount(pattern.sewn, minlength=count)
-    return np.asarray((straight == every) & (low == high).all(axis=1) & (low[:, 0] < low[:, 1]))
 
 
 def _chains(pattern: Pattern) -> list[_Chain]:
     """Return the edges of all outlines as chains, whose inner vertices may be left out."""
     edges = edges_of(pattern.flat_triangles)
     flat = edges.ends[edges.border]
-    free = _straight_on(pattern, flat)
+    free, _ = straight_on(pattern, flat)
     pairs = [(int(a), int(b)) for a, b in flat]
     around: dict[int, list[int]] = {}
     sides_of: dict[int, list[tuple[int, int]]] = {}
@@ -236,19 +219,11 @@ def _curves(pattern: Pattern, panel: int, region: BaseGeometry) -> list[_Curve]:
     for ring in shapely.get_rings(shapely.get_parts(region)):
         points = shapely.get_coordinates(ring)[:-1]
         points = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]
-        inside = ~shapely.dwithin(outline, shapely.points(points), near)
-        if inside.all():
+        runs = runs_of_ring(points, outline, near)
+        if runs is None:
             found.append(_Curve(panel, points, closed=True))
             continue
-        begin = int(np.argmin(inside))
-        closed = np.roll(points, -begin, axis=0)
-        closed = np.concatenate([closed, closed[:1]])
-        stops = np.append(np.flatnonzero(~np.roll(inside, -begin)), len(points))
-        for a, b in pairwise(stops):
-            run = closed[a : b + 1]
-            middle = shapely.Point(run[:2].mean(axis=0))
-            if b > a + 1 or not shapely.dwithin(outline, middle, near):
-                found.append(_Curve(panel, run, closed=False))
+        found += [_Curve(panel, run, closed=False) for run, off in runs if off]
     return found
 
 

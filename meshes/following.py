@@ -121,6 +121,32 @@ def places_on(pattern: Pattern, cell: Ints, weight: Floats, *, curved: Bools) ->
     return np.asarray(place - bulge * curved[:, None])
 
 
+def straight_on(pattern: Pattern, border: Ints) -> tuple[Bools, Ints]:
+    """Return whether outlines, flat edges (k, 2), go straight on at each vertex, (n,).
+
+    All flat points of such a vertex lie between the same two vertices. Also returned are the
+    neighbours of each flat point along the outline, (m, 2), in the same order on both sides of a
+    seam; −1 for others.
+    """
+    sewn, flat, count = pattern.sewn, pattern.flat_points, len(pattern.points)
+    both = np.concatenate([border, border[:, ::-1]])
+    both = both[np.lexsort((sewn[both[:, 1]], both[:, 0]))]
+    both = both[np.bincount(border.ravel(), minlength=len(flat))[both[:, 0]] == 2]
+    point, around = both[::2, 0], both[:, 1].reshape(-1, 2)
+    one, two = (flat[around[:, i]] - flat[point] for i in range(2))
+    turn = np.abs(np.arctan2(cross(one, two), -np.einsum("ij,ij->i", one, two)))
+    vertex, between_two = sewn[point], sewn[around]
+    low, high = np.full((count, 2), count), np.full((count, 2), -1)
+    np.minimum.at(low, vertex, between_two)
+    np.maximum.at(high, vertex, between_two)
+    straight = np.bincount(vertex[turn <= SAME], minlength=count)
+    found = straight == np.bincount(sewn, minlength=count)
+    found &= (low == high).all(axis=1) & (low[:, 0] < low[:, 1])
+    beside = np.full((len(flat), 2), -1)
+    beside[point] = around
+    return np.asarray(found), beside
+
+
 def _normals(pattern: Pattern) -> Floats:
     """Return unit normals at flat points, (m, 3): across seams as well where these are smooth."""
     corner, count = pattern.flat_triangles.ravel(), len(pattern.flat_points)
@@ -227,25 +253,10 @@ class _MovingMesh:
 
     def _sort_vertices(self) -> None:
         """Find inner vertices, those that may slide, and both neighbours along their borders."""
-        sewn, border = self.pattern.sewn, self.ends[self.alone]
-        both = np.concatenate([border, border[:, ::-1]])
-        both = both[np.lexsort((sewn[both[:, 1]], both[:, 0]))]
-        both = both[np.bincount(border.ravel(), minlength=len(self.flat))[both[:, 0]] == 2]
-        point, around = both[::2, 0], both[:, 1].reshape(-1, 2)
-        one, two = (self.flat[around[:, i]] - self.flat[point] for i in range(2))
-        turn = np.abs(np.arctan2(cross(one, two), -np.einsum("ij,ij->i", one, two)))
-        # All flat points of a vertex that slides have the same two neighbours.
-        vertex, beside = sewn[point], sewn[around]
-        low, high = np.full((self.count, 2), self.count), np.full((self.count, 2), -1)
-        np.minimum.at(low, vertex, beside)
-        np.maximum.at(high, vertex, beside)
-        straight = np.bincount(vertex[turn <= SAME], minlength=self.count)
-        self.slides = straight == np.bincount(sewn, minlength=self.count)
-        self.slides &= (low == high).all(axis=1) & (low[:, 0] < low[:, 1])
+        border = self.ends[self.alone]
+        self.slides, self.beside = straight_on(self.pattern, border)
         self.inner = np.ones(self.count, dtype=bool)
-        self.inner[sewn[border]] = False
-        self.beside = np.full((len(self.flat), 2), -1)
-        self.beside[point] = around
+        self.inner[self.pattern.sewn[border]] = False
 
     def _nominated(self, edges: Ints, refused: Bools) -> tuple[Ints, Ints, Floats, Floats]:
         """Return the cut ones of some edges, vertices to move, and of these moves and costs.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.affine import Affine
 from toros_fem.meshes.pattern import Pattern
 
@@ -136,8 +137,41 @@ def cut_by_triangles(region: BaseGeometry, corners: Floats) -> tuple[Ints, Polyg
     triangle, piece = shapely.STRtree(pieces).query(triangles, predicate="intersects")
     parts = shapely.intersection(triangles[triangle], pieces[piece])
     parts, origin = shapely.get_parts(parts, return_index=True)
-    flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    flat = _are_polygons(parts)
     return triangle[origin[flat]], parts[flat]
+
+
+def polygons_of(shape: BaseGeometry) -> Polygons:
+    """Return the polygons of a shape, without its lines and points."""
+    parts = shapely.get_parts(shape)
+    return parts[_are_polygons(parts)]
+
+
+def runs_of_ring(
+    points: Floats, cut: BaseGeometry, near: float
+) -> list[tuple[Floats, bool]] | None:
+    """Return the runs of a ring (n, 2) from one point on a cut to the next, each with both.
+
+    With each run comes whether it is off the cut. Points closer than `near`, in m, lie on the cut;
+    None where no point does.
+    """
+    free = ~shapely.dwithin(cut, shapely.points(points), near)
+    if free.all():
+        return None
+    begin = int(np.argmin(free))
+    closed = np.roll(points, -begin, axis=0)
+    closed = np.concatenate([closed, closed[:1]])
+    stops, found = np.append(np.flatnonzero(~np.roll(free, -begin)), len(points)), []
+    for a, b in pairwise(stops):
+        run = closed[a : b + 1]
+        # A single edge lies on the cut, or leads across the panel.
+        off = b > a + 1 or not shapely.dwithin(cut, shapely.Point(run.mean(axis=0)), near)
+        found.append((run, bool(off)))
+    return found
+
+
+def _are_polygons(parts: Polygons) -> Bools:
+    return np.asarray(shapely.get_type_id(parts) == shapely.GeometryType.POLYGON)
 
 
 def _divided(region: BaseGeometry) -> Polygons:

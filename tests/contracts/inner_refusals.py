@@ -84,6 +84,7 @@ from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.following import border_motion, snapped
 from toros_fem.meshes.transfer import make_transfer
 
@@ -261,6 +262,12 @@ OUTLINES: Table = {
     "directions in space": lambda s: m.stand(1.0, 0.1, directions=np.eye(2, 3), root=0.02),
     "nothing to mirror": lambda s: mirrored(half(), (0,)),
     "mirrored across axis 3": lambda s: mirrored(half(), (3,)),
+    "edges along borders of length 0": lambda s: bordered(
+        ALONE, s.pattern, s.pattern.outlines, 0.0
+    ),
+    "borders of a moulded skin": lambda s: bordered(
+        ALONE, moulded(s.pattern.points, s.pattern.triangles), []
+    ),
     "2 regions on 3 panels": lambda s: snapped(ALONE, s.pattern, [shapely.Polygon()] * 2),
     "borders of another mesh": lambda s: border_motion(
         SHEET, [shapely.Polygon()], np.zeros(3, bool), 1e-4

@@ -350,6 +350,7 @@ SUPPORTS: Table = {
     "nothing is fixed": lambda s: tf.EquilibriumSolver(
         s.skin, tf.Composite(bending=None), Supports(np.zeros_like(s.held.fixed))
     ),
+    "quadratic triangles are numbers": lambda s: _solver(s, quadratic=[0, 1]),
     "chambers are short": lambda s: tf.EquilibriumSolver(
         s.skin, tf.Composite(bending=None), s.held, chambers=tf.Chambers(("a", "b"), [0, 1])
     ),

@@ -114,7 +114,7 @@ def shared_and_own(model: SkinModel, design: np.ndarray) -> Iterator[tuple[Any, 
     bounds = model.bounds
     if isinstance(bounds, MixedBounds):
         names["narrowed"] = lambda forms: bounds.narrowed(forms.residual)
-        bounds.loosen(np.zeros((len(model.skin.owned_cells), model.bounds.nodes, 3)))
+        bounds.loosen(np.zeros_like(model.corners(model.assembled)))
     model.set_density(design)
     for name, of in names.items():
         assert (model._shared._kind, name) in _KERNELS

@@ -1,7 +1,9 @@
 """A design whose printable lines lose the shape: it is tried otherwise, and told."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -9,6 +11,7 @@ from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
 from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.products.actuators import densities
 from toros_fem.products.actuators.densities import ANOTHER_SEED, DensityDesigner, other_ways
 from toros_fem.products.tubes.bend import BendScene
 
@@ -55,7 +58,7 @@ def test_a_lost_design_is_tried_otherwise(
     known = list[tuple[Any, float]]()
     monkeypatch.setattr(DensityDesigner, "worst", worst)
     monkeypatch.setattr(DensityDesigner, "lost", lost)
-    found = SCENE.run_design(alone, tmp_path)
+    found = SCENE.updated(island_area=2e-3).run_design(alone, tmp_path)  # none is bridged
     assert len(found.search.tried) == tried
     assert found.design.history == seen[2].history, "the third was the best"
     assert found.summary()["tried"] == list(found.search.tried)
@@ -66,3 +69,34 @@ def test_a_design_that_keeps_its_shape_is_made_once(alone: MPI.Comm, tmp_path: P
     found = SCENE.run_design(alone, tmp_path)
     assert found.search.tried == ()
     assert "tried" not in found.summary()
+
+
+@pytest.mark.parametrize(
+    ("worsts", "areas", "taken"),
+    [((3.0, 2.0), [20e-6, math.inf], 1), ((2.0, 3.0), [20e-6, math.inf], 0), ((0.9,), [20e-6], 0)],
+)
+def test_bridged_islands_are_left_out_where_that_is_better(
+    alone: MPI.Comm,
+    monkeypatch: pytest.MonkeyPatch,
+    worsts: tuple[float, ...],
+    areas: list[float],
+    taken: int,
+) -> None:
+    """A print that misses with bridges is made without them too."""
+    asked, prints = list[float](), list[Any]()
+
+    def as_printed(*_: Any, island_area: float, **__: Any) -> Any:
+        asked.append(island_area)
+        prints.append(SimpleNamespace(cleaned=SimpleNamespace(bridged=("one",)), number=len(asked)))
+        return prints[-1]
+
+    monkeypatch.setattr(densities, "as_printed", as_printed)
+    monkeypatch.setattr(densities, "problem_of", lambda result: None)
+    monkeypatch.setattr(DensityDesigner, "trimmed", lambda _, printed: printed)
+    monkeypatch.setattr(DensityDesigner, "worst", lambda _, one: worsts[one.number - 1])
+    scene = SCENE.updated(island_area=20e-6)
+    reporter: Any = None
+    designer = DensityDesigner(comm=alone, scene=scene, reporter=reporter)
+    result: Any = None
+    assert designer.print_of(result) is prints[taken]
+    assert asked == areas

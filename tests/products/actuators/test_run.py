@@ -134,7 +134,8 @@ def test_what_is_told_is_the_limit(alone: MPI.Comm, tmp_path: Path) -> None:
     assert "±" in made.sentence()
     problem = made.printed.evaluation.problem
     assert isinstance(problem, ShapeDesign)
-    assert problem.solver.model.composite.membrane.smoothed
+    assert problem.case.quadratic is not None
+    assert problem.case.quadratic.any()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ from toros_fem.design.density.perimeter import SHARPNESS
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.robust import WidthTolerance
 
-# Power q of the projection: with 1 many bends miss, with 2 few (docs/theory/design.md).
+# Power q of the projection: with 2 bends need less print than with 1, and are nearer to their
+# targets (docs/theory/design.md).
 POWER = 2.0
 
 

@@ -9,7 +9,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import DensityError
-from toros_fem.making.print.polygons import changed_border, polygons_of
+from toros_fem.making.print.polygons import changed_border
+from toros_fem.meshes.panels import polygons_of
 from toros_fem.meshes.pattern import Pattern
 
 # Values this close to the threshold count as equal to it, so that the contour passes through the

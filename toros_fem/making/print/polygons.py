@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import reduce
-from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
+from toros_fem.meshes.panels import polygons_of, runs_of_ring
 
 # Two borders closer than this fraction of the resolution are the same.
 TOUCHING = 1e-3
@@ -20,12 +19,6 @@ QUARTER = 10
 
 # A change of a part of a border, points (n, 2), that is a whole ring or a run between fixed ends.
 Change = Callable[[Floats, bool], Floats]
-
-
-def polygons_of(shape: BaseGeometry) -> npt.NDArray[np.object_]:
-    """Return the polygons of a shape, without its lines and points."""
-    parts = shapely.get_parts(shape)
-    return parts[shapely.get_type_id(parts) == shapely.GeometryType.POLYGON]
 
 
 def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
@@ -90,19 +83,7 @@ def simplified(
 
 def _changed_ring(points: Floats, cut: BaseGeometry, near: float, change: Change) -> Floats:
     """Return the points of a ring (n, 2), changed where it is off the cut."""
-    free = ~shapely.dwithin(cut, shapely.points(points), near)
-    if free.all():
+    runs = runs_of_ring(points, cut, near)
+    if runs is None:
         return change(points, True)
-    begin = int(np.argmin(free))
-    closed = np.roll(points, -begin, axis=0)
-    closed = np.concatenate([closed, closed[:1]])
-    # Runs between two points on the cut, each with both of these.
-    stops = np.append(np.flatnonzero(~np.roll(free, -begin)), len(points))
-    pieces = []
-    for a, b in pairwise(stops):
-        run = closed[a : b + 1]
-        # A single edge lies on the cut, or leads across the panel.
-        if b > a + 1 or not shapely.dwithin(cut, shapely.Point(run.mean(axis=0)), near):
-            run = change(run, False)
-        pieces.append(run[:-1])
-    return np.concatenate(pieces)
+    return np.concatenate([(change(run, False) if off else run)[:-1] for run, off in runs])

@@ -14,10 +14,10 @@ from toros_fem.making.print.polygons import (
     fabric_of,
     opened,
     pieces_and_holes,
-    polygons_of,
     solid,
 )
 from toros_fem.making.print.widths import narrow_discs
+from toros_fem.meshes.panels import polygons_of
 
 # Relative excess of widths, since discs are polygons and lie at a distance from each other; a
 # third of it is what widths must keep.

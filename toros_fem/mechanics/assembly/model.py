@@ -40,6 +40,7 @@ from toros_fem.mechanics.terms.sheet import (
     Sheet,
 )
 from toros_fem.mechanics.terms.term import Term
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
 # Rounding of the stretching energy over modulus times area: about a hundred units in the last
@@ -427,10 +428,10 @@ def make_model(
     if bending is not None:
         repeats = periodic is not None
         terms.append(Bend(skin, composite, bending, supports, repeats=repeats))
-    quadratic = further.get("quadratic")
-    if quadratic is not None:
+    if (quadratic := further.get("quadratic")) is not None:
+        _require_quadratic(quadratic, pattern)
         sheet, first = terms[0].bounds, 3
-        if bending is not None:
+        if bending is not None:  # flaps, and rotations as one more vector, come before
             first = 7 if bending.curvature == "midedge" else 6
         assert sheet is not None
         terms.append(QuadraticEdges(skin, supports, sheet, quadratic, first))
@@ -454,3 +455,12 @@ def make_model(
 def _require_known(contact: Contact | None) -> None:
     if contact is not None:
         raise ParameterError("relaxed designs know no contact; leave contact out, or families.")
+
+
+def _require_quadratic(cells: Any, pattern: Pattern) -> None:
+    found, count = np.asarray(cells), len(pattern.panel)
+    if found.dtype != np.bool_ or found.shape != (count,):
+        raise ParameterError(
+            f"quadratic has shape {found.shape} and type {found.dtype}; it must be {count} truth "
+            "values, one for each triangle."
+        )

@@ -54,8 +54,8 @@ class EquilibriumSolver(TangentSolver):
         log: Called with every row of a solve's history as it comes, and with a sentence where the
             equilibrium snapped, is near a limit point, blown up or folded; on every rank.
         further: `chambers`: pressure chambers. `weight`: the skin's own weight. `contact`: what it
-            touches. `design`: what is designed, if not densities. None, or none given, leaves each
-            out (`make_model.Further`).
+            touches. `design`: what is designed, if not densities. `quadratic`: triangles with a
+            quadratic displacement. None, or none given, leaves each out (`make_model.Further`).
 
     Raises:
         ParameterError: An argument is of another type, or does not fit the skin.
@@ -135,7 +135,7 @@ class EquilibriumSolver(TangentSolver):
                 near = start
             start = start.state
         self.forget()
-        model.set_density(density)  # smoothed strains, and so what a start may be, are by it
+        model.set_density(density)
         state = start_state(model, start)
         with together(comm):
             if near is not None and len(near.density) != len(density):

@@ -23,6 +23,7 @@ COLLAPSED = 1e-6
 # From the fraction OUTSIDE of its bounds a triangle of a start is outside. Its bounds are loosened,
 # so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance.
 OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
+# All triangles.
 EVERY = slice(None)
 # Least fraction of the way back that is gone with a predicted motion.
 SHORTEST = 1 / 16

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
@@ -40,6 +40,8 @@ if TYPE_CHECKING:  # a scene is designed by what imports this
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
+# A print whose worst figure is off by so many tolerances is not tried without its islands.
+FAR = 10.0
 # How far another seed is from the one that was given.
 ANOTHER_SEED = 1000
 
@@ -150,16 +152,27 @@ class DensityDesigner(Job):
         return growth_of_miss(result.history, result.final.shape) > LOST and self.worst(printed) > 1
 
     def print_of(self, result: DesignResult) -> PrintedDesign:
-        """Return the print of a design, simulated at the pressure that suits it best."""
+        """Return the print of a design, simulated at the pressure that suits it best.
+
+        Where it misses, but not by far, and islands were bridged, it is tried without them.
+        """
         printer = self.scene.print
-        made = as_printed(
-            problem_of(result),
-            result,
-            printer.limits,
-            island_area=printer.island_area,
-            journal=self.journal,
-        )
-        return self.trimmed(made)
+
+        def printed(island_area: float) -> PrintedDesign:
+            problem = problem_of(result)
+            found = as_printed(
+                problem, result, printer.limits, island_area=island_area, journal=self.journal
+            )
+            return self.trimmed(found)
+
+        made = printed(printer.island_area)
+        if made.cleaned.bridged and 1 < (worst := self.worst(made)) < FAR:
+            other = printed(math.inf)
+            if self.worst(other) < worst:
+                return other
+            del other
+            free_dropped(self.comm)
+        return made
 
     def corrected(
         self,
