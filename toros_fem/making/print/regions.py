@@ -10,8 +10,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.design.lines.ribbons import straight_joints
 from toros_fem.design.loop.case import Case
-from toros_fem.making.print.polygons import polygons_of
 from toros_fem.meshes.affine import Affine
+from toros_fem.meshes.panels import polygons_of
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import scaled_points
 
