@@ -16,8 +16,8 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import require_positive
-from toros_fem.meshes.following import located, places_on, straight_on
 from toros_fem.meshes.gmsh_model import faces_mesh
+from toros_fem.meshes.moving import located, places_on, straight_on
 from toros_fem.meshes.panels import polygons_of, runs_of_ring
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import Remeshed

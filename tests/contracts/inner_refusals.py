@@ -85,7 +85,7 @@ from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Planes, Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, moulded, tile
 from toros_fem.meshes.bordered import bordered
-from toros_fem.meshes.following import border_motion, snapped
+from toros_fem.meshes.moving import border_motion
 from toros_fem.meshes.transfer import make_transfer
 
 ALONE = MPI.COMM_SELF
@@ -268,10 +268,8 @@ OUTLINES: Table = {
     "borders of a moulded skin": lambda s: bordered(
         ALONE, moulded(s.pattern.points, s.pattern.triangles), []
     ),
-    "2 regions on 3 panels": lambda s: snapped(ALONE, s.pattern, [shapely.Polygon()] * 2),
-    "borders of another mesh": lambda s: border_motion(
-        SHEET, [shapely.Polygon()], np.zeros(3, bool), 1e-4
-    ),
+    "2 regions on 3 panels": lambda s: bordered(ALONE, s.pattern, [shapely.Polygon()] * 2),
+    "borders of another mesh": lambda s: border_motion(SHEET, np.zeros(3, bool), 1e-4),
     "transfer between other panels": lambda s: make_transfer(s.pattern, SHEET),
     "transfer to a wider wall": lambda s: make_transfer(
         s.pattern, cylinder(ALONE, 0.06, 0.02, 7e-3, mesh="structured")

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from helpers.scenes import DATA
 from helpers.surfaces import sphere
 from mpi4py import MPI
@@ -16,7 +15,6 @@ from toros_fem import meshes as m
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.perimeter import Perimeter
-from toros_fem.meshes.following import snapped
 from toros_fem.meshes.makers.sheets import disc, rectangle
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer, refine
@@ -111,10 +109,3 @@ def test_fields(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
     figures["places on a finer mesh"] = transfer.positions(pattern.points * [1.1, 1.2, 0.9])
     figures["laplacian"] = pattern.flat_laplacian().data
     pinned("fields", found | figures, rel=GEOMETRY)
-
-
-def test_mesh_that_follows_lines(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
-    pattern = m.cylinder(comm, 0.06, 0.02, 3e-3, mesh="structured")
-    line = shapely.LineString([(0.005, 0.01), (0.05, 0.05)]).buffer(1.6e-3)
-    regions = [line if name == "wall" else shapely.Point() for name in pattern.panel_names]
-    pinned("patterns/snapped", figures_of(snapped(comm, pattern, regions)), rel=1e-6, small=1e-10)

@@ -26,8 +26,9 @@ from toros_fem.design.lines.laid_lines import (
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.design.lines.line_mesh import LineMesh, coordinates
 from toros_fem.meshes import cylinder
-from toros_fem.meshes.following import border_motion, snapped
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.makers.sheets import rectangle
+from toros_fem.meshes.moving import border_motion
 
 SIDE = 0.04
 
@@ -186,10 +187,9 @@ def test_a_warp_turns_with_the_charts() -> None:
 def test_borders_of_the_print_follow_changes(lines: LaidLines) -> None:
     """Flat points at borders move by what widths and warp say, as those of the changed lines do."""
     fine = rectangle(MPI.COMM_SELF, SIDE, SIDE, 0.4e-3, "unstructured")
-    fine = snapped(MPI.COMM_SELF, fine, lines.regions)
-    shapely.prepare(lines.regions[0])
-    printed = shapely.contains_xy(lines.regions[0], *fine.corners.mean(axis=1).T)
-    normals = border_motion(fine, lines.regions, printed, 1e-6)
+    finer, printed = bordered(MPI.COMM_SELF, fine, lines.regions)
+    fine = finer.pattern
+    normals = border_motion(fine, printed, 1e-6)
     borders = print_borders(lines, fine, [lines.families[0].under], printed, normals)
 
     def way(z: np.ndarray) -> np.ndarray:

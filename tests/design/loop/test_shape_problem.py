@@ -11,7 +11,7 @@ from toros_fem.measures.metrics import bend_angle
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import bend, cylinder
-from toros_fem.meshes.following import with_flat_points
+from toros_fem.meshes.moving import with_flat_points
 
 
 def test_shape_derivatives_are_those_of_moved_meshes(comm: MPI.Comm) -> None:

@@ -162,7 +162,7 @@ class ShapeDesign(ShapeProblem):
         """Return the same design on the same triangles, whose vertices have moved (collective).
 
         Args:
-            pattern: The pattern after the move, by `meshes.following.snapped` for instance.
+            pattern: The pattern after the move, by `meshes.moving.with_flat_points` for instance.
 
         Raises:
             TorosError: A part of the objective does not fit the moved skin.

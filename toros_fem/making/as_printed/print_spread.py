@@ -13,8 +13,7 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.regions import part_regions
-from toros_fem.meshes.following import border_motion, with_flat_points
+from toros_fem.meshes.moving import border_motion, with_flat_points
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +47,8 @@ def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     problem = made.problem
     assert isinstance(problem, ShapeDesign)
     comm, part = problem.comm, problem.skin.pattern
-    regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
     part_of = problem.skin.gather_cells(made.projected)
-    motion = on_first_rank(comm, lambda: border_motion(part, regions, part_of > 0.5, offset))
+    motion = on_first_rank(comm, lambda: border_motion(part, part_of > 0.5, offset))
     shapes, metrics = [problem.skin.gather_vertices(made.equilibrium.positions)], []
     try:
         for way in (-offset, offset):

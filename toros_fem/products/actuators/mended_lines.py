@@ -17,7 +17,7 @@ from toros_fem.design.lines.changes import (
 )
 from toros_fem.design.lines.laid_lines import LaidLines, LineChange, change_between, changed
 from toros_fem.making.print.regions import regions_on
-from toros_fem.meshes.following import border_motion
+from toros_fem.meshes.moving import border_motion
 from toros_fem.products.actuators.line_print import LinePrint
 from toros_fem.products.actuators.misses import Misses
 
@@ -77,7 +77,7 @@ def mending(made: LinePrint, lines: LaidLines, misses: Misses) -> Mending | None
             len(lines.families), smooth_functions(mesh, FUNCTIONS), fields, (WIDER, far)
         )
         under = [regions_on(lines.pattern, family.under, pattern) for family in lines.families]
-        normals = border_motion(pattern, made.regions, printed, 1e-3 * far)
+        normals = border_motion(pattern, printed, 1e-3 * far)
         return changes, print_borders(lines, pattern, under, printed, normals)
 
     changes, borders = on_first_rank(comm, basis)

@@ -19,7 +19,7 @@ from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
-from toros_fem.meshes.following import border_motion, with_flat_points
+from toros_fem.meshes.moving import border_motion, with_flat_points
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.options import ToleranceConfig
@@ -162,9 +162,7 @@ class _Study:
             self.problem.solver.model.patch.gather(self.equilibrium.state),
         )
         printed = self.density_of_all > 0.5
-        motion = on_first_rank(
-            self.comm, lambda: border_motion(pattern, self.drawn.regions, printed, width)
-        )
+        motion = on_first_rank(self.comm, lambda: border_motion(pattern, printed, width))
 
         def moved(amount: float) -> MovedSkin:
             way = amount / 2 * motion  # a line is wider by twice the way of its borders
