@@ -124,6 +124,7 @@ def bordered(
         require_positive(edge_length=edge_length)
         require_affordable(float(pattern.areas.sum()), edge_length)
         fabric = edge_length
+    regions = [_polygons(region) for region in regions]
     sizes = _sizes(pattern, fabric, regions)
     regions = [_thick(one, pattern.outline(k), sizes.joined) for k, one in enumerate(regions)]
     curves = [c for k, region in enumerate(regions) for c in _curves(pattern, k, region)]

@@ -133,7 +133,8 @@ def test_pieces_that_are_too_thin_are_left_out() -> None:
 
 def test_nothing_printed_is_a_plain_mesh() -> None:
     pattern = cylinder(MPI.COMM_SELF, 0.04, 2 * RADIUS, 2.8e-3)
-    _, inside = bordered(MPI.COMM_SELF, pattern, [NOTHING] * 3)
+    empty = [NOTHING, shapely.GeometryCollection(), shapely.MultiPolygon()]
+    _, inside = bordered(MPI.COMM_SELF, pattern, empty)
     assert not inside.any()
     assert len(inside) == pytest.approx(len(pattern.panel), rel=0.15)
 

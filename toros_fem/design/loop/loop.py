@@ -14,8 +14,13 @@ import numpy as np
 
 from toros_fem.base.archive import Archive
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import Distributed, collective, largest, norm
+from toros_fem.base.errors import (
+    CheckpointError,
+    DensityError,
+    NoEquilibriumError,
+    ParameterError,
+)
+from toros_fem.base.mpi import Distributed, collective, largest, norm, total
 from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.loop.carried import CarriedDesign, InitialDensity, initial_density
@@ -104,7 +109,7 @@ def optimize(
     Raises:
         CheckpointError: The state in the journal cannot be read, or belongs to something else.
         RunStoppedError: A signal asked for an end; the state is written.
-        DensityError: The start does not fit or leaves [0, 1].
+        DensityError: The start does not fit or leaves [0, 1]; or no triangle is designed.
         ParameterError: A stage is constrained and the problem has no constraints.
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
             failures.
@@ -123,6 +128,11 @@ def optimize(
                 f"options = {shown(options)} must be DesignOptions, or a list of Stages."
             )
         options = DesignOptions(tuple(options))
+    if total(problem.comm, problem.designed.sum()) == 0:
+        raise DensityError(
+            "passive prescribes the density of every triangle: none is designed. Set NaN where the "
+            "density is to be designed."
+        )
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
             "a stage has constrained = True, but the problem has no length_scale. Give the problem "

@@ -58,7 +58,8 @@ class ShapeDesign(ShapeProblem):
 
     Attributes:
         case, regularisation: As given, or as they were changed by the methods of this class. What
-            else `changed` gives holds on this mesh alone, but for metrics.
+            else `changed` gives holds on this mesh alone, but for metrics. Where nothing is
+            designed, as in a print, variants, width constraints and perimeter are left out.
         fields: DensityFields, filter and projection.
 
     Raises:
@@ -81,6 +82,9 @@ class ShapeDesign(ShapeProblem):
         require_kind("case", case, Case, "a Case")
         require_kind("regularisation", regularisation, Regularisation, "a Regularisation")
         _check_kinds(case, regularisation, log)
+        passive = _given_density(case)
+        if passive is not None and not np.isnan(passive).any():
+            regularisation = regularisation.plain
         self.case, self.regularisation, self._log = case, regularisation, log
         skin = sew(comm, case.pattern)
         goal = checked_target(skin, case.goal)
@@ -103,7 +107,6 @@ class ShapeDesign(ShapeProblem):
         physics = InflatedSkin(solver, case.pressure, case.pressure_bounds, force)
         beyond = whole if whole.parts > 1 else None
         density_filter = make_filter(r.filter, skin, r.filter_radius, beyond)
-        passive = _given_density(case)
         passive = None if passive is None else passive[skin.owned_cells]
         super().__init__(
             DensityFields(skin, density_filter, r.projection, passive, case.start),
@@ -173,13 +176,10 @@ class ShapeDesign(ShapeProblem):
     def for_print(self, regions: Sequence[BaseGeometry]) -> ShapeDesign:
         """Return the design on a mesh whose edges are the borders of a print (collective).
 
-        Variants, width constraints and perimeter are left out: nothing is designed there.
-
         Args:
             regions: Print on each panel of the pattern, polygons in m.
         """
-        case = self.case.following(self.comm, regions)
-        return self._with(case, self.regularisation.plain)
+        return self._with(self.case.following(self.comm, regions), self.regularisation)
 
     def refined(self) -> ShapeDesign:
         """Return the same design on the refined pattern, with half of all lengths (collective).

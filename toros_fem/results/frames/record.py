@@ -59,6 +59,8 @@ def shown_skin(
     """
     whole, passive, target = problem.whole, problem.fields.passive, problem.target
     passive = None if passive is None else whole_cells(problem, passive)
+    if passive is not None and not np.isnan(passive).any():  # nothing is designed
+        passive = None
     target = None if target is None else whole.at_vertices(target)
     aligned = is_aligned(problem.objective)
     touched = _touched(problem.solver.contact, poses)
