@@ -1,9 +1,9 @@
-"""Told intervals against limits from finer meshes.
+"""Told intervals against values of a finer mesh.
 
-A run tells each figure of a print with an interval, from coarser meshes and from two elements on
-its own (`products.actuators.estimates`). Here prints of seven kinds are drawn by seeds on a small
-tube, at several pressures. Each is simulated on three meshes, as a run does it, and on two finer
-ones, from whose computed shapes the limit is extrapolated. The intervals should hold it.
+A run tells each figure of a print with an interval, from coarser meshes of the same print
+(`products.actuators.estimates`). Here prints of eight kinds are drawn by seeds on a small tube and
+on a flat finger, at several pressures. Each is simulated on two meshes, as a run does it, and on a
+finer one, whose value the intervals should hold.
 """
 
 from __future__ import annotations
@@ -23,37 +23,33 @@ from shapely.geometry.base import BaseGeometry
 
 from benchmarks.bench import Case, Command, Row, Rows, Table, markdown, timed
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.making.print.printability import printed_fractions
-from toros_fem.materials.sheet import Composite, Membrane
+from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import LimitShape, half_width, limit_shape
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.meshes import Pattern, cylinder, sew
-from toros_fem.meshes.following import snapped
+from toros_fem.mechanics.readings.error_estimate import half_width
+from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where
+from toros_fem.meshes import Pattern, cylinder, sew, two_panels
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.estimates import COARSER
 from toros_fem.products.actuators.other_mesh import COARSER_MESHES
 
 Floats = npt.NDArray[np.float64]
 Lines = list[Any]
+# A mesh, and the positions of its vertices, (n, 3), in m.
+Shape = tuple[Pattern, Floats]
 LENGTH, DIAMETER = 0.03, 0.014  # m
 AROUND = np.pi * DIAMETER
-# Edges in m: those whose intervals are checked, and those that the limit is extrapolated from.
-EDGES, FINE = (1.4e-3, 1.0e-3, 0.75e-3), (0.6e-3, 0.45e-3)
-QUICK = (2.8e-3,), (2.0e-3, 1.6e-3)
+WIDTH, ROOT = 0.016, 0.003  # of a flat finger and its held end, m
+# Edges in m: those whose intervals are checked, and those of the mesh that tells the limit.
+EDGES, FINE = (2.0e-3, 1.4e-3), 0.7e-3
+QUICK = (2.8e-3,), 1.6e-3
 SEEDS = range(27)
 # Half-widths were chosen with the prints of these seeds, and with no others.
 CHOSEN = range(18)
-# The first seed has one mesh more, and its limits come from finer ones.
-FINER, FINEST, SEEDS_OF_FINER = (*EDGES, 0.5e-3), (0.36e-3, 0.27e-3), range(1)
-# Order of the errors on the two meshes that the limit is extrapolated from.
-ORDER = 1.5
 SEEN, NEW = "prints of the choice", "other prints"
-# Names of figures: the part of a half-width that one mesh tells, and changes to coarser meshes.
-OWN, CHANGE = "half-width on its own", "change to edges of {:g}"
-# What is needed to try another rule.
-ACROSS, FROM_REST, CORRECTION = "edges over width", "change from rest", "correction"
+# Name of a figure: the change to coarser meshes.
+CHANGE = "change to edges of {:g}"
 
 
 def helices(rng: np.random.Generator) -> Lines:
@@ -100,12 +96,35 @@ def waves(rng: np.random.Generator) -> Lines:
     return [np.column_stack([AROUND * (k / count + wave), LENGTH * along]) for k in range(count)]
 
 
+def flat_ribs(rng: np.random.Generator) -> Lines:
+    """Return a spine with ribs on one of two flat panels, which bend the finger."""
+    count, middle = int(rng.integers(5, 8)), WIDTH / 2
+    found: Lines = [[(0.0, middle), (LENGTH, middle)]]
+    for k in range(count):
+        at, lean = LENGTH * (k + 0.5) / count, rng.uniform(-0.05, 0.05) * LENGTH
+        found.append([(at - lean, 0.1 * WIDTH), (at + lean, 0.9 * WIDTH)])
+    return found
+
+
+def tube(comm: MPI.Comm, edge: float) -> Pattern:
+    """Return a tube that is closed by two caps."""
+    return cylinder(comm, LENGTH, DIAMETER, edge, mesh="unstructured")
+
+
+def finger(comm: MPI.Comm, edge: float) -> Pattern:
+    """Return two flat panels, sewn along their outline, with a base of one."""
+    outline = np.array([[0, 0], [LENGTH, 0], [LENGTH, WIDTH], [0, WIDTH]])
+    return two_panels(comm, outline, edge)
+
+
 class Kind(NamedTuple):
     """Prints of one kind: how lines are drawn, their least and largest width in m and pressure."""
 
     lines: Callable[[np.random.Generator], Lines]
     widths: tuple[float, float] = (1.0e-3, 2.2e-3)
     pressures: tuple[float, float] = (3e3, 8e3)
+    pattern: Callable[[MPI.Comm, float], Pattern] = tube
+    panel: str = "wall"
 
 
 KINDS: Mapping[str, Kind] = {
@@ -117,6 +136,7 @@ KINDS: Mapping[str, Kind] = {
     "waves": Kind(waves),
     # Pressure times radius is 70 to 98 N/m; in the demos that design lines it is 100 N/m and more.
     "soft leaning ribs": Kind(leaning_ribs, (1.0e-3, 1.4e-3), (10e3, 14e3)),
+    "flat finger": Kind(flat_ribs, pattern=finger, panel="top"),
 }
 
 
@@ -127,13 +147,23 @@ def tip_of(pattern: Pattern, positions: Floats) -> Floats:
     return np.asarray(1e3 * areas @ positions[tip] / areas.sum())
 
 
+def corners_of(pattern: Pattern, positions: Floats) -> Floats:
+    """Return the middle of both corners at the tip of a finger in mm."""
+    both = np.array([[LENGTH, 0.0], [LENGTH, WIDTH]])
+    away = np.linalg.norm(pattern.points[:, None, :2] - both, axis=2)
+    corner = away.argmin(axis=0)
+    return np.asarray(1e3 * positions[corner].mean(axis=0))
+
+
 # What is told, with its unit, its factor, and the change from rest that is worth telling.
-FIGURES: Mapping[str, tuple[Callable[[Pattern, Floats], Any], str, float, float]] = {
+Figures = Mapping[str, tuple[Callable[[Pattern, Floats], Any], str, float, float]]
+OF_TUBES: Figures = {
     "angle": (bend_angle, "deg", 180 / np.pi, 5.0),
     "twist": (twist_angle, "deg", 180 / np.pi, 5.0),
     "length": (length_ratio, "percent", 100.0, 2.0),
     "tip": (tip_of, "mm", 1.0, 2.0),
 }
+OF_FINGERS: Figures = {"tip": (corners_of, "mm", 1.0, 2.0)}
 
 
 def _around(count: int, turns: float) -> Lines:
@@ -145,93 +175,95 @@ def _around(count: int, turns: float) -> Lines:
 
 
 def drawn(kind: str, seed: int, pattern: Pattern) -> tuple[list[BaseGeometry], float]:
-    """Return lines on the tube's wall between printed ends, and a pressure in Pa."""
+    """Return lines on one panel, and a pressure in Pa; the ends of a tube are printed."""
     rng = np.random.default_rng([54, list(KINDS).index(kind), seed])
     of_kind = KINDS[kind]
     width, pressure = rng.uniform(*of_kind.widths), rng.uniform(*of_kind.pressures)
     lines = of_kind.lines(rng)
     regions = [pattern.outline(k) for k in range(len(pattern.panel_names))]
-    wall = pattern.panel_index("wall")
-    corner = np.array(regions[wall].bounds[:2])
-    shifts = [corner + [turn * AROUND, 0.0] for turn in (-2, -1, 0, 1, 2)]
+    panel = pattern.panel_index(of_kind.panel)
+    corner = np.array(regions[panel].bounds[:2])
+    turns = (-2, -1, 0, 1, 2)
+    if of_kind.pattern is finger:
+        turns, regions[1 - panel] = (0,), shapely.Polygon()
+    shifts = [corner + [turn * AROUND, 0.0] for turn in turns]
     copies = [LineString(np.asarray(line) + shift) for line in lines for shift in shifts]
     ribbon = MultiLineString(copies).buffer(width / 2, cap_style="flat")
-    regions[wall] = shapely.intersection(regions[wall], ribbon)
+    regions[panel] = shapely.intersection(regions[panel], ribbon)
+    if of_kind.pattern is finger:  # its root is printed and held
+        root = shapely.box(0.0, -WIDTH, ROOT, WIDTH)
+        regions = [r | (root & pattern.outline(k)) for k, r in enumerate(regions)]
     return regions, float(pressure)
 
 
+def supports_of(pattern: Pattern) -> Supports:
+    """Hold the base of a tube, or one end of a finger."""
+    if "base" in pattern.panel_names:
+        return clamp(pattern, ["base"])
+    return clamp_where(pattern, lambda points: points[:, 0] <= (1 + 1e-6) * ROOT)
+
+
 def simulated(
-    kind: str, seed: int, edge: float, near: LimitShape | None
-) -> tuple[LimitShape, float, float]:
-    """Return the shape of a print on a mesh, and wall times of solve and estimate in s."""
+    kind: str, seed: int, edge: float, coarser: float, near: Shape | None
+) -> tuple[Shape, float]:
+    """Return the shape of a print on a mesh, and the wall time of the solve in s."""
     comm = MPI.COMM_WORLD
-    pattern = cylinder(comm, LENGTH, DIAMETER, edge, mesh="unstructured")
+    pattern = KINDS[kind].pattern(comm, edge)
     regions, pressure = drawn(kind, seed, pattern)
-    pattern = snapped(comm, pattern, regions)
-    skin, sheet = sew(comm, pattern), Composite(membrane=Membrane(strain="smoothed"))
-    solver = EquilibriumSolver(skin, sheet, clamp(pattern, ["base"]))
+    finer, inside = bordered(comm, pattern, regions, coarser=coarser)
+    pattern = finer.pattern
+    bare = np.bincount(pattern.panel, ~inside) > 0
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(
+        skin, Composite(), supports_of(pattern), quadratic=inside & bare[pattern.panel]
+    )
     start = None
     if near is not None:
-        start = solver.start_at(make_transfer(near.pattern, pattern).positions(near.computed))
-    density = printed_fractions(pattern, regions)[skin.owned_cells]
-    result, solving = timed(lambda: solver.solve(density, pressure, start))
-    found, estimating = timed(lambda: limit_shape(solver, result))
-    return found, solving, estimating
+        start = solver.start_at(make_transfer(near[0], pattern).positions(near[1]))
+    density = inside.astype(np.float64)[skin.owned_cells]
+    result, seconds = timed(lambda: solver.solve(density, pressure, start))
+    return (pattern, skin.gather_vertices(result.positions)), seconds
 
 
-def rows_of(
-    kind: str, seed: int, edges: tuple[float, ...], fine: tuple[float, float]
-) -> Iterator[Row]:
-    """Simulate a print on all meshes, and return each figure, parts of its interval, and its limit.
+def rows_of(kind: str, seed: int, edges: tuple[float, ...], fine: float) -> Iterator[Row]:
+    """Simulate a print on all meshes, and return each figure, its changes, and its limit.
 
     A coarser mesh without an equilibrium is left out, as a run leaves it out.
     """
-    found: dict[float, tuple[LimitShape, float, float]] = {}
+    found: dict[tuple[float, int], tuple[Shape, float]] = {}
     near = None
-    coarser = [edge * COARSER**k for edge in edges for k in range(1, COARSER_MESHES + 1)]
-    for edge in sorted({*edges, *coarser, *fine}, reverse=True):
-        with suppress(*(() if edge in (*edges, *fine) else (NoEquilibriumError,))):
-            found[edge] = simulated(kind, seed, edge, near)
-            near = found[edge][0]
-    (one, *_), (two, *_) = (found[edge] for edge in fine)
-    for name, (measure, unit, factor, least) in FIGURES.items():
+    meshes = [(edge, k) for edge in edges for k in range(COARSER_MESHES + 1)]
+    for edge, k in sorted(meshes, key=lambda one: -one[0] * COARSER ** one[1]):
+        with suppress(*(() if k == 0 else (NoEquilibriumError,))):
+            found[edge, k] = simulated(kind, seed, edge * COARSER**k, COARSER**k, near)
+            near = found[edge, k][0]
+    finest, _ = simulated(kind, seed, fine, fine / min(edges), near)
+    figures = OF_FINGERS if KINDS[kind].pattern is finger else OF_TUBES
+    for name, (measure, unit, factor, least) in figures.items():
 
-        def told(shape: LimitShape, positions: Floats) -> Floats:
-            return np.asarray(factor * np.asarray(measure(shape.pattern, positions)))  # noqa: B023
+        def told(shape: Shape) -> Floats:
+            return np.asarray(factor * np.asarray(measure(*shape)))  # noqa: B023
 
-        ends = [told(shape, shape.computed) for shape in (one, two)]
-        limit = ends[1] + (ends[1] - ends[0]) / ((fine[0] / fine[1]) ** ORDER - 1)
-        rest = told(one, one.pattern.points)
+        limit, rest = told(finest), told((finest[0], finest[0].points))
         if np.linalg.norm(limit - rest) < least:
             continue
         for edge in edges:
-            shape, solving, estimating = found[edge]
-            value = told(shape, shape.limit)
-            values = {
-                "error": value - limit,
-                "error as computed": told(shape, shape.computed) - limit,
-                "limit": limit - rest,
-                OWN: factor * shape.half_width(measure),
-                ACROSS: shape.edges_to_width,
-                FROM_REST: value - rest,
-                CORRECTION: factor * shape.correction(measure),
-            }
+            shape, seconds = found[edge, 0]
+            values = {"error": told(shape) - limit, "limit": limit - rest}
             for k in range(1, COARSER_MESHES + 1):
-                if other := found.get(edge * COARSER**k):
-                    values[CHANGE.format(COARSER**k)] = value - told(other[0], other[0].limit)
+                if other := found.get((edge, k)):
+                    values[CHANGE.format(COARSER**k)] = told(shape) - told(other[0])
             for what, at in values.items():
-                seconds = {"error": solving, OWN: estimating}.get(what)
                 place = (kind, f"seed {seed}", f"{1e3 * edge:.2f} mm", f"{name}, {what}")
-                own = "" if what == ACROSS else unit
-                yield Row(*place, float(np.linalg.norm(at)), own, seconds=seconds)
+                size = float(np.linalg.norm(at))
+                yield Row(*place, size, unit, seconds=seconds if what == "error" else None)
 
 
 def cases(quick: bool) -> list[Case]:
     """Return a case for each print."""
     found = []
     for seed in SEEDS[:1] if quick else SEEDS:
-        full = (FINER, FINEST) if seed in SEEDS_OF_FINER else (EDGES, FINE)
-        edges, fine = QUICK if quick else full
+        edges, fine = QUICK if quick else (EDGES, FINE)
         found += [
             Case(kind, partial(rows_of, kind, seed, edges, fine), f"seed {seed}") for kind in KINDS
         ]
@@ -247,16 +279,15 @@ def held_between(held: int, count: int, level: float = 0.95) -> tuple[float, flo
 
 
 class Told(NamedTuple):
-    """A figure that was told, and its limit.
+    """A figure that was told, and that of the finer mesh.
 
     Attributes:
         kind: Kind of the print.
         size: Edge length.
         name: Name of the figure.
-        error: Distance of what is told from the limit.
+        error: Distance of what is told from the finer mesh's value.
         width: Half-width of the interval.
-        computed: Distance of what the mesh computes from the limit.
-        change: Change from rest to the limit.
+        change: Change from rest.
         seconds: Time of the solve; NaN of one that was not alone on the machine.
         seeds: `SEEN` if the constants of half-widths were chosen with its print, `NEW` if not.
     """
@@ -266,7 +297,6 @@ class Told(NamedTuple):
     name: str
     error: float
     width: float
-    computed: float
     change: float
     seconds: float
     seeds: str
@@ -279,19 +309,17 @@ def told_figures(rows: Rows) -> list[Told]:
     for (kind, seed, size, figure), row in by_place.items():
         name, _, what = figure.partition(", ")
         if what == "error":
-            own, computed, change = (
-                by_place[kind, seed, size, f"{name}, {other}"].value or 0.0
-                for other in (OWN, "error as computed", "limit")
-            )
+            change = by_place[kind, seed, size, f"{name}, limit"].value or 0.0
             changes = {
                 COARSER**k: by_place[place].value or 0.0
                 for k in range(1, COARSER_MESHES + 1)
                 if (place := (kind, seed, size, f"{name}, {CHANGE.format(COARSER**k)}")) in by_place
             }
-            width = half_width(own, changes)
+            if not changes:
+                continue
             seconds = np.nan if row.seconds is None else row.seconds
-            numbers = row.value or 0.0, width, computed, change, seconds
             seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
+            numbers = row.value or 0.0, half_width(changes), change, seconds
             found.append(Told(kind, size, name, *numbers, seeds))
     return found
 
@@ -300,20 +328,19 @@ def table(rows: Rows) -> str:
     """Return how often intervals hold the limit, and how wide they are, by kind, mesh and seeds."""
     found, lines = told_figures(rows), []
     groups = [(k, 0) for k in KINDS] + [(s, 1) for s in dict.fromkeys(f[1] for f in found)]
-    for label, column in [*groups, (SEEN, 8), (NEW, 8), ("all", None)]:
-        own = [one[3:7] for one in found if column is None or one[column] == label]
+    for label, column in [*groups, (SEEN, 7), (NEW, 7), ("all", None)]:
+        own = [one[3:6] for one in found if column is None or one[column] == label]
         if not own:
             continue
-        error, width, computed, change = np.array(own).T
+        error, width, change = np.array(own).T
         held = int((error <= width).sum())
         low, high = held_between(held, len(own))
-        off, told, wide = (f"{np.median(100 * x / change):.1f} %" for x in (computed, error, width))
+        told, wide = (f"{np.median(100 * x / change):.1f} %" for x in (error, width))
         ratio = f"{np.median(width) / np.median(error):.1f}"
         counted = f"{held / len(own):.0%}", f"{low:.0%} to {high:.0%}"
-        lines.append((label, len(own), *counted, off, told, wide, ratio))
+        lines.append((label, len(own), *counted, told, wide, ratio))
     head = (
-        "", "values", "held", "95 %", "error as computed: median", "error as reported: median",
-        "half-width: median", "half-width over error",
+        "", "values", "held", "95 %", "error: median", "half-width: median", "half-width over error"
     )  # fmt: skip
     return markdown(head, lines)
 

@@ -95,7 +95,12 @@ class _Curve:
 
 @on_root
 def bordered(
-    comm: MPI.Comm, pattern: Pattern, regions: Regions, edge_length: float | None = None
+    comm: MPI.Comm,
+    pattern: Pattern,
+    regions: Regions,
+    edge_length: float | None = None,
+    *,
+    coarser: float = 1.0,
 ) -> tuple[Remeshed, Bools]:
     """Mesh the same panels along the borders of regions (collective).
 
@@ -109,23 +114,26 @@ def bordered(
         pattern: Panels and seams.
         regions: A region of each panel, in m.
         edge_length: Length of edges outside of the regions in m; None takes that of the pattern.
+        coarser: Factor on what the width of the regions allows: edges and errors of borders. A mesh
+            that is coarser everywhere has longer edges too.
 
     Raises:
         PanelError: The number of regions is not that of the panels.
         PatternError: Borders of the regions meet, and the message says where; or the skin is
             moulded.
-        ParameterError: The edge length is not above 0.
+        ParameterError: The edge length, or the factor, is not above 0.
         MeshSizeError: There would be too many triangles.
     """
     pattern.require_flat_panels("a mesh along borders")
     pattern.require_regions(regions)
     fabric = equilateral_edge(float(pattern.areas.mean()))
+    require_positive(coarser=coarser)
     if edge_length is not None:
         require_positive(edge_length=edge_length)
         require_affordable(float(pattern.areas.sum()), edge_length)
         fabric = edge_length
     regions = [_polygons(region) for region in regions]
-    sizes = _sizes(pattern, fabric, regions)
+    sizes = _sizes(pattern, fabric, regions, coarser)
     regions = [_thick(one, pattern.outline(k), sizes.joined) for k, one in enumerate(regions)]
     curves = [c for k, region in enumerate(regions) for c in _curves(pattern, k, region)]
     chains = _chains(pattern)
@@ -134,16 +142,16 @@ def bordered(
     return _meshed(pattern, chains, curves, lines, regions, sizes)
 
 
-def _sizes(pattern: Pattern, fabric: float, regions: Regions) -> _Sizes:
+def _sizes(pattern: Pattern, fabric: float, regions: Regions, coarser: float) -> _Sizes:
     """Return the sizes that the mean width of all regions asks for."""
     area, border, near = 0.0, 0.0, ON_OUTLINE * pattern.size
     for region, outline in zip(regions, pattern.outlines, strict=True):
         inside = region.boundary.difference(outline.boundary.buffer(near))
         area, border = area + region.area, border + inside.length
     width = 2 * area / border if border else fabric
-    off = min(OFF_WIDTH * width, OFF_EDGE * fabric)
+    off = min(OFF_WIDTH * coarser * width, OFF_EDGE * fabric)
     joined = min(JOINED_WIDTH * width, JOINED * fabric)
-    return _Sizes(fabric, min(width, FINER * fabric), off, joined)
+    return _Sizes(fabric, min(coarser * width, FINER * fabric), off, joined)
 
 
 def _thick(region: BaseGeometry, outline: BaseGeometry, least: float) -> BaseGeometry:

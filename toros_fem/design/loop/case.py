@@ -141,7 +141,12 @@ class Case:
 
     @collective("comm")
     def following(
-        self, comm: MPI.Comm, regions: Sequence[BaseGeometry], *, printed: bool = True
+        self,
+        comm: MPI.Comm,
+        regions: Sequence[BaseGeometry],
+        *,
+        printed: bool = True,
+        coarser: float = 1.0,
     ) -> Case:
         """Return the same case on a mesh whose edges are the borders of a print (collective).
 
@@ -152,12 +157,13 @@ class Case:
             comm: Communicator.
             regions: Print on each panel of the pattern, polygons in m.
             printed: Whether this is the print; if not, densities are designed on its mesh.
+            coarser: As of `bordered`.
 
         Raises:
             PanelError: The number of regions is not that of the panels.
             PatternError: Borders of the print meet each other.
         """
-        finer, inside = bordered(comm, self.pattern, regions)
+        finer, inside = bordered(comm, self.pattern, regions, coarser=coarser)
         made, panel = self.on_finer(finer), finer.pattern.panel
         if not printed:
             return made

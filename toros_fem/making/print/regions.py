@@ -37,8 +37,23 @@ def regions_on(
     for name in target.panel_names:
         points = np.unique(target.flat_triangles[target.cells_of(name)])
         place = Affine.fit(there[points], target.flat_points[points])
-        found.append(place.region(regions[source.panel_index(name)]))
+        number, outline = source.panel_index(name), target.outline(target.panel_index(name))
+        own = place.region(source.outline(number))
+        found.append(_up_to(outline, place.region(regions[number]), own))
     return found
+
+
+def _up_to(outline: BaseGeometry, region: BaseGeometry, own: BaseGeometry) -> BaseGeometry:
+    """Return a region whose print at its own outline goes on up to another one.
+
+    Polygons with more or fewer sides differ by slivers, as those of a round cap do.
+    """
+    beyond = outline.difference(own)
+    way = own.hausdorff_distance(outline)
+    if region.is_empty or beyond.is_empty or way == 0:
+        return region
+    more = beyond & region.buffer((1 + SLIT) * way, join_style="mitre")
+    return shapely.MultiPolygon(list(polygons_of(region.union(more.buffer(SLIT * way)) & outline)))
 
 
 def beyond_seams(
@@ -76,11 +91,14 @@ def with_more(
 
 @collective("comm")
 def case_of_print(
-    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions
-) -> tuple[Case, list[BaseGeometry]]:
-    """Return a case whose mesh has the borders of a print, and `print_on` it (collective)."""
+    comm: MPI.Comm, case: Case, pattern: Pattern, regions: Regions, *, coarser: float = 1.0
+) -> Case:
+    """Return a case whose mesh has the borders of a print, by `Case.following` (collective).
+
+    The print is that of the whole skin on its own pattern, which is another mesh.
+    """
     own = print_on(comm, case, pattern, regions)
-    return case.following(comm, own), own
+    return case.following(comm, own, coarser=coarser)
 
 
 @collective("comm")

@@ -329,8 +329,8 @@ class Designer(Distributed, DensityDesigner):
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""
         self._check()
-        level = self._print_level.scaled(self.scene.TRIAL_MESH)
-        return simulated_on(self, level, Again.of(printed))
+        ratio = self.scene.TRIAL_MESH
+        return simulated_on(self, self._print_level.scaled(ratio), Again.of(printed), ratio)
 
     @property
     def _print_level(self) -> Level:

@@ -189,7 +189,7 @@ class _Search:
         plain: The case on the mesh that is moved onto lines.
         misses: What its shapes are judged by.
         best: The best round and its print. Only this print and the judged one keep their problems.
-        finer_level: The finer mesh; None without one.
+        finer: The finer mesh, and its edge length over that of the prints; None without one.
         judged: The best round that it judged, its print, and what this mesh tells of it.
         asked: The round that it was last asked about.
         beyond: That minus what the print's own mesh tells, of the last print with both, at the
@@ -203,8 +203,7 @@ class _Search:
         self.plain = job.scene.case(job.comm, job.scene.print_level)
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint]  # from the first print on
-        checked = job.scene.checked(job.scene.print_level)
-        self.finer_level = None if checked is None else checked[1]
+        self.finer = job.scene.checked(job.scene.print_level)
         self.judged: tuple[Round, LinePrint, MeshValues] | None = None
         self.asked: Round | None = None
         self.beyond: tuple[Pattern, Floats] | None = None
@@ -393,15 +392,16 @@ class _Search:
     def _compared(self) -> Round:
         """Judge the best print by the finer mesh, once; return its round, as it is without one."""
         best, made = self.best
-        job, level = self.job, self.finer_level
-        if level is None or self.asked is best:
+        job = self.job
+        if self.finer is None or self.asked is best:
             return best
         self.asked = best
         free_dropped(job.comm)  # prints that are neither the best nor the judged one
         keys = [*made.metrics, *shape_of(made.printed.evaluation)]
         try:
             with self._timed("prints"):
-                there = values_on(job, level, Again.of(made.printed), keys)
+                ratio, level = self.finer
+                there = values_on(job, level, Again.of(made.printed), keys, ratio)
         except TorosError as caught:  # raised by all ranks or by none
             if job.comm.rank == 0:
                 log.warning("the finer mesh does not judge the print: %s", caught)

@@ -126,7 +126,7 @@ def metric_errors(
             found[ratio] = finer
     for ratio, other in others.items():
         try:
-            found[ratio] = values_on(job, other, again, [*measures])
+            found[ratio] = values_on(job, other, again, [*measures], ratio)
         except TorosError as caught:
             failure = failure or str(caught)
             if ratio < 1 and job.comm.rank == 0:
@@ -149,12 +149,14 @@ def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshVa
     return MeshValues(pattern, positions, known)
 
 
-def values_on(job: Job, level: Level, again: Again, keys: Sequence[str]) -> MeshValues:
+def values_on(
+    job: Job, level: Level, again: Again, keys: Sequence[str], ratio: float = 1.0
+) -> MeshValues:
     """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
 
     Keys are those of metrics, and of what the shape misses.
     """
-    return values_of(*_read(simulated_on(job, level, again), keys))
+    return values_of(*_read(simulated_on(job, level, again, ratio), keys))
 
 
 def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:

@@ -11,10 +11,9 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
-from toros_fem.base.mpi import free_dropped, on_first_rank
+from toros_fem.base.mpi import free_dropped
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.making.as_printed.as_printed import PrintedDesign, state_near
-from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -53,23 +52,26 @@ class Again:
         return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
 
 
-def simulated_on(job: Job, level: Level, again: Again) -> Evaluation[Equilibrium]:
+def simulated_on(
+    job: Job, level: Level, again: Again, ratio: float = 1.0
+) -> Evaluation[Equilibrium]:
     """Simulate a print on another mesh (collective).
+
+    Args:
+        level: The mesh.
+        again: The print.
+        ratio: How much longer its edges are than those of the print's own mesh.
 
     Raises:
         NoEquilibriumError: There is none.
     """
     level = replace(level, regularisation=level.regularisation.plain)
     comm, case = job.comm, job.scene.case(job.comm, level)
-    part: Floats = np.zeros(len(case.pattern.panel))
     if again.printed is not None:
-        case, own = case_of_print(comm, case, *again.printed)
-        fine = case.pattern
-        part = on_first_rank(comm, lambda: printed_fractions(fine, own))
+        case = case_of_print(comm, case, *again.printed, coarser=ratio)
     problem = job.problem(case, level)
-    here = part[problem.skin.owned_cells]
-    start = state_near(problem, *again.near)
-    return problem.simulate_binary(here, start=start, pressure=again.pressures)
+    start, plain = state_near(problem, *again.near), np.zeros(len(problem.designed))
+    return problem.simulate_binary(plain, start=start, pressure=again.pressures)
 
 
 def coarser_levels(scene: ActuatorScene, level: Level) -> dict[float, Level]:
@@ -97,12 +99,12 @@ def near_on_coarser(job: Job, level: Level, again: Again) -> Shape:
 
     The steps from a far start are cheap there. The coarsest mesh comes first.
     """
-    others: list[Level] = []
+    others: dict[float, Level] = {}
     with suppress(TorosError):  # raised by all ranks or by none, as below
-        others.extend(coarser_levels(job.scene, level).values())
-    for other in reversed(others):
+        others = coarser_levels(job.scene, level)
+    for ratio, other in reversed(others.items()):
         with suppress(TorosError):
-            again = replace(again, near=_shape(simulated_on(job, other, again)))
+            again = replace(again, near=_shape(simulated_on(job, other, again, ratio)))
         free_dropped(job.comm)
     return again.near
 

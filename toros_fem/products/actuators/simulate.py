@@ -18,7 +18,6 @@ from toros_fem.base.mpi import collective, on_first_rank
 from toros_fem.design.loop.case import Case
 from toros_fem.making.print.print_file import NAME as PRINT
 from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.measures.figures import formatted
 from toros_fem.mechanics.equilibrium.equilibrium import EquilibriumError
@@ -165,11 +164,11 @@ def _printed(
                 return replace(made, pattern=source), level, density, None
             there = make_transfer(source, made.pattern).at_cells(density)
             return made, level, (there >= 0.5).astype(np.float64), None
-        fine, own = case_of_print(comm, made, stored.pattern, stored.regions)
+        fine = case_of_print(comm, made, stored.pattern, stored.regions)
     except PanelError as caught:
         raise PanelError(f"{path} is the pattern of another skin: {caught}") from None
-    density = on_first_rank(comm, lambda: printed_fractions(fine.pattern, own))
-    return fine, level, density, (stored.pattern, stored.regions)
+    assert fine.passive is not None
+    return fine, level, fine.passive, (stored.pattern, stored.regions)
 
 
 def _tell_pressure(comm: MPI.Comm, taken: float, source: Path) -> None:

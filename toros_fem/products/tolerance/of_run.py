@@ -53,13 +53,12 @@ def tolerances_of_run(
     level = replace(level, regularisation=replace(level.regularisation, width_tolerance=None))
     case = scene.case(comm, level)
     stored = read_print_polygons(comm, folder)
-    fine, regions = case_of_print(comm, case, stored.pattern, stored.regions)
+    fine = case_of_print(comm, case, stored.pattern, stored.regions)
     near = on_first_rank(comm, lambda: _shape(folder))
     problem = scene.problem(comm, fine, level)
 
     values = {m.key: summary.own_value(m.key) for m in case.judged}
     drawn = Drawn(
-        regions,
         (stored.pattern, stored.regions),
         stored.limits,
         near,

@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import collective, on_first_rank
@@ -13,8 +15,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import PrintLimits, printability, printed_fractions
-from toros_fem.making.print.regions import part_regions
+from toros_fem.making.print.printability import PrintLimits, printability
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium, EquilibriumError
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
@@ -41,10 +42,9 @@ STIFFNESSES = (
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A print on a part of a skin and on the whole, and where its simulation starts.
+    """A print on a whole skin, and where its simulation starts.
 
     Attributes:
-        regions: Print on each panel of the part that is simulated, polygons in m.
         whole: The whole pattern, and the print on each of its panels.
         limits: Limits of the printer.
         near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
@@ -53,7 +53,6 @@ class Drawn:
         own_mesh: Metrics by key on the mesh of the design, to compare with, as far as known.
     """
 
-    regions: Regions
     whole: tuple[Pattern, Regions]
     limits: PrintLimits
     near: tuple[Pattern, Floats] | None
@@ -89,7 +88,6 @@ def tolerances(
     assert isinstance(made.problem, ShapeDesign)
     problem, part = made.problem, made.problem.skin.pattern
     drawn = Drawn(
-        on_first_rank(problem.comm, lambda: part_regions(part, printed.regions)),
         (printed.pattern, printed.regions),
         printed.limits,
         (part, problem.physics.shape_of(made.equilibrium)),
@@ -133,12 +131,11 @@ class _Study:
         self.problem, self.drawn = problem, drawn
         skin, start = problem.skin, None
         self.pattern, self.comm = skin.pattern, skin.comm
-        part = on_first_rank(self.comm, lambda: printed_fractions(self.pattern, drawn.regions))
         if drawn.near is not None:
             positions = make_transfer(drawn.near[0], self.pattern).positions(drawn.near[1])
             start = problem.physics.state_at(positions)
         made: Evaluation[Equilibrium] = problem.simulate_binary(
-            part[skin.owned_cells], start=start, pressure=drawn.pressures
+            np.zeros(len(skin.owned_cells)), start=start, pressure=drawn.pressures
         )
         self.density, self.equilibrium = made.projected, made.equilibrium
         self.density_of_all = skin.gather_cells(self.density)
