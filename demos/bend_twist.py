@@ -28,8 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.design.lines.laid_lines import LaidLines, changed
-from toros_fem.making.print.regions import regions_on
+from toros_fem.design.lines.laid_lines import changed
 from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.meshes import bend, compose, cylinder, twist
 from toros_fem.products.actuators.line_print import LinePrint
@@ -56,14 +55,14 @@ relaxed_edge, print_edge = (5e-3, 0.9e-3) if given.coarse else (4e-3, 0.75e-3)
 
 
 # %%
-def case_on(edge: float, lines: LaidLines | None = None) -> tf.Case:
-    """Return the case on a mesh, whose edges follow lines if there are any."""
+def case_on(edge: float) -> tf.Case:
+    """Return the case on a mesh."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge)
     (bending, twisting), count = np.radians(AIMS), 12
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), count)
     places = np.outer(np.append(np.full(count, 1 / count), 1.0), [1.0, 1.0, 1.0])
     turning = np.full(count + 1, (count + 1) * (0.03 / pattern.size) ** 2)
-    case = tf.Case(
+    return tf.Case(
         pattern,
         target=compose(twist(twisting, LENGTH), bend(bending, LENGTH, neutral=0.01)),
         supports=tf.clamp(pattern, ["base"]),
@@ -77,9 +76,6 @@ def case_on(edge: float, lines: LaidLines | None = None) -> tf.Case:
         ],
         printed_panels=["base", "tip"],
     )
-    if lines is None:
-        return case
-    return case.following(comm, regions_on(lines.pattern, lines.regions, pattern))
 
 
 # %% [markdown]
@@ -99,17 +95,23 @@ lines = comm.bcast(tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 e
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
 near, best, missed = (field.pattern, relaxed.positions), None, np.inf
 for _ in range(5):
-    case = case_on(print_edge, lines)
-    fine, laid = tf.ShapeDesign(comm, case, rules[1]), (lines.pattern, lines.regions)
     printed = tf.printed_lines(
-        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
+        tf.ShapeDesign(comm, case_on(print_edge), rules[1]),
+        lines.pattern,
+        lines.regions,
+        limits,
+        island_area=20e-6,
+        near=near,
+        pressure=relaxed.pressures,
     )
-    made, misses = LinePrint(case, regions_on(*laid, case.pattern), fine, printed), misses_of(case)
+    of_print = printed.evaluation.problem
+    made = LinePrint(of_print.case, printed.regions, of_print, printed)
+    misses = misses_of(of_print.case)
     error, reached = misses.error(made.shape[1]), made.metrics
     if comm.rank == 0:
         print(f"{reached}; largest miss {error / 0.03:.2f} of what may be", flush=True)
     if error < missed:
-        best, missed = (fine, printed), error
+        best, missed = printed, error
     if (step := mending(made, lines, misses)) is None:
         break
     near = made.shape
@@ -121,10 +123,9 @@ for _ in range(5):
 # `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-fine, printed = best[0], tf.trimmed(best[1])
-result = tf.DesignResult(
-    fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
-)
+printed = tf.trimmed(best)
+made = printed.evaluation
+result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 if comm.rank == 0:
     print(f"{printed.metrics} as printed; see {given.output}/shape.png")

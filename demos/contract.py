@@ -29,8 +29,6 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.design.lines.laid_lines import LaidLines
-from toros_fem.making.print.regions import regions_on
 from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.meshes import contract, cylinder, mirrored
 
@@ -52,8 +50,8 @@ relaxed_edge, print_edge, width = (5e-3, 0.9e-3, 1.2e-3) if given.coarse else (4
 
 
 # %%
-def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.ShapeDesign:
-    """Return the design problem on a mesh, whose edges follow lines if there are any."""
+def problem(edge: float, asked: float) -> tf.ShapeDesign:
+    """Return the design problem on a mesh."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge, planes=(1,))
     whole, count = mirrored(pattern, (1,)).pattern, 12
     labels = label_cross_sections(whole, whole.vertices_of("wall"), (0, 0, 1), count)
@@ -75,8 +73,6 @@ def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.Sha
         printed_panels=["base", "tip"],
         symmetry=(1,),
     )
-    if lines is not None:
-        case = case.following(comm, regions_on(lines.pattern, lines.regions, pattern))
     return tf.ShapeDesign(comm, case, tf.Regularisation(2 * edge, length_scale=None))
 
 
@@ -98,16 +94,21 @@ for _ in range(4):
     lines = comm.bcast(
         tf.lay_lines(field, widths, printed=caps, planes=(1,)) if comm.rank == 0 else None, root=0
     )
-    fine = problem(print_edge, SHORTENING, lines)
-    laid, near = (lines.pattern, lines.regions), (field.pattern, relaxed.positions)
+    near = field.pattern, relaxed.positions
     printed = tf.printed_lines(
-        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
+        problem(print_edge, SHORTENING),
+        lines.pattern,
+        lines.regions,
+        limits,
+        island_area=20e-6,
+        near=near,
+        pressure=relaxed.pressures,
     )
     reached = printed.metrics["shortening_percent"]
     if comm.rank == 0:
         print(f"asked {asked:.2f} %, printed {reached:.2f} % of {SHORTENING:g} %", flush=True)
     if best is None or abs(reached - SHORTENING) < abs(best[0] - SHORTENING):
-        best = reached, fine, printed, relaxed
+        best = reached, printed, relaxed
     if abs(reached - SHORTENING) < 0.005 * SHORTENING:
         break
     asked += SHORTENING - reached
@@ -119,12 +120,10 @@ for _ in range(4):
 # FOLDER` writes the files for printer and cutter.
 
 # %%
-fine, printed, relaxed = best[1:]
-printed = tf.trimmed(printed)
+printed, relaxed = tf.trimmed(best[1]), best[2]
+made = printed.evaluation
 reached = printed.metrics["shortening_percent"]
-result = tf.DesignResult(
-    fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
-)
+result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 if comm.rank == 0:
     print(f"{reached:.2f} % of {SHORTENING:g} % as printed; see {given.output}/shape.png")

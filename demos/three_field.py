@@ -116,7 +116,7 @@ def run(
             warnings.filterwarnings("ignore", "filter radius", UserWarning)
             made = variant.run_design(comm, folder)
         rows.append(row(name, made))
-        pattern, printed, design = made.printed.pattern, made.printed, made.design
+        pattern, printed, design = made.problem.whole.pattern, made.printed, made.design
         wall = printed.contours[pattern.panel_index("wall")]
         prints.append((name, wall, caption(rows[-1])))
         final, gather = design.final, made.problem.skin.gather_cells

@@ -23,8 +23,6 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.design.lines.laid_lines import LaidLines
-from toros_fem.making.print.regions import regions_on
 from toros_fem.measures.cross_sections import label_cross_sections
 from toros_fem.meshes import cylinder, twist
 
@@ -48,8 +46,8 @@ relaxed_edge, print_edge, width = (
 
 
 # %%
-def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.ShapeDesign:
-    """Return the design problem on a mesh, whose edges follow lines if there are any."""
+def problem(edge: float, asked: float) -> tf.ShapeDesign:
+    """Return the design problem on a mesh."""
     pattern = cylinder(comm, LENGTH, DIAMETER, edge)
     count = 12
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), count)
@@ -67,8 +65,6 @@ def problem(edge: float, asked: float, lines: LaidLines | None = None) -> tf.Sha
         metrics=[angle],
         printed_panels=["base", "tip"],
     )
-    if lines is not None:
-        case = case.following(comm, regions_on(lines.pattern, lines.regions, pattern))
     return tf.ShapeDesign(comm, case, tf.Regularisation(2 * edge, length_scale=None))
 
 
@@ -90,16 +86,21 @@ for _ in range(4):
     lines = comm.bcast(
         tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 else None, root=0
     )
-    fine = problem(print_edge, TWIST, lines)
-    laid, near = (lines.pattern, lines.regions), (field.pattern, relaxed.positions)
+    near = field.pattern, relaxed.positions
     printed = tf.printed_lines(
-        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
+        problem(print_edge, TWIST),
+        lines.pattern,
+        lines.regions,
+        limits,
+        island_area=20e-6,
+        near=near,
+        pressure=relaxed.pressures,
     )
     reached = printed.metrics["twist_deg"]
     if comm.rank == 0:
         print(f"asked {asked:.1f}°, printed {reached:.1f}° of {TWIST:g}°", flush=True)
     if best is None or abs(reached - TWIST) < abs(best[0] - TWIST):
-        best = reached, fine, printed, relaxed
+        best = reached, printed, relaxed
     if abs(reached - TWIST) < 0.005 * TWIST:
         break
     asked += TWIST - reached
@@ -110,12 +111,10 @@ for _ in range(4):
 # `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-fine, printed, relaxed = best[1:]
-printed = tf.trimmed(printed)
+printed, relaxed = tf.trimmed(best[1]), best[2]
+made = printed.evaluation
 reached = printed.metrics["twist_deg"]
-result = tf.DesignResult(
-    fine, printed.evaluation.projected, printed.evaluation, relaxed.history, relaxed.reason, {}
-)
+result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 if comm.rank == 0:
     print(f"{reached:.1f}° of {TWIST:g}° as printed; see {given.output}/shape.png")

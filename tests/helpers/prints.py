@@ -42,11 +42,17 @@ def flawed_tube(pattern: Pattern, length: float) -> list[BaseGeometry]:
     return regions
 
 
-def worn_alike(region: BaseGeometry, panel: BaseGeometry, depth: float) -> bool:
-    """Whether no line and no gap of a print parts or vanishes when worn, or swollen, by a depth."""
+def worn_alike(
+    region: BaseGeometry, panel: BaseGeometry, depth: float, seen: BaseGeometry | None = None
+) -> bool:
+    """Whether no line and no gap of a print parts or vanishes when worn, or swollen, by a depth.
+
+    Of a print that goes on beyond its panel only what is seen counts.
+    """
+    seen = panel if seen is None else seen
     fabric = panel.difference(region).buffer(-1e-8).buffer(1e-8)
     return all(
-        _pieces_and_holes(shape) == _pieces_and_holes(shape.buffer(-depth))
+        _pieces_and_holes(shape & seen) == _pieces_and_holes(shape.buffer(-depth) & seen)
         for shape in (region, fabric)
     )
 

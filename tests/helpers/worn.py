@@ -48,4 +48,5 @@ def printed_tube(comm: MPI.Comm, edge: float = 4e-3) -> Printed:
         for k in range(len(regions))
     ]
     regions = [a & b for a, b in zip(regions, outlines, strict=True)]
-    return problem, tf.printed_lines(problem, pattern, regions)
+    made = tf.printed_lines(problem, pattern, regions)
+    return made.evaluation.problem, made

@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.as_printed.as_printed import as_printed, printed, printed_lines, state_near
+from toros_fem.making.as_printed.as_printed import as_printed, printed, printed_lines
 from toros_fem.making.print.cleaning import MirroredPanels
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.making.print.regions import regions_on
@@ -97,16 +97,16 @@ def test_contours_of_a_design_are_printed_alike(
     cold = printed(problem, lambda: first.cleaned, limits, pressure=3e3)
     assert cold.after.summary() == first.after.summary()
     assert cold.evaluation.equilibrium.pressure == 3e3
-    there = problem.physics.shape_of(cold.evaluation.equilibrium)
-    start = state_near(problem, short_tube.pattern, there)
-    warm = printed(problem, lambda: first.cleaned, limits, start=start, pressure=3e3)
+    there = cold.evaluation.problem.physics.shape_of(cold.evaluation.equilibrium)
+    near = cold.evaluation.problem.skin.pattern, there
+    warm = printed(problem, lambda: first.cleaned, limits, near=near, pressure=3e3)
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     # A print that is cleaned again moves by less than its smallest detail.
     away = [
         a.symmetric_difference(b).area for a, b in zip(lines.regions, first.regions, strict=True)
     ]
     assert sum(away) < 1e-4 * sum(region.area for region in first.regions)
-    assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-4)
+    assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-3)
     assert lines.evaluation.equilibrium.pressure == problem.physics.pressure
     cut = ~np.isin(lines.evaluation.density, (0.0, 1.0))
     assert 0 < cut.mean() < 0.5

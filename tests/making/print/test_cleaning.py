@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.making.print.cleaning import CleanedRegions, MirroredPanels, Panels, clean
 from toros_fem.making.print.islands import find_pieces
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits, printability
-from toros_fem.making.print.regions import part_regions
+from toros_fem.making.print.regions import beyond_seams, part_regions
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.mirror import mirrored
 
@@ -26,8 +26,11 @@ def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
     assert not found.gaps.narrow
     assert not found.free_islands
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
-    for panel, region in enumerate(cleaned.regions):
-        assert worn_alike(region, pattern.outline(panel), 0.27 * MM)
+    # Lines go on across straight seams.
+    for *both, own in zip(
+        *beyond_seams(pattern, cleaned.regions, 8 * MM), pattern.outlines, strict=True
+    ):
+        assert worn_alike(*both, 0.27 * MM, own.buffer(2 * MM))
     return cleaned.regions
 
 

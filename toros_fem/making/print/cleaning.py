@@ -228,7 +228,11 @@ def _all_cleaned(
         _cleaned(region, outline, limits, smoothing)
         for region, outline in zip(found, outlines, strict=True)
     ]
-    return [region & own for region, own in zip(made, domain.outlines, strict=True)]
+    longer = [outline is not own for outline, own in zip(outlines, domain.outlines, strict=True)]
+    return [
+        region & own if more else region
+        for region, own, more in zip(made, domain.outlines, longer, strict=True)
+    ]
 
 
 def _cleaned(

@@ -22,6 +22,7 @@ from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.relaxed.find import RelaxedResult, find_lines
+from toros_fem.making.as_printed.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern
@@ -30,7 +31,7 @@ from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
 from toros_fem.products.actuators.misses import Answer, misses_of
-from toros_fem.products.actuators.other_mesh import Again, Shape
+from toros_fem.products.actuators.other_mesh import Again
 from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
 from toros_fem.results.console import print_line
 from toros_fem.results.shape_miss import shape_of

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign, printed, state_near
+from toros_fem.making.as_printed.as_printed import PrintedDesign, Shape, printed
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, Shape, near_on_coarser
+from toros_fem.products.actuators.other_mesh import Again, near_on_coarser
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import Level
@@ -100,18 +100,14 @@ def print_of_lines(
 
     again = Again(near, (case.whole.pattern, cleaned.regions), pressures)
 
-    def start() -> Any:
-        if not alike:
-            found = state_near(problem, *near_on_coarser(job, level, again))
-            if found is not None:
-                return found
-        return state_near(problem, *near)
+    def start() -> Shape:
+        return near if alike else near_on_coarser(job, level, again)
 
     made = printed(
         problem,
         lambda: cleaned,
         printer.limits,
-        start=start,
+        near=start,
         pressure=pressures,
         journal=job.journal,
     )

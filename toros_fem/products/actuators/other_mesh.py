@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped
 from toros_fem.design.loop.problem import Evaluation
-from toros_fem.making.as_printed.as_printed import PrintedDesign, state_near
+from toros_fem.making.as_printed.as_printed import PrintedDesign, Shape, state_near
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -22,8 +21,6 @@ from toros_fem.products.actuators.job import Job
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import ActuatorScene, Level
 
-# A pattern and the positions of its points, from which another print starts.
-Shape = tuple[Pattern, Floats]
 # Number of coarser meshes that a print is simulated on, where there are so many.
 COARSER_MESHES = 2
 # A pattern and the print on each of its panels, polygons in m.
