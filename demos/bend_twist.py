@@ -105,6 +105,7 @@ for _ in range(5):
         pressure=relaxed.pressures,
     )
     of_print = printed.evaluation.problem
+    assert isinstance(of_print, tf.ShapeDesign)
     made = LinePrint(of_print.case, printed.regions, of_print, printed)
     misses = misses_of(of_print.case)
     error, reached = misses.error(made.shape[1]), made.metrics
@@ -124,8 +125,8 @@ for _ in range(5):
 
 # %%
 printed = tf.trimmed(best)
-made = printed.evaluation
-result = tf.DesignResult(made.problem, made.projected, made, relaxed.history, relaxed.reason, {})
+last = printed.evaluation
+result = tf.DesignResult(last.problem, last.projected, last, relaxed.history, relaxed.reason, {})
 tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 if comm.rank == 0:
     print(f"{printed.metrics} as printed; see {given.output}/shape.png")

@@ -17,6 +17,8 @@ from toros_fem.meshes.triangles import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
+# Cuts of a panel are equally long, or at the same place, to this fraction of the longest one.
+ALIKE = 1e-4
 # Largest distance of a target from its mirror image, as a fraction of the skin's size.
 SYMMETRIC = 1e-9
 
@@ -124,10 +126,22 @@ def plane_border(pattern: Pattern, axis: int, at: float = 0.0) -> Ints:
     return pattern.edges.twins[border, 0]
 
 
-def first_chain(edges: Ints) -> Ints:
-    """Return the edges, of those of a panel's cut, (k, 2), that the first one is connected with."""
-    label = linked(edges[:, 0], edges[:, 1], int(edges.max()) + 1)
-    return edges[label[edges[:, 0]] == label[edges[0, 0]]]
+def longest_chain(flat_points: Floats, edges: Ints) -> Ints:
+    """Return those of the edges of a panel's cut, (k, 2), that make up its longest chain.
+
+    Of equally long ones it is the one with the least first coordinate in the mean, or else the
+    least second one: other meshes of the same panel have the same chain.
+    """
+    label = linked(edges[:, 0], edges[:, 1], int(edges.max()) + 1)[edges[:, 0]]
+    way, middle = np.diff(flat_points[edges], axis=1)[:, 0], flat_points[edges].mean(axis=1)
+    length = np.hypot(*way.T)
+    chains = np.unique(label)
+    total = np.array([length[label == one].sum() for one in chains])
+    places = np.array([length[label == one] @ middle[label == one] for one in chains])
+    places = np.round(places / total[:, None] / (ALIKE * total.max()))
+    long = np.flatnonzero(total > (1 - ALIKE) * total.max())
+    best = long[np.lexsort(places[long].T[::-1])[0]]
+    return edges[label == chains[best]]
 
 
 def flip(axis: int) -> Floats:
@@ -152,7 +166,6 @@ def require_symmetric_map(
 def _doubled(part: Mirrored, axis: int) -> Mirrored:
     """Return a part with its image in one plane."""
     pattern, name = part.pattern, "xyz"[axis]
-    # In the order of the triangles: a panel continues across its first cut edge.
     cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
     away = pattern.points[:, axis]
     low, high = int(np.argmin(away)), int(np.argmax(away))
@@ -192,7 +205,7 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
 def _flat_images(
     pattern: Pattern, cut: Ints, plane: str
 ) -> tuple[Floats, Bools, Ints, tuple[str, ...]]:
-    """Mirror each panel in the line of its first cut edge, where it continues.
+    """Mirror each panel in the line of its longest cut, where it continues.
 
     Its other cuts, as on a tube's wall, become seams. A panel without a cut, or with a crooked one,
     gets a second panel as its image. Returned are the mirrored flat points, whether each is its own
@@ -204,10 +217,11 @@ def _flat_images(
         points = np.flatnonzero(pattern.panel_of_point == number)
         here = cut[pattern.panel_of_point[cut[:, 0]] == number]
         if len(here):
-            begin, end = pattern.flat_points[here[0]]
+            chain = longest_chain(pattern.flat_points, here)
+            begin, end = pattern.flat_points[chain[0]]
             normal = np.array([begin[1] - end[1], end[0] - begin[0]]) / np.hypot(*(end - begin))
             away = (pattern.flat_points - begin) @ normal
-        if len(here) == 0 or np.abs(away[first_chain(here)]).max() > near:
+        if len(here) == 0 or np.abs(away[chain]).max() > near:
             flat[points] *= [-1, 1]
             panel[pattern.panel == number] = len(names)
             names.append(f"{name}, mirrored in {plane} = 0")

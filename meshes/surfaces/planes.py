@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, eye_array
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import SurfaceError
-from toros_fem.meshes.mirror import first_chain, flip, plane_border
+from toros_fem.meshes.mirror import flip, longest_chain, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surfaces.nearest import nearest
 from toros_fem.meshes.surfaces.surface import Surface
@@ -47,7 +47,7 @@ def cut_at_planes(
 def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
     """Return a part's flat panels with straight borders where `mirrored` continues them.
 
-    There a panel is reflected in the line of its first cut edge. On a smooth surface the cut is a
+    There a panel is reflected in the line of its longest cut. On a smooth surface the cut is a
     geodesic, and bends by no more than the panel is distorted. A border that is more crooked stays:
     the panel and its image are then sewn together there.
     """
@@ -56,7 +56,8 @@ def straightened(pattern: Pattern, axes: Sequence[int]) -> Pattern:
         border = np.sort(plane_border(pattern, axis))
         edges, panel = half_edges(pattern.flat_triangles)[border], pattern.panel[border // 3]
         for number in np.unique(panel):
-            vertices, count = np.unique(first_chain(edges[panel == number]), return_counts=True)
+            chain = longest_chain(flat, edges[panel == number])
+            vertices, count = np.unique(chain, return_counts=True)
             if np.count_nonzero(count == 1) != 2:
                 continue  # a loop
             begin, end = flat[vertices[count == 1]]

@@ -49,4 +49,6 @@ def printed_tube(comm: MPI.Comm, edge: float = 4e-3) -> Printed:
     ]
     regions = [a & b for a, b in zip(regions, outlines, strict=True)]
     made = tf.printed_lines(problem, pattern, regions)
-    return made.evaluation.problem, made
+    on = made.evaluation.problem
+    assert isinstance(on, tf.ShapeDesign)
+    return on, made

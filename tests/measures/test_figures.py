@@ -53,8 +53,10 @@ def test_without_target_or_tolerance_there_is_no_state() -> None:
         ("mm", 0.0, 30.0, 0.9),
         ("mm", 0.1, 30.0, 0.9),  # next to nothing: 3 % of it would be 3 µm
         ("mm", 5.0, 30.0, 0.15),
-        ("deg", 0.0, None, 2.7),
-        ("deg", -60.0, None, 1.8),
+        ("deg", 0.0, None, 3.0),
+        ("deg", -60.0, None, 3.0),  # nobody can tell less apart
+        ("deg", 180.0, None, 5.4),
+        ("percent", 8.0, None, 0.5),
         ("mm", 0.0, None, None),  # nobody knows what it is small against
     ],
 )

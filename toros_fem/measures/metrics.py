@@ -36,6 +36,8 @@ RESERVED = frozenset((
     "printed_objective", "stretch_use", "volume_fraction", "volume_m3",
 ))  # fmt: skip
 
+# Least tolerance by unit: 5 % of the pressure move a tube that bends by 4.5°.
+LEAST = {"deg": 3.0, "percent": 0.5}
 # Size of a metric whose target is 0 and that has no scale, by unit: a right angle, and the whole.
 # A length has none: it depends on the skin.
 SCALES = {"deg": 90.0, "percent": 100.0, "ratio": 1.0}
@@ -125,13 +127,14 @@ class Metric:
         """Return the figure of a value and the half-width of its interval, None where unknown.
 
         `tolerance` is the part of the target that counts as reached. Where the target is 0, or less
-        than `TINY` of the scale, it is that part of the scale.
+        than `TINY` of the scale, it is that part of the scale. By default it is at least what a
+        maker can tell apart, `LEAST`; with another part of the target this follows.
         """
         allowed = None
         if self.target is not None:
             scale = self.scale or SCALES.get(self.unit, 0.0)
             size = abs(self.target) if abs(self.target) > TINY * scale else scale
-            allowed = tolerance * size or None
+            allowed = tolerance * max(size, LEAST.get(self.unit, 0.0) / TOLERANCE) or None
         return Figure(self.name, self.unit, value, interval, self.target, allowed)
 
 

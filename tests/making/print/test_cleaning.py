@@ -27,10 +27,10 @@ def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
     assert not found.free_islands
     assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
     # Lines go on across straight seams.
-    for *both, own in zip(
+    for region, longer, own in zip(
         *beyond_seams(pattern, cleaned.regions, 8 * MM), pattern.outlines, strict=True
     ):
-        assert worn_alike(*both, 0.27 * MM, own.buffer(2 * MM))
+        assert worn_alike(region, longer, 0.27 * MM, own.buffer(2 * MM))
     return cleaned.regions
 
 

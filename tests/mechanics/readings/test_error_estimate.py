@@ -91,14 +91,19 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
     assert anew.error == pytest.approx(3 * abs(anew.refined - anew.value), rel=1e-12)
 
 
-@pytest.mark.parametrize(("order", "counts"), [(0.5, 1.0), (1.2, 1.2), (2.0, 1.5)])
-@pytest.mark.parametrize("ratios", [(1.5, 2.25), (2.0, 3.0, 4.5)])
-def test_coarser_meshes_tell_the_order_of_the_error(
-    order: float, counts: float, ratios: tuple[float, ...]
-) -> None:
-    """Within bounds: the interval of an error of this order is its error, with a factor."""
-    changes = {r: 0.3 * (r**order - 1) for r in ratios}
-    near = ratios[0]
-    error = 0.3 * (near**order - 1) / (near**counts - 1)
-    assert half_width(changes) == pytest.approx(1.7 * error, rel=1e-9)
-    assert half_width({**changes, near: 0.0}) == 0.0
+def test_coarser_meshes_tell_the_error() -> None:
+    """Each as if the error grew with the edge length; the largest counts."""
+    changes = {1.5: 0.2, 2.25: 0.75}
+    least = half_width({1.5: 0.0}, "angle_deg", 0.1)
+    assert half_width(changes, "angle_deg", 0.1) == pytest.approx(0.65 * 0.6 + least)
+    assert half_width({1.5: 0.4, 2.25: 0.4}, "angle_deg", 0.1) == pytest.approx(0.65 * 0.8 + least)
+    assert least == 0.4
+
+
+def test_what_no_mesh_tells_is_a_part_of_the_size() -> None:
+    """Of lengths, in their unit; of a force nothing is known."""
+    nothing = {1.5: 0.0}
+    assert half_width(nothing, "gap_mm", 0.1) == pytest.approx(0.5)
+    assert half_width(nothing, "length_m", 0.1) == pytest.approx(0.5e-3)
+    assert half_width(nothing, "length_ratio", 0.1) == pytest.approx(0.35e-2)
+    assert half_width(nothing, "force_n", 0.1) == 0.0

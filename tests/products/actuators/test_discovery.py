@@ -150,8 +150,8 @@ class Judged:
             raise answer
         values = values_on(*given)
         if answer is not None:  # the print does not turn at all
-            shape = replace(values.shape, limit=values.shape.pattern.points)
-            values = replace(values, shape=shape, values={**values.values, "twist_deg": answer})
+            flat, known = values.pattern.points, {**values.values, "twist_deg": answer}
+            values = replace(values, positions=flat, values=known)
         self.told[number] = values.values["twist_deg"]
         return values
 
@@ -180,7 +180,8 @@ def test_prints_are_judged_by_a_finer_mesh(
     first, second = found.rounds
     own = [made.printed.metrics["twist_deg"] for made in spy.prints]
     beyond = spy.told[0] - own[0]
-    assert first.metrics["twist_deg"] == pytest.approx(spy.told[0], rel=1e-3)
+    # Read off on the mesh of the print, at its vertices.
+    assert first.metrics["twist_deg"] == pytest.approx(spy.told[0], rel=3e-3)
     assert second.metrics["twist_deg"] - own[1] == pytest.approx(beyond, rel=0.2)
     assert abs(beyond) > 1e-4
     assert first.compared
@@ -190,7 +191,7 @@ def test_prints_are_judged_by_a_finer_mesh(
     assert found.best.laid is best.laid
     assert found.made.regions is spy.prints[int(not worse)].regions
     assert found.finer.values["twist_deg"] == value
-    assert found.best.metrics["twist_deg"] == pytest.approx(value, rel=1e-3)
+    assert found.best.metrics["twist_deg"] == pytest.approx(value, rel=3e-3)
 
 
 @pytest.mark.slow

@@ -72,10 +72,10 @@ def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert both.shape is None
     near, far = found(monkeypatch, without=(2,)), found(monkeypatch, without=(1,))
     assert (list(near.meshes), list(far.meshes)) == ([1.0, 2.0], [1.0, 4.0])
-    # A single mesh counts as of order 1.
-    assert near.intervals["x_mm"] == pytest.approx(1.7 * 10 / (2 - 1))
-    assert far.intervals["x_mm"] == pytest.approx(1.7 * 40 / (4 - 1))
-    assert both.intervals["x_mm"] == pytest.approx(1.7 * 10 / (2**1.5 - 1))
+    size = square(n=2).size
+    assert near.intervals["x_mm"] == pytest.approx(half_width({2.0: 10.0}, "x_mm", size))
+    assert far.intervals["x_mm"] == pytest.approx(half_width({4.0: 40.0}, "x_mm", size))
+    assert both.intervals["x_mm"] == max(near.intervals["x_mm"], far.intervals["x_mm"])
 
 
 def test_without_any_coarser_mesh_the_reason_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,15 +93,14 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert checked.told["x_mm"] == pytest.approx(101.0)
     pattern = square(n=2)
     assert mean(pattern, checked.shape) == pytest.approx(101.0)
-    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0})
+    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0}, "x_mm", pattern.size)
     assert checked.intervals["x_mm"] == pytest.approx(width)
     assert width < alone.intervals["x_mm"]
     # Where it has no equilibrium the coarser meshes tell the interval.
     failed = found(monkeypatch, refinement=2.0, without=(-1,))
     assert (failed.intervals, failed.told) == (alone.intervals, alone.told)
-    # Alone it counts as of order 1.
     single = found(monkeypatch, refinement=2.0, meshes=0)
-    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}))
+    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}, "x_mm", pattern.size))
 
 
 def test_what_is_not_known_has_no_interval() -> None:
@@ -112,7 +111,7 @@ def test_what_is_not_known_has_no_interval() -> None:
 
 @pytest.mark.parametrize(("ratio", "width"), [(1.5, 10.2), (0.5, 3.0 + 5.1)])
 def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None:
-    """Its figures have intervals of order 1; what is missing on one mesh has none."""
+    """Its figures have intervals, with a safety factor; what is missing on one mesh has none."""
     told = [Figure("stride", "mm", 20.0), Figure("slip", "mm", 2.0), Figure("gap", "mm", None)]
     there = [Figure("stride", "mm", 17.0), Figure("slip", "mm", None), Figure("gap", "mm", 1.0)]
     asked: list[Any] = []

@@ -18,7 +18,7 @@ from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import SAFETY, half_width
+from toros_fem.mechanics.readings.error_estimate import half_width
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
@@ -32,6 +32,8 @@ log = logging.getLogger(__name__)
 
 # Ratio of edge lengths of two meshes whose difference tells an error.
 COARSER = 1.5
+# Safety factor of trials, whose intervals were not compared with finer meshes.
+SAFETY = 1.7
 
 Measures = Mapping[str, Callable[[Pattern, Floats], float]]
 # Simulates a print on the mesh of a scene's `TRIAL_MESH`.
@@ -168,7 +170,9 @@ def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
         for ratio, one in known.items()
         if ratio > finest
     }
-    return half_width(changes) if changes and finest <= 1 else None
+    if not changes or finest > 1:
+        return None
+    return half_width(changes, key, known[finest].pattern.size)
 
 
 def trial_intervals(
@@ -198,11 +202,10 @@ def trial_intervals(
     for figure in figures:
         one, two = figure.value, there.get(figure.key)
         if one is not None and two is not None:
-            part = SAFETY * (own or {}).get(figure.key, 0.0)
             change, ratio = abs(one - two), scene.TRIAL_MESH
-            width = half_width({max(ratio, 1 / ratio): change})
+            error = change / (max(ratio, 1 / ratio) - 1) + (own or {}).get(figure.key, 0.0)
             # Of a finer mesh, whose value is not told, the interval is around that value.
-            found[figure.key] = part + width + (change if ratio < 1 else 0.0)
+            found[figure.key] = SAFETY * error + (change if ratio < 1 else 0.0)
     return found
 
 
