@@ -119,11 +119,22 @@ if printed.before.free_islands:
 printed = tf.trimmed(printed)
 
 # %% [markdown]
+# ## How far figures may be off
+# The same print on two coarser meshes tells intervals. A target counts as reached where all of its
+# interval is within the tolerance.
+
+# %%
+coarser = {longer: case(longer * edges[-1]) for longer in (1.5, 2.25)}
+intervals = tf.print_intervals(printed, coarser)
+
+# %% [markdown]
 # `summary.json` has the figures, `pattern.svg` the flat pattern in true scale, `skin.vtu` the shape
 # for ParaView. `toros export FOLDER` writes the files for printer and cutter.
 
 # %%
-told = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
+told = tf.write_results(
+    given.output, result, printed, seconds=reporter.seconds, intervals=intervals
+)
 if comm.rank == 0:
     found = {row["name"]: row["value"] for row in told["figures"]}
     reached = f"{found['angle']:.1f}° of {ANGLE:g}° at {found['pressure'] / 1e3:.2f} kPa as printed"

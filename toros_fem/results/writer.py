@@ -43,6 +43,7 @@ def write_results(
     *,
     config: Table | None = None,
     seconds: Mapping[str, float] | None = None,
+    intervals: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Write history, drawing, fields, pictures and summary of a design (collective).
 
@@ -53,6 +54,8 @@ def write_results(
     Args:
         config: Configuration of the run, for "inputs" in the summary.
         seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
+        intervals: Half-widths of the intervals of figures, as of `print_intervals`; None leaves
+            them unknown, so that no target counts as reached.
 
     Returns:
         The summary, as in summary.json; equal on all ranks.
@@ -68,6 +71,7 @@ def write_results(
         result,
         printed,
         printed.metrics,
+        intervals or {},
         config=config,
         seconds=seconds or {},
         shape=shape_of(printed.evaluation),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,18 +12,26 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError, TorosError
-from toros_fem.base.mpi import free_dropped
+from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosError
+from toros_fem.base.mpi import collective, free_dropped
+from toros_fem.base.validation import require_kind
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.readings.error_estimate import half_width
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.other_mesh import Again, coarser_levels, simulated_on
-from toros_fem.results.shape_miss import quantities_of
+from toros_fem.products.actuators.other_mesh import (
+    Again,
+    coarser_levels,
+    simulated_again,
+    simulated_on,
+)
+from toros_fem.results.shape_miss import quantities_of, shape_of
 
 if TYPE_CHECKING:
     from toros_fem.products.actuators.scene import ActuatorScene, Level
@@ -136,12 +144,51 @@ def metric_errors(
         free_dropped(job.comm)
     finest = min(found)
     shape = None if finest == 1 else found[finest].at_vertices(again.near[0])
-    widths = {key: _interval(found, key) for key in measures}
-    intervals = {key: width for key, width in widths.items() if width is not None}
+    intervals = _intervals(found, measures)
     failure = failure if len(found) == 1 else None
     meshes = {ratio: one.values for ratio, one in found.items()}
     seconds = time.perf_counter() - begin
     return MetricErrors(meshes, intervals, shape, failure, seconds)
+
+
+@collective("printed.evaluation.problem.comm")
+def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> dict[str, float]:
+    """Return half-widths of the intervals of a print's figures, from coarser meshes (collective).
+
+    The print is simulated on each; one without an equilibrium is left out. Keys are those of
+    metrics, and of what the shape misses. `write_results` takes them.
+
+    Args:
+        printed: The print; without an equilibrium nothing is known.
+        coarser: The same case on coarser meshes, by how much longer their edges are than those of
+            the mesh that was designed on: 1.5 and 2.25 are what scenes take.
+
+    Raises:
+        ParameterError: An argument has another type, or a mesh is not coarser.
+    """
+    require_kind("printed", printed, PrintedDesign, "the PrintedDesign of as_printed")
+    require_kind("coarser", coarser, Mapping, "cases by their edge length over that of the design")
+    for ratio, case in coarser.items():
+        require_kind(f"coarser[{ratio}]", case, Case, "a Case")
+        if not ratio > 1:
+            raise ParameterError(f"coarser has edges {ratio} times as long; they must be longer.")
+    made = printed.evaluation
+    if made is None:
+        return {}
+    problem = made.problem
+    assert isinstance(problem, ShapeDesign)
+    rules = problem.regularisation
+    measures, again = measures_of(problem, [*shape_of(made)]), Again.of(printed)
+    found = {1.0: values_of(*again.near, measures)}
+    for ratio, case in coarser.items():
+        try:
+            there = simulated_again(problem.comm, case, rules.scaled(ratio), again, ratio)
+            found[ratio] = values_of(*_read(there, [*measures]))
+        except NoEquilibriumError as caught:  # raised by all ranks or by none
+            if problem.comm.rank == 0:
+                log.warning("a coarser mesh is left out of the intervals: %s", caught)
+        free_dropped(problem.comm)
+    return _intervals(found, measures)
 
 
 def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshValues:
@@ -161,18 +208,20 @@ def values_on(
     return values_of(*_read(simulated_on(job, level, again, ratio), keys))
 
 
-def _interval(found: Mapping[float, MeshValues], key: str) -> float | None:
-    """Return the half-width around the value of the finest mesh; None without a coarser one."""
-    known = {ratio: one for ratio, one in found.items() if key in one.values}
-    finest = min(known, default=np.inf)
-    changes = {
-        ratio / finest: abs(one.values[key] - known[finest].values[key])
-        for ratio, one in known.items()
-        if ratio > finest
-    }
-    if not changes or finest > 1:
-        return None
-    return half_width(changes, key, known[finest].pattern.size)
+def _intervals(found: Mapping[float, MeshValues], keys: Iterable[str]) -> dict[str, float]:
+    """Return half-widths around the values of the finest mesh, where there is a coarser one."""
+    intervals: dict[str, float] = {}
+    for key in keys:
+        known = {ratio: one for ratio, one in found.items() if key in one.values}
+        finest = min(known, default=np.inf)
+        changes = {
+            ratio / finest: abs(one.values[key] - known[finest].values[key])
+            for ratio, one in known.items()
+            if ratio > finest
+        }
+        if changes and finest <= 1:
+            intervals[key] = half_width(changes, key, known[finest].pattern.size)
+    return intervals
 
 
 def trial_intervals(

@@ -8,10 +8,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError, TorosError
 from toros_fem.base.mpi import free_dropped
+from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.regularisation import Regularisation
+from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, Shape, state_near
 from toros_fem.making.print.regions import case_of_print
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
@@ -62,11 +66,17 @@ def simulated_on(
     Raises:
         NoEquilibriumError: There is none.
     """
-    level = replace(level, regularisation=level.regularisation.plain)
-    comm, case = job.comm, job.scene.case(job.comm, level)
+    case, rules = job.scene.case(job.comm, level), level.regularisation
+    return simulated_again(job.comm, case, rules, again, ratio)
+
+
+def simulated_again(
+    comm: MPI.Comm, case: Case, rules: Regularisation, again: Again, ratio: float
+) -> Evaluation[Equilibrium]:
+    """Simulate a print on the mesh of a case, as `simulated_on` does (collective)."""
     if again.printed is not None:
         case = case_of_print(comm, case, *again.printed, coarser=ratio)
-    problem = job.problem(case, level)
+    problem = ShapeDesign(comm, case, rules.plain)
     start, plain = state_near(problem, *again.near), np.zeros(len(problem.designed))
     return problem.simulate_binary(plain, start=start, pressure=again.pressures)
 
