@@ -2,9 +2,9 @@
 
 Three patterns on a tile of 1 cm, on meshes along their borders, quadratic in the print: stripes,
 which are exact on every mesh; crossing lines; and rings, which nearly touch their neighbours. The
-pull is 10 % at 0°, 15° and 45°. Errors are relative to the limit extrapolated from the three finest meshes.
-Seconds are those of all three directions on one core: from the flat sheet, and from a similar
-design with all gradients.
+pull is 10 % at 0°, 15° and 45°. Errors are relative to the limit extrapolated from the three finest
+meshes. Seconds are those of all three directions on one core: from the flat sheet, and from a
+similar design with all gradients.
 """
 
 from __future__ import annotations
