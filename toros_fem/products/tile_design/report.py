@@ -174,7 +174,7 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
                 case.angles,
                 case.target,
             )
-        state = made.profile and made.profile.states[0]
+        state = None if made.profile is None else made.profile.states[0]
         if state is not None:
             positions = made.solver.tile.skin.gather_vertices(state.positions)
             plots.plot_deformed(
