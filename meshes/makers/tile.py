@@ -107,7 +107,7 @@ class Tile:
             PatternError, ParameterError, MeshSizeError: As of `bordered`.
         """
         found, inside = bordered(comm, self.pattern, [region], edge_length)
-        # Its assembled points mean nothing: they are between vertices on opposite borders.
+        # Its assembled points mean nothing: some lie between vertices on opposite borders.
         made, sides = found.pattern, np.diagonal(self.lattice)
         _, first = np.unique(made.sewn, return_index=True)
         wraps, places = _home(made.flat_points, sides, SAME * sides.min())

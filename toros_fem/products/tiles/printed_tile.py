@@ -53,9 +53,8 @@ class PrintedTile:
         composite: Its materials, as a membrane without a bladder.
 
     Raises:
-        PatternError: The region is none.
-        ParameterError: A number is outside its range, or the composite bends, has a bladder, or a
-            knit whose grain is given by panels.
+        ParameterError: The region is no shape, a number is outside its range, or the composite
+            bends, has a bladder, or a knit whose grain is given by panels.
     """
 
     region: BaseGeometry
