@@ -53,7 +53,7 @@ edge, radius, starts, drafts = (
 # %% [markdown]
 # ## Mesh, target
 #
-# Starts are tried on a mesh of twice the edge length, prints are simulated on one of half of it. A
+# Starts are tried on a mesh of twice the edge length, prints on one along their borders. A
 # tetragonal tile repeats its stiffness every 45° mirrored, so four directions tell all.
 
 # %%

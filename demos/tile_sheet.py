@@ -20,15 +20,15 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+import shapely
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, if_possible, write_json, write_table
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import write_manufacture
-from toros_fem.meshes import tile
 from toros_fem.products.tiles import pull_test
 from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
-from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout, remesh, tile_sheet
+from toros_fem.products.tiles.printed_tile import PrintedTile, print_layout, tile_sheet
 
 parser = argparse.ArgumentParser(description="Pull a sheet of tiles beside its prediction.")
 parser.add_argument("--coarse", action="store_true", help="a coarse mesh, and fewer tiles")
@@ -36,22 +36,22 @@ parser.add_argument("--output", type=Path, default=Path("output/tile_sheet"), he
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
-SIDE, EDGES, LINE, STRAIN, MARGIN = 0.01, 28, 1e-3, 0.1, 0.02  # m; MARGIN of cloth in the clamps
+SIDE, EDGES, LINE, STRAIN, MARGIN = 0.01, 14, 1e-3, 0.1, 0.02  # m; MARGIN of cloth in the clamps
 along, across, longer = (6, 3, 2.0) if given.coarse else (10, 5, 1.0)
 
 # %% [markdown]
 # ## The tile
 #
-# A triangle is printed if its middle is near a diagonal, or near that of a neighbour. For a tile of
-# demos/tile.py: `read_tile(comm, "output/tile")` of `toros_fem.products.tiles.printed_tile`. Where
-# the mesh is coarser, a triangle is printed if half of it is.
+# Polygons on the tile, whose borders are edges of its mesh. For a tile of demos/tile.py:
+# `read_tile(comm, "output/tile")` of `toros_fem.products.tiles.printed_tile`.
 
 # %%
-x, y = tile(comm, SIDE, SIDE / EDGES).pattern.centroids.T
-off = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
-printed = np.minimum(*off) < LINE / np.sqrt(2)
-drawn = PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
-used = drawn if longer == 1.0 else remesh(comm, drawn, longer * drawn.edge_length)
+low, high = -SIDE, 2 * SIDE
+ways = shapely.linestrings([[(low, low), (high, high)], [(low, high), (high, low)]])
+lines = shapely.union_all(shapely.buffer(ways, LINE / 2, cap_style="flat"))
+region = lines & shapely.box(0, 0, SIDE, SIDE)
+printed_tile = PrintedTile(region, (SIDE, SIDE), longer * SIDE / EDGES)
+mesh, printed = printed_tile.tile(comm)
 
 # %% [markdown]
 # ## The sheets: what is printed, and what is pulled
@@ -61,14 +61,11 @@ used = drawn if longer == 1.0 else remesh(comm, drawn, longer * drawn.edge_lengt
 
 # %%
 directions = ("x", "y")
-fine, mesh = drawn.tile(comm), used.tile(comm)
-sheets = [tile_sheet(fine, direction, along, across) for direction in directions]
-cloth, regions = print_layout(sheets, drawn.printed, MARGIN)
+sheets = [tile_sheet(mesh, direction, along, across) for direction in directions]
+cloth, regions = print_layout(sheets, region, MARGIN)
 strains = np.linspace(0.0, STRAIN, 6, dtype=np.float64)[1:]
-pulled = [
-    pull_test.pull_sheet(comm, tile_sheet(mesh, n, along, across), mesh, used, strains)
-    for n in directions
-]
+composite = printed_tile.composite
+pulled = [pull_test.pull_sheet(comm, one, printed, composite, strains) for one in sheets]
 
 # %% [markdown]
 # ## Files
@@ -89,7 +86,7 @@ def write() -> None:
     plot_pulls(folder / "curve.png", pulled)
     for one in pulled:
         title = f"pulled by {100 * STRAIN:g} % along {one.sheet.direction}"
-        path, cells = folder / f"sheet_{one.sheet.direction}.png", used.printed[one.sheet.cell]
+        path, cells = folder / f"sheet_{one.sheet.direction}.png", printed[one.sheet.cell]
         plot_sheet(path, one.sheet.pattern, one.test.positions, cells, title)
 
 

@@ -108,7 +108,10 @@ def straight_on(pattern: Pattern, border: Ints) -> tuple[Bools, Ints]:
 
 
 def _normals(pattern: Pattern) -> Floats:
-    """Return unit normals at flat points, (m, 3): across seams as well where these are smooth."""
+    """Return unit normals at flat points, (m, 3): across seams as well where these are smooth.
+
+    They are 0 where no triangle has about the mean normal, as on a torus that lies flat.
+    """
     corner, count = pattern.flat_triangles.ravel(), len(pattern.flat_points)
     each = np.repeat(normals(pattern.points, pattern.triangles), 3, axis=0)
     own = np.zeros((count, 3))
@@ -121,7 +124,8 @@ def _normals(pattern: Pattern) -> Floats:
     smooth = np.einsum("ij,ij->i", one, two) > np.cos(CREASE) * length
     found = np.zeros((count, 3))
     np.add.at(found, point[smooth], two[smooth])
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    size = np.linalg.norm(found, axis=1, keepdims=True)
+    return np.asarray(found / np.where(size > 0, size, 1.0))
 
 
 # ------------------------------------------------------------------------------ moving borders

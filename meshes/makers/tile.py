@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
+from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.base.mpi import on_root
+from toros_fem.base.mpi import collective, on_root
 from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
@@ -18,6 +19,7 @@ from toros_fem.base.validation import (
     require_count,
     require_positive,
 )
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.makers.flat import grid, polygon_mesh
 from toros_fem.meshes.makers.planar import without_bridges
 from toros_fem.meshes.makers.sheets import one_panel
@@ -86,6 +88,31 @@ class Tile:
         whole = self.repeated(along, across)
         pattern = whole.tile.pattern
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
+
+    @collective("comm")
+    def following(
+        self, comm: MPI.Comm, region: BaseGeometry, edge_length: float | None = None
+    ) -> tuple[Tile, Bools]:
+        """Return the tile on a mesh whose edges are the borders of a region (collective).
+
+        Opposite borders have the same vertices. The second array tells whether each triangle lies
+        in the region, (t,).
+
+        Args:
+            comm: Communicator.
+            region: Polygons in m, in the tile; what leaves it is cut off.
+            edge_length: As of `bordered`.
+
+        Raises:
+            PatternError, ParameterError, MeshSizeError: As of `bordered`.
+        """
+        found, inside = bordered(comm, self.pattern, [region], edge_length)
+        # Its assembled points mean nothing: some lie between vertices on opposite borders.
+        made, sides = found.pattern, np.diagonal(self.lattice)
+        _, first = np.unique(made.sewn, return_index=True)
+        wraps, places = _home(made.flat_points, sides, SAME * sides.min())
+        wraps = wraps[made.flat_triangles]
+        return _sewn(places[first], made.triangles, wraps, self.lattice), inside
 
     def nearest(self, places: Floats) -> tuple[Ints, Floats]:
         """Return the triangles, (k,), with the nearest centroids to places on the torus, (k, 2).
@@ -181,12 +208,18 @@ def tile(
         unit, triangles = grid(int(counts[0]), int(counts[1]), mesh)
         flat = unit * (sides / counts)
     near = SAME * (sides / counts).min()
-    wraps = np.floor((flat + near) / sides).astype(int)
-    places = flat - wraps * sides
-    places[np.abs(places) <= near] = 0.0
+    wraps, places = _home(flat, sides, near)
     vertex = coincident(places, near)
     places = places[np.unique(vertex, return_index=True)[1]]
     return _sewn(places, vertex[triangles], wraps[triangles], np.diag(sides))
+
+
+def _home(flat: Floats, sides: Floats, near: float) -> tuple[Ints, Floats]:
+    """Return the wraps of flat points, (m, 2), and their own places; near 0 m they are 0 m."""
+    wraps = np.floor((flat + near) / sides).astype(int)
+    places = flat - wraps * sides
+    places[np.abs(places) <= near] = 0.0
+    return wraps, places
 
 
 def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:

@@ -229,13 +229,13 @@ TILES: Table = {
     "a torus is pulled": lambda s: PullMachine(
         tf.sew(ALONE, m.tile(ALONE, 0.01, 2e-3).pattern), FABRIC, 0, 0.01
     ),
-    "a printed tile bends": lambda s: replace(printed_tile(ALONE), composite=tf.Composite()),
-    "a printed tile has a bladder": lambda s: replace(printed_tile(ALONE), composite=tf.Composite(
+    "a printed tile bends": lambda s: replace(printed_tile(), composite=tf.Composite()),
+    "a printed tile has a bladder": lambda s: replace(printed_tile(), composite=tf.Composite(
         bending=None, bladder=tf.Bladder(1e6, 1e-4))),
     **{f"a sheet of tiles: {given}": lambda s, given=given: tile_sheet(tile_of(3), *given)
        for given in (("z", 1, 1), ("x", 0, 1))},
     "a print with a negative margin": lambda s: print_layout(
-        [tile_sheet(tile_of(3), "x", 1, 1)], np.ones(len(tile_of(3).wraps), bool), -0.01
+        [tile_sheet(tile_of(3), "x", 1, 1)], printed_tile().region, -0.01
     ),
     "no target of a profile": lambda s: ProfileTarget(),
     "targets of other shapes": lambda s: ProfileTarget(ONES, ONES[:2]),
@@ -284,7 +284,7 @@ FITS: Table = {
     **each(ClampedStrip, {"edges": 1}, {"gauge": 0.2}, {"length": 100.0},
            comm=ALONE, length=0.1, width=0.02),
     "a printed sheet of wales": lambda s: fit_printed_sheet(
-        ALONE, [_test("wale")], printed_tile(ALONE), 2, 1
+        ALONE, [_test("wale")], printed_tile(), 2, 1
     ),
 }  # fmt: skip
 

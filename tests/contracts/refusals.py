@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from helpers.designs import case_of, problem_of, shape_design
 from helpers.scenes import square
 from mpi4py import MPI
@@ -553,8 +554,8 @@ OPTIMIZER: Table = {
 }
 
 
-def _tile(printed: Any, **changes: Any) -> PrintedTile:
-    return PrintedTile(**{"printed": printed, "size": (0.01, 0.01), "edge_length": 2e-3, **changes})
+def _tile(region: Any, **changes: Any) -> PrintedTile:
+    return PrintedTile(**{"region": region, "size": (0.01, 0.01), "edge_length": 2e-3, **changes})
 
 
 OUTPUTS: Table = {
@@ -570,8 +571,7 @@ OUTPUTS: Table = {
     "results of nothing": lambda s: tf.write_results(s.folder, None, None),
     "tile printed as a list": lambda s: _tile([True]),
     "tile printed in numbers": lambda s: _tile(np.zeros(4)),
-    "tile's size is a word": lambda s: _tile(np.ones(4, bool), size="cm"),
-    "tile of another mesh": lambda s: _tile(np.ones(4, bool)).tile(s.comm),
+    "tile's size is a word": lambda s: _tile(shapely.Point(0, 0).buffer(1e-3), size="cm"),
 }
 
 

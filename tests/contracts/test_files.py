@@ -159,7 +159,7 @@ def prints(draw: st.DrawFn) -> StoredPrint:
 
 @st.composite
 def tiles(draw: st.DrawFn) -> PrintedTile:
-    made = PrintedTile(draw(seeds()).random(36) < 0.5, (0.01, 0.01), 3e-3)
+    made = PrintedTile(region(draw(seeds())), (0.01, 0.01), 3e-3)
     young = draw(st.floats(1e3, 1e9))
     fabric = dataclasses.replace(
         made.composite.fabric, young=young, c1=draw(st.none() | st.just(1.7))
@@ -172,8 +172,7 @@ def tiles(draw: st.DrawFn) -> PrintedTile:
         membrane = draw(st.sampled_from([Membrane(), Membrane(wrinkling="tension-field")]))
         composite = dataclasses.replace(composite, membrane=membrane)
     size = draw(st.tuples(*[st.floats(1e-3, 1)] * 2))
-    mesh = draw(st.sampled_from(["crossed", "right", "unstructured"]))
-    return dataclasses.replace(made, composite=composite, size=size, mesh=mesh)
+    return dataclasses.replace(made, composite=composite, size=size)
 
 
 @st.composite

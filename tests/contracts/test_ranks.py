@@ -133,9 +133,10 @@ def levels(comm: MPI.Comm) -> Found:
 
 def pulled(comm: MPI.Comm) -> Found:
     """A sheet of printed tiles, pulled, and what one tile predicts."""
-    made = printed_tile(comm)
-    mesh = made.tile(comm)
-    found = pull_sheet(comm, tile_sheet(mesh, "y", 2, 1), mesh, made, np.array([0.1]))
+    made = printed_tile()
+    mesh, printed = made.tile(comm)
+    sheet = tile_sheet(mesh, "y", 2, 1)
+    found = pull_sheet(comm, sheet, printed, made.composite, np.array([0.1]))
     middle = found.summary()["middle"]
     return {
         "positions": found.test.positions, "forces": found.test.forces,

@@ -69,7 +69,7 @@ def lines(problem: Any, options: Any, *, seed: int, **_: Any) -> Model:
 
 
 def tile(case: Any, scene: Any, _: Any = None) -> Model:
-    meshes = [one.tile.pattern.points for one in (case, case.coarse, case.fine)]
+    meshes = [one.tile.pattern.points for one in (case, case.coarse)]
     numbers = {f"mesh_{k}": points for k, points in enumerate(meshes)}
     numbers |= {"angles": case.angles, "stiffness": case.objective.stiffness}
     settings = case.symmetry, scene.material, scene.pull, scene.design, scene.print
@@ -78,11 +78,13 @@ def tile(case: Any, scene: Any, _: Any = None) -> Model:
     return numbers, settings, [row.objective for row in one.history]
 
 
-def sheet(comm: MPI.Comm, of: Any, mesh: Any, printed: Any, strains: Any, _: Any = None) -> Model:
-    numbers = {"points": of.pattern.points, "tile": mesh.pattern.points, "strains": strains}
-    numbers |= {"printed": printed.printed, "cell": of.cell}
-    found = pull_sheet(comm, of, mesh, printed, strains[:2])
-    return numbers, printed.composite, [*found.test.stiffness, *found.predicted.stiffness]
+def sheet(
+    comm: MPI.Comm, of: Any, printed: Any, composite: Any, strains: Any, _: Any = None
+) -> Model:
+    numbers = {"points": of.pattern.points, "tile": of.tile.pattern.points, "strains": strains}
+    numbers |= {"printed": printed, "cell": of.cell}
+    found = pull_sheet(comm, of, printed, composite, strains[:2])
+    return numbers, composite, [*found.test.stiffness, *found.predicted.stiffness]
 
 
 def path(solver: Any, density: Any, pressures: Any, metrics: Any) -> Model:

@@ -53,10 +53,11 @@ def pulled_sheet(
     comm: MPI.Comm, tile: PrintedTile, factors: np.ndarray, strains: np.ndarray
 ) -> TensileTest:
     """A pull test along x of two tiles with other moduli, by other code than the fit's."""
-    sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
-    skin = sew(comm, sheet.pattern)
-    density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
-    machine = PullMachine(skin, scaled(tile.composite, factors), 0, 2 * tile.size[0])
+    mesh, printed = tile.tile(comm)
+    sheet = tile_sheet(mesh, "x", 2, 1)
+    skin, cells = sew(comm, sheet.pattern), printed[sheet.cell]
+    density, composite = cells[skin.owned_cells].astype(float), scaled(tile.composite, factors)
+    machine = PullMachine(skin, composite, 0, 2 * tile.size[0], quadratic=cells)
     curve = machine.pull(density, strains)
     lateral = 1 - curve.contraction * strains
     return TensileTest(1 + strains, curve.stress, 5e-4, lateral, "sheet", "x")

@@ -4,15 +4,19 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import shapely
 from mpi4py import MPI
 from scipy.spatial import cKDTree
+from shapely.affinity import translate
+from shapely.geometry import box
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import Stage
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
-from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult
+from toros_fem.products.tile_design.as_printed import TileResult, simulated_print
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, tile_problem
 from toros_fem.products.tile_design.starts import random_waves
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
@@ -236,13 +240,20 @@ def stripes(tile: Tile, count: int, printed: int, diagonal: bool = False) -> np.
     return (np.floor(count * across) % count < printed).astype(float)
 
 
-def printed_tile(comm: MPI.Comm) -> PrintedTile:
-    """Return an oblong tile with a random print (collective)."""
-    size, edge_length, mesh = (0.012, 0.008), 1e-3, "unstructured"
-    count = len(tile(comm, size, edge_length, mesh).wraps)
-    printed = np.random.default_rng(0).random(count) < 0.4
+def repeating(shape: BaseGeometry, size: tuple[float, float]) -> BaseGeometry:
+    """Return the part in a tile of a shape that repeats."""
+    a, b = size
+    copies = [translate(shape, i * a, j * b) for i, j in np.ndindex(5, 5)]
+    return translate(shapely.union_all(copies, grid_size=1e-9), -2 * a, -2 * b) & box(0, 0, a, b)
+
+
+def printed_tile() -> PrintedTile:
+    """Return an oblong tile with an oblique line, and a disc on its border."""
+    size = a, b = 0.012, 0.008
+    line = shapely.LineString([(-a, -b), (a, b)]).buffer(0.8e-3)
+    region = repeating(line | shapely.Point(0, b / 2).buffer(1.2e-3), size)
     composite = replace(MEMBRANE, fabric=replace(MEMBRANE.fabric, thickness=3e-4))
-    return PrintedTile(printed, size, edge_length, mesh, composite=composite)
+    return PrintedTile(region, size, 1e-3, composite)
 
 
 def small_case(comm: MPI.Comm, edge_length: float = 0.8e-3) -> TileCase:
@@ -270,4 +281,4 @@ def small_result() -> tuple[TileCase, TileResult]:
     problem = tile_problem(case, SMALL)
     start = random_waves(case.tile, 1)[problem.skin.owned_cells]
     result = optimize(problem, [Stage(2, 80.0, constrained=True)], start=start)
-    return case, PrintSimulation(case, SMALL).simulate(problem, result)
+    return case, simulated_print(case, SMALL, problem, result)

@@ -1,6 +1,7 @@
 """`toros fit`: constants, report and picture of tests in files."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from mpi4py import MPI
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library.files import read_library
 from toros_fem.products.fitting import strip
-from toros_fem.products.tiles.printed_tile import remesh, write_tile
+from toros_fem.products.tiles.printed_tile import write_tile
 from toros_fem.products.tiles.pulled_sheet import cross_tile
 
 DATA = ROOT / "examples" / "stockinette.csv"
@@ -65,7 +66,7 @@ def test_moduli_of_a_printed_sheet(
     alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Data of the sheet's own moduli, which are found again."""
-    tile = remesh(alone, cross_tile(alone), 2e-3)
+    tile = replace(cross_tile(), edge_length=2e-3)
     path = tmp_path / "sheet.csv"
     strains: np.ndarray = np.linspace(0.02, 0.1, 5)
     test = pulled_sheet(alone, tile, np.ones(2), strains)

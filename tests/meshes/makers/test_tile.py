@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import shapely
+from helpers.tiles import repeating
 from mpi4py import MPI
 
 from toros_fem.base.errors import PatternError
@@ -169,3 +171,23 @@ def test_mesh_without_the_symmetry(alone: MPI.Comm) -> None:
     quarters = tile(alone, SQUARE, EDGE, "unstructured", "orthotropic")
     with pytest.raises(PatternError, match="not chiral"):
         quarters.symmetry_maps("chiral")
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+@pytest.mark.parametrize("edge", [None, 0.6e-3, 2.4e-3])
+def test_along_a_region(comm: MPI.Comm, mesh: str, edge: float | None) -> None:
+    """Opposite borders have the same vertices, where lines and discs cross them too."""
+    rng = np.random.default_rng(2)
+    discs = shapely.buffer(shapely.points(rng.uniform(0, SIZE[1], (3, 2))), 2e-3)
+    line = shapely.LineString([(0, 0), SIZE]).buffer(1e-3)
+    region = repeating(shapely.union_all([*discs, line]), SIZE)
+    given = tile(comm, SIZE, EDGE, mesh)
+    made, inside = given.following(comm, region, edge)
+    check_torus(made, SIZE[0] * SIZE[1])
+    assert made.pattern.areas[inside].sum() == pytest.approx(region.area, rel=2e-3)
+    printed = shapely.union_all(shapely.polygons(made.pattern.corners[inside]))
+    assert printed.symmetric_difference(region).area < 0.03 * region.area
+    # Each border of the region on the torus is an edge: copies side by side agree.
+    many, cell = made.sheet(2, 2)
+    assert len(shapely.get_parts(shapely.union_all(shapely.polygons(many.corners)))) == 1
+    assert many.areas[inside[cell]].sum() == pytest.approx(4 * region.area, rel=2e-3)

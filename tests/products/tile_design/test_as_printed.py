@@ -1,4 +1,4 @@
-"""Prints of tiles on the finer mesh: density, profile, curves, buckling."""
+"""Prints of tiles on meshes along their borders: density, profile, curves, buckling."""
 
 from dataclasses import replace
 
@@ -19,29 +19,37 @@ from helpers.tiles import (
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
 from toros_fem.products.tile_design.as_printed import (
-    PrintSimulation,
     directions,
     measure_print,
     merged,
+    simulated_print,
 )
 from toros_fem.products.tiles.plots import full_circle
 from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 
-def test_print_on_the_finer_mesh() -> None:
-    """It covers the printed region, and its profile is that of this density."""
+def test_print_along_its_borders() -> None:
+    """The printed triangles are the region, and the profile is that of their density."""
     case, result = small_result()
-    simulation = PrintSimulation(case, SMALL)
-    density = simulation.density(result.printed)
+    density, cells = result.density, result.cells
     assert set(np.unique(density)) == {0.0, 1.0}
-    area = result.printed.regions[0].area
-    assert case.fine.tile.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
+    area = result.tile.pattern.areas[cells].sum()
+    assert area == pytest.approx(result.region.area, rel=1e-6)
     assert result.failure == ""
-    own = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
+    own = ProfileSolver(result.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(own.stress, rel=1e-9)
-    areas = island_areas(case.tile, result.printed.cells)
+    areas = island_areas(result.tile, result.cells)
     assert result.printability.island_areas == pytest.approx(areas)
+
+
+def test_along_x_and_y_alike() -> None:
+    """The print is tetragonal; its mesh is not."""
+    _, result = small_result()
+    angles = np.radians([0.0, 90.0])
+    found = ProfileSolver(result.solver.tile, angles, 0.1).solve(result.density, gradients=False)
+    assert found.stress[0] == pytest.approx(found.stress[1], rel=5e-3)
+    assert found.contraction[0] == pytest.approx(found.contraction[1], abs=5e-3)
 
 
 @pytest.mark.parametrize(
@@ -70,19 +78,16 @@ def test_measured_print() -> None:
 
 
 def test_print_without_an_equilibrium(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On the finer mesh; on the design's it has one."""
     case, result = small_result()
     assert measure_print(replace(result, profile=None)) is None
-    simulation = PrintSimulation(case, SMALL)
 
     def fails(*_: object, **__: object) -> None:
         raise NoEquilibriumError("no equilibrium")
 
-    monkeypatch.setattr(simulation.solver, "solve", fails)
-    failed = simulation.simulate(result.problem, result.result)
+    monkeypatch.setattr(ProfileSolver, "solve", fails)
+    failed = simulated_print(case, SMALL, result.problem, result.result)
     assert failed.profile is None
     assert failed.failure == "no equilibrium"
-    assert failed.printed.evaluation is not None
 
 
 def test_union_of_profiles() -> None:

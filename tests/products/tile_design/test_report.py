@@ -11,7 +11,7 @@ from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
-from toros_fem.products.tile_design.as_printed import PrintMeasurement, PrintSimulation, Trial
+from toros_fem.products.tile_design.as_printed import PrintMeasurement, Trial
 from toros_fem.products.tile_design.report import TileRun, write_tile_results
 from toros_fem.products.tiles.printed_tile import read_tile
 from toros_fem.products.tiles.stiffness_profile import Contrast
@@ -42,11 +42,12 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
             found = [float(row["stiffness_n_per_m"]) for row in csv.DictReader(file)]
         assert found == pytest.approx(written["printed"]["stiffness_n_per_m"], rel=1e-12)
     manifest = json.loads((folder / "manufacture" / "manufacture.json").read_text("utf-8"))
-    area = sum(region.area for region in result.printed.regions)
-    assert manifest["print"]["print_area_mm2"] == pytest.approx(25 * 1e6 * area, rel=1e-6)
+    area = 25e6 * result.region.area  # mm²
+    assert manifest["print"]["print_area_mm2"] == pytest.approx(area, rel=1e-6)
     made = read_tile(alone, folder)
-    assert np.array_equal(made.printed, result.printed.cells)
-    assert (made.size, made.edge_length, made.symmetry) == ((0.01, 0.01), 0.8e-3, "tetragonal")
+    assert made.region.equals(result.region)
+    assert (made.size, made.edge_length) == ((0.01, 0.01), 0.8e-3)
+    assert np.array_equal(made.tile(alone)[1], result.cells), "its mesh is that of the result"
     assert manifest["options"]["layer_height"] == made.composite.reinforcement.thickness
     assert manifest["seams"] == manifest["sewing"] == []
 
@@ -73,12 +74,7 @@ def test_failed_print(tmp_path: Path) -> None:
     case, result = small_result()
     some = np.array([True, False, False, False])
     case = replace(case, objective=Contrast(~some, some))
-    result = replace(
-        result,
-        simulation=PrintSimulation(case, SMALL),
-        profile=None,
-        failure="made to fail",
-    )
+    result = replace(result, case=case, profile=None, failure="made to fail")
     found = TileRun(result, None, {})
     write_tile_results(folder, found)
     summary = found.entries()

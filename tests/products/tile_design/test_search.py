@@ -12,7 +12,7 @@ from toros_fem import errors
 from toros_fem.design.loop.loop import optimize
 from toros_fem.making.print.widths import Widths
 from toros_fem.products.tile_design import search
-from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
+from toros_fem.products.tile_design.as_printed import TileResult, Trial, simulated_print
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tile_design.starts import random_lines, random_waves
 from toros_fem.products.tiles.printability import TilePrintability
@@ -34,19 +34,18 @@ def with_flaws(islands: int, narrow: int = 0) -> TilePrintability:
 def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two trials, two drafts and the last design with a correction; the best print is returned."""
     case, runs, prints = small_case(alone, 1.25e-3), [], []
-    simulate = PrintSimulation.simulate
 
     def run(problem: Any, options: Any, **given: Any) -> Any:
         result = optimize(problem, options, **given)
         runs.append((problem, options, given.get("start"), result))
         return result
 
-    def printed(self: PrintSimulation, *given: Any) -> TileResult:
-        prints.append(simulate(self, *given))
+    def printed(*given: Any) -> TileResult:
+        prints.append(simulated_print(*given))
         return prints[-1]
 
     monkeypatch.setattr(search, "optimize", run)
-    monkeypatch.setattr(PrintSimulation, "simulate", printed)
+    monkeypatch.setattr(search, "simulated_print", printed)
     found = design_tile(case, SHORT.updated(corrections=1, correction_iterations=1))
     stages = [[(s.iterations, s.beta) for s in options.stages] for _, options, _, _ in runs]
     trial, draft = [(1, 20.0), (1, 80.0)], [(1, 80.0)]
@@ -123,18 +122,19 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
         kept[:] = kept or [optimize(*args, **kwargs)]
         return kept[0]
 
-    def simulate(self: PrintSimulation, problem: Any, result: Any) -> TileResult:
+    def simulate(case: Any, config: Any, problem: Any, result: Any) -> TileResult:
         off, islands = prints.pop(0)
         if off is None:
             raise errors.NoEquilibriumError("made to fail")
-        ones, nothing, printed = np.ones(4), (), None
+        ones, nothing, unknown = np.ones(4), (), 3 * (None,)
         stress = 0.1 * (1 + off) * target.stiffness
         profile = Profile(case.angles, 0.1, stress, ones, ones, ones, nothing, nothing, 0, 0)
         made = None if np.isinf(off) else profile
-        return TileResult(self, problem, result, printed, made, "", with_flaws(islands))  # type: ignore[arg-type]
+        flaws = with_flaws(islands)
+        return TileResult(case, config, problem, result, *unknown, made, "", flaws)  # type: ignore[arg-type]
 
     monkeypatch.setattr(search, "optimize", once)
-    monkeypatch.setattr(PrintSimulation, "simulate", simulate)
+    monkeypatch.setattr(search, "simulated_print", simulate)
     rows: list[tuple[list[tuple[float | None, int]], float]] = [
         ([(0.03, 0)], 0.03),
         ([(0.3, 0), (0.1, 0)], 0.1),

@@ -1,6 +1,6 @@
 """Printed tiles: their files, on other meshes, and as sheets to print."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,11 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.archive import read_archive, write_archive
+from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.products.tiles.printed_tile import (
     NAME,
     print_layout,
     read_tile,
-    region_of_triangles,
-    remesh,
     swatch,
     tile_sheet,
     write_tile,
@@ -36,12 +34,11 @@ SOFT = {"young": "soft", "poisson": 0.3, "thickness": 1e-3}
         ({"composite": {"fabric": SOFT}}, "is not valid: .*young = 'soft'"),
         ({"composite": {"fabrics": 1}}, "unknown parameter 'fabrics'; did you mean 'fabric'"),
         ({"edge_length": [1e-3, 1e-3]}, "is not valid: edge_length"),
-        ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),
-        ({"symmetry": "chiral"}, "cannot be chiral"),
+        ({"mesh": "crossed"}, "unexpected keyword argument 'mesh'"),
     ],
 )
 def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    write_tile(tmp_path, printed_tile(alone))
+    write_tile(tmp_path, printed_tile())
     path, failure = tmp_path / NAME, errors.TileFileError
     content = read_archive(path, "tile", lambda archive: archive, failure, "")
     numbers = {**content.numbers, **changes}
@@ -49,33 +46,42 @@ def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], mes
     write_archive(path, replace(content, numbers=numbers))
     with pytest.raises(failure, match=message):
         read_tile(alone, tmp_path)
-    write_archive(path, replace(content, arrays={"printed": np.zeros(5)}))
-    with pytest.raises(failure, match=r"printed is float64 of shape \(5,\); it must be bool"):
+    write_archive(path, replace(content, arrays={**content.arrays, "region_sizes": np.ones(2)}))
+    with pytest.raises(failure, match="the polygons do not fit"):
         read_tile(alone, tmp_path)
 
 
-def test_remesh_keeps_the_print(alone: MPI.Comm) -> None:
-    made = printed_tile(alone)
-    same = remesh(alone, made, made.edge_length)
-    assert (same.printed == made.printed).all()
-    plain = [{**asdict(one), "printed": None} for one in (same, made)]
-    assert plain[0] == plain[1]
-    finer = remesh(alone, made, made.edge_length / 6)
-    areas = [one.tile(alone).pattern.areas[one.printed].sum() for one in (made, finer)]
-    assert areas[1] == pytest.approx(areas[0], rel=2e-2)
-    for all_or_none in (np.ones_like, np.zeros_like):
-        whole = remesh(alone, replace(made, printed=all_or_none(made.printed)), 2e-3)
-        assert (whole.printed == all_or_none(whole.printed)).all()
+def test_a_file_of_triangles_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
+    """Older versions wrote them."""
+    numbers = {"size": [0.01, 0.01], "edge_length": 1e-3, "mesh": "crossed", "symmetry": "none"}
+    old = Archive("tile", {"printed": np.ones(400, dtype=bool)}, numbers)
+    write_archive(tmp_path / NAME, old)
+    with pytest.raises(errors.TileFileError, match="an older version wrote it: it holds triangles"):
+        read_tile(alone, tmp_path)
+
+
+@pytest.mark.parametrize("edge", [0.5e-3, 1e-3, 2e-3])
+def test_meshes_along_the_print(comm: MPI.Comm, edge: float) -> None:
+    """All of them have its area."""
+    made = replace(printed_tile(), edge_length=edge)
+    mesh, printed = made.tile(comm)
+    areas = mesh.pattern.areas
+    assert areas.sum() == pytest.approx(np.prod(made.size), rel=1e-9)
+    assert areas[printed].sum() == pytest.approx(made.region.area, rel=1e-6)
+    for region, part in ((shapely.box(0, 0, *made.size), 1.0), (shapely.Polygon(), 0.0)):
+        whole = replace(made, region=region)
+        mesh, printed = whole.tile(comm)
+        assert whole.share == pytest.approx(part)
+        assert printed.mean() == part
 
 
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_print_is_continuous_across_tiles(alone: MPI.Comm, name: str) -> None:
-    made = printed_tile(alone)
-    mesh = made.tile(alone)
+    made = printed_tile()
+    mesh, _ = made.tile(alone)
     sheet = tile_sheet(mesh, name, 4, 3)
-    area = mesh.pattern.areas[made.printed].sum()
-    cloth, (region,) = print_layout([sheet], made.printed, 0.015)
-    assert region.area == pytest.approx(12 * area, rel=1e-9)
+    cloth, (region,) = print_layout([sheet], made.region, 0.015)
+    assert region.area == pytest.approx(12 * made.region.area, rel=1e-6)
     axis = sheet.axis
     size = np.array(made.size) * ((4, 3) if axis == 0 else (3, 4))
     size[axis] += 0.03
@@ -84,21 +90,19 @@ def test_print_is_continuous_across_tiles(alone: MPI.Comm, name: str) -> None:
     assert bounds[0, axis] == pytest.approx(0.015)
     assert bounds[1, axis] == pytest.approx(size[axis] - 0.015)
     # A completely printed sheet is one rectangle without borders between tiles.
-    _, (whole,) = print_layout([sheet], np.ones_like(made.printed), 0.015)
+    _, (whole,) = print_layout([sheet], shapely.box(0, 0, *made.size), 0.015)
     assert whole.geom_type == "Polygon"
     assert len(whole.interiors) == 0
     assert len(whole.exterior.coords) == 5
-    assert whole.area == pytest.approx(12 * np.prod(made.size), rel=1e-9)
-    assert print_layout([sheet], np.zeros_like(made.printed), 0.0)[1][0].is_empty
+    assert whole.area == pytest.approx(12 * np.prod(made.size), rel=1e-6)
+    assert print_layout([sheet], shapely.Polygon(), 0.0)[1][0].is_empty
 
 
 def test_swatch_is_large_enough_to_clamp(alone: MPI.Comm) -> None:
-    made = printed_tile(alone)
-    mesh = made.tile(alone)
-    region = region_of_triangles(mesh.pattern.corners[made.printed])
-    cloth, printed = swatch(mesh, region)
+    made, (mesh, _) = printed_tile(), printed_tile().tile(alone)
+    cloth, printed = swatch(mesh, made.region)
     counts = np.ceil(0.05 / np.array(made.size))
-    assert printed.area == pytest.approx(counts.prod() * region.area, rel=1e-6)
+    assert printed.area == pytest.approx(counts.prod() * made.region.area, rel=1e-6)
     assert np.ptp(cloth.flat_points, axis=0) == pytest.approx(counts * made.size + [0.04, 0])
     low, high = np.reshape(printed.bounds, (2, 2))
     assert low[0] >= 0.02 - 1e-9
@@ -106,9 +110,8 @@ def test_swatch_is_large_enough_to_clamp(alone: MPI.Comm) -> None:
 
 
 def test_lines_of_neighbouring_tiles_are_joined(alone: MPI.Comm) -> None:
-    made = cross_tile(alone)
-    mesh = made.tile(alone)
-    _, (region,) = print_layout([tile_sheet(mesh, "x", 3, 2)], made.printed, 0.0)
+    made = cross_tile()
+    mesh, _ = made.tile(alone)
+    _, (region,) = print_layout([tile_sheet(mesh, "x", 3, 2)], made.region, 0.0)
     assert len(shapely.get_parts(region)) == 1
-    single = region_of_triangles(mesh.pattern.corners[made.printed])
-    assert region.area == pytest.approx(6 * single.area, rel=1e-9)
+    assert region.area == pytest.approx(6 * made.region.area, rel=1e-6)

@@ -1,5 +1,6 @@
 """Pull tests of sheets and predictions by the periodic tile, against exact laws."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes import rectangle, sew
-from toros_fem.products.tiles.printed_tile import remesh, tile_sheet
+from toros_fem.products.tiles.printed_tile import tile_sheet
 from toros_fem.products.tiles.pull_test import PullMachine, PullTest, pull_sheet
 from toros_fem.products.tiles.pulled_sheet import cross_tile
 
@@ -63,16 +64,13 @@ def test_plain_fabric_lies_between_uniaxial_and_clamped(alone: MPI.Comm, axis: i
 
 
 def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
-    """The sheets of a square tile, on a coarser mesh than its own, agree in both directions."""
-    drawn = cross_tile(comm)
-    coarse = remesh(comm, drawn, SIZE / 14)
-    mesh = coarse.tile(comm)
-    assert mesh.pattern.areas[coarse.printed].sum() == pytest.approx(
-        drawn.tile(comm).pattern.areas[drawn.printed].sum(), rel=1e-9
-    ), "its lines lie on edges of both meshes"
+    """The sheets of a square tile agree in both directions, though the mesh is not symmetric."""
+    drawn = replace(cross_tile(), edge_length=SIZE / 10)
+    mesh, printed = drawn.tile(comm)
     strains = np.array([0.05, STRAIN])
     along_x, along_y = (
-        pull_sheet(comm, tile_sheet(mesh, name, 4, 2), mesh, coarse, strains) for name in "xy"
+        pull_sheet(comm, tile_sheet(mesh, name, 4, 2), printed, drawn.composite, strains)
+        for name in "xy"
     )
     for one in (along_x, along_y):
         assert one.test.imbalance < 1e-8
@@ -80,10 +78,10 @@ def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
         assert summary["stiffness_ratio"] > 1.1
         assert 0 < summary["middle"]["contraction"] < summary["contraction"]
         assert summary["middle"]["strain"] > STRAIN
-    assert along_x.predicted.stress == pytest.approx(along_y.predicted.stress, rel=1e-8)
-    assert along_x.test.stress == pytest.approx(along_y.test.stress, rel=1e-8)
+    assert along_x.predicted.stress == pytest.approx(along_y.predicted.stress, rel=5e-3)
+    assert along_x.test.stress == pytest.approx(along_y.test.stress, rel=5e-3)
     assert along_x.test.middle_contraction == pytest.approx(
-        along_y.test.middle_contraction, rel=1e-8
+        along_y.test.middle_contraction, rel=5e-3
     )
     assert np.diff(along_x.predicted.stiffness) > 0, "the lines rotate towards the pull"
 

@@ -1,9 +1,11 @@
 """Equilibria of periodic tiles: derivatives, balance, buckling, bad input."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from helpers.tiles import (
     SIDE,
     cell_map,
@@ -16,10 +18,12 @@ from helpers.tiles import (
     stripes,
     tile_of,
 )
+from mpi4py import MPI
 
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, UNIAXIAL, Periodic
+from toros_fem.meshes import sew
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import ALONG
 
@@ -56,6 +60,48 @@ def test_stress_and_tangent_are_derivatives_of_the_energy(gradient: np.ndarray) 
         assert tangent[:2].ravel() == pytest.approx(row, abs=1e-9 * np.abs(stiffness).max())
 
 
+def waves(comm: MPI.Comm, edge: float, **around: Any) -> tuple[TileSolver, np.ndarray]:
+    """Return a solver of a square tile with a wavy line, quadratic there, and its density."""
+    x = np.linspace(-1, 2, 91)
+    line = shapely.LineString(SIDE * np.column_stack([x, 0.5 + 0.1 * np.sin(2 * np.pi * x)]))
+    region = line.buffer(0.1 * SIDE) & shapely.box(0, 0, SIDE, SIDE)
+    found, inside = tile_of(6).following(comm, region, edge)
+    skin = sew(comm, found.pattern)
+    composite = Composite(bending=Bending())
+    solver = TileSolver(skin, composite, Periodic(found, **around), quadratic=inside)
+    return solver, owned(solver, inside.astype(float))
+
+
+def test_derivatives_with_quadratic_triangles(comm: MPI.Comm) -> None:
+    """By F̄; a turned sheet has the same energy."""
+    solver, density = waves(comm, 5e-3, prescribed=ALL_PRESCRIBED)
+    step = 2e-4
+    base = solver.solve(density, 0.4, SKEWED)
+    stiffness = solver.stiffness(base, PLANE)
+    assert stiffness == pytest.approx(stiffness.T, rel=1e-9, abs=1e-9 * stiffness.max())
+    scale = np.abs(base.stress).max()
+    for part, row in zip(PLANE, stiffness, strict=True):
+        near = [solver.solve(density, 0.4, SKEWED + s * step * part) for s in STEPS]
+        stress = central([np.array(state.energy) for state in near], step)
+        assert stress == pytest.approx((base.stress * part).sum(), abs=1e-7 * scale)
+        tangent = central([state.stress for state in near], step)
+        assert tangent[:2].ravel() == pytest.approx(row, abs=1e-7 * np.abs(stiffness).max())
+    c, s = np.cos(0.3), np.sin(0.3)
+    turned = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ SKEWED
+    assert solver.solve(density, 0.4, turned).energy == pytest.approx(base.energy, rel=1e-9)
+
+
+def test_buckling_with_quadratic_triangles(comm: MPI.Comm) -> None:
+    """The flat state is that of the other solver, with its bubbles."""
+    one, density = waves(comm, 4e-3)
+    other, _ = waves(comm, 4e-3, flat=False)
+    for strain, buckles in ((-0.04, True), (0.04, False)):
+        flat = one.solve(density, 0.0, (1 + strain) * ALONG)
+        assert other.buckles(flat, density) == buckles
+        energy = other.model.energy(other.lifted(flat)) / other.area
+        assert energy == pytest.approx(flat.energy, rel=1e-9)
+
+
 def test_forces_and_moments_balance() -> None:
     found = tile_of(3, "unstructured", WIDE)
     density = random_cells(found)
@@ -88,14 +134,6 @@ def test_forces_and_moments_balance() -> None:
     assert total / pattern.areas.sum() == pytest.approx(state.stress[:2], abs=1e-11 * scale)
 
 
-def lifted(solver: TileSolver, flat: TileState) -> np.ndarray:
-    """Return a flat state as a state of a tile that may leave its plane."""
-    state = solver.model.assembled
-    solver.model.positions(state)[:] = flat.positions
-    solver.model.images.set_mean_gradient(state, flat.gradient)
-    return state
-
-
 def test_compressed_tile_buckles() -> None:
     found = tile_of(6, "right")
     one, other = solver_of(found), solver_of(found, flat=False)
@@ -104,7 +142,7 @@ def test_compressed_tile_buckles() -> None:
                                    (np.pi / 2, 0.04, False)):  # fmt: skip
         flat = one.solve(density, angle, (1 + strain) * ALONG)
         assert one.stable(flat.state, density, angle)
-        state = lifted(other, flat)
+        state = other.lifted(flat)
         assert other.stable(state, density, angle) != buckles
         assert other.buckles(flat, density) == buckles
         with pytest.raises(ParameterError, match="flat=False"):

@@ -5,9 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from helpers.scenes import table
 from helpers.tiles import (
     ANGLES,
+    SIDE,
     A,
     Laminate,
     R,
@@ -27,8 +29,8 @@ from mpi4py import MPI
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite, Material
-from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
-from toros_fem.meshes import Tile
+from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
+from toros_fem.meshes import Tile, sew
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import (
     Contrast,
@@ -49,6 +51,36 @@ def tensor(solver: TileSolver, density: np.ndarray) -> np.ndarray:
     changes[0, 0, 0] = changes[1, 1, 1] = 1.0
     changes[2, 0, 1] = changes[2, 1, 0] = 0.5
     return solver.stiffness(state, changes)
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+@pytest.mark.parametrize("edge", [1e-3, 4e-3])
+def test_stripes_along_their_borders(comm: MPI.Comm, edge: float, quadratic: bool) -> None:
+    """A laminate is exact on every mesh along its borders, wherever they are."""
+    stripe = shapely.box(0, 0.0062, SIDE, 0.0094)
+    found, inside = tile_of(4).following(comm, stripe, edge)
+    cells = inside if quadratic else None
+    solver = TileSolver(sew(comm, found.pattern), Composite(), Periodic(found), quadratic=cells)
+    profile = profile_of(solver, inside.astype(float), 0.1, ANGLES[::3])
+    exact = Laminate(Composite(), 0.0032 / SIDE, np.pi / 2)
+    expected = np.array([exact.pulled(angle, 0.1) for angle in ANGLES[::3]]).T
+    assert profile.stress == pytest.approx(expected[0], rel=1e-6)
+    assert profile.contraction == pytest.approx(expected[1], abs=1e-6)
+    assert profile.shear == pytest.approx(expected[2], abs=1e-6)
+
+
+def test_crossing_lines_on_coarse_meshes(comm: MPI.Comm) -> None:
+    """Thin lines do not lock where they are quadratic; along x and y they are alike."""
+    ways = shapely.linestrings([[(-SIDE, -SIDE), (2 * SIDE, 2 * SIDE)],
+                                [(-SIDE, 2 * SIDE), (2 * SIDE, -SIDE)]])  # fmt: skip
+    lines = shapely.union_all(shapely.buffer(ways, SIDE / 20)) & shapely.box(0, 0, SIDE, SIDE)
+    angles, found = np.radians([0.0, 90.0, 45.0]), {}
+    for edge in (0.07, 0.14):
+        made, inside = tile_of(4).following(comm, lines, edge * SIDE)
+        solver = TileSolver(sew(comm, made.pattern), Composite(), Periodic(made), quadratic=inside)
+        found[edge] = profile_of(solver, inside.astype(float), 0.1, angles).stress
+        assert found[edge][0] == pytest.approx(found[edge][1], rel=0.01)
+    assert found[0.14] == pytest.approx(found[0.07], rel=0.03)
 
 
 @pytest.mark.parametrize("mesh", ["crossed", "right", "unstructured"])

@@ -124,17 +124,32 @@ def as_printed(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    domain: Panels | None = None,
     journal: Journal | None = None,
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it (collective).
 
-    A `ShapeDesign` is simulated on a mesh whose edges are the borders of the print. What
-    is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels. Free
-    islands smaller than the area, in m², are removed; larger ones are bridged.
+    A `ShapeDesign` is simulated on a mesh whose edges are the borders of the print. Free islands
+    smaller than the area, in m², are removed; larger ones are bridged.
 
     Raises:
         ParameterError: The area is negative, or not below the pattern's.
+    """
+    cleaned = cleaned_print(problem, result, limits, island_area=island_area)
+    return printed(problem, lambda: cleaned, limits, like=result.final, journal=journal)
+
+
+@collective("problem.comm")
+def cleaned_print(
+    problem: DesignProblem,
+    result: DesignResult,
+    limits: PrintLimits,
+    *,
+    island_area: float = 0.0,
+    domain: Panels | None = None,
+) -> CleanedRegions:
+    """Threshold a design at η and clean it, as of `as_printed` (collective).
+
+    What is cleaned, where a pattern goes on beyond its border, is the domain; None: its panels.
     """
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_printable(problem, limits, island_area)
@@ -148,7 +163,7 @@ def as_printed(
         contours = printed_regions(whole.pattern, *values, eta)
         return clean(domain or panels_of(pattern, whole), contours, limits, island_area, smoothing)
 
-    return printed(problem, cleaning, limits, like=result.final, journal=journal)
+    return on_first_rank(problem.comm, cleaning)
 
 
 @collective("problem.comm", owned=("journal",))

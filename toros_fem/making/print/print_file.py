@@ -57,7 +57,8 @@ def read_print_polygons(comm: MPI.Comm, run: Path | str) -> StoredPrint:
 
     def make(archive: Archive) -> StoredPrint:
         limits = PrintLimits(**archive.numbers["limits"])
-        return StoredPrint(pattern_of(archive), regions_of(archive), limits)
+        pattern = pattern_of(archive)
+        return StoredPrint(pattern, regions_of(archive, len(pattern.panel_names)), limits)
 
     return read_archive(path, KIND, make, PatternFileError, remedy)
 
@@ -69,10 +70,10 @@ def packed_regions(regions: Regions) -> dict[str, npt.NDArray]:
     return dict(zip(REGIONS, (np.frombuffer(b"".join(texts), np.uint8), sizes), strict=True))
 
 
-def regions_of(archive: Archive) -> list[BaseGeometry]:
-    """Return the regions in a pattern's archive."""
+def regions_of(archive: Archive, panels: int) -> list[BaseGeometry]:
+    """Return the regions in an archive, of so many panels."""
     data, sizes = (archive.arrays[name] for name in REGIONS)
-    fits = len(sizes) == len(archive.numbers["panel_names"]) and sizes.min() >= 0
+    fits = len(sizes) == panels and sizes.min() >= 0
     if not fits or sizes.sum() != data.nbytes:
         raise PatternFileError("the polygons do not fit the panels")
     text, stops = data.tobytes(), np.cumsum(sizes)

@@ -16,7 +16,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.compiled_forms import assembled, compiled, work_vector
 from toros_fem.base.errors import MaterialWarning
 from toros_fem.base.mpi import dot
@@ -42,7 +42,7 @@ class PrintedSheet:
     """A printed sheet that is pulled with different moduli.
 
     Args:
-        skin, composite, axis, gauge, options: As of `PullMachine`.
+        skin, composite, axis, gauge, options, quadratic: As of `PullMachine`.
         density: Whether each owned triangle is printed, as densities in [0, 1].
     """
 
@@ -54,16 +54,18 @@ class PrintedSheet:
         axis: int,
         gauge: float,
         options: NewtonOptions | None = None,
+        quadratic: Bools | None = None,
     ) -> None:
         self.skin, self.density, self.axis = skin, density, axis
         self.composite = replace(composite, bending=None)
-        self.gauge, self.options = gauge, options
+        self.gauge, self.options, self.quadratic = gauge, options, quadratic
         machine = self._machine(np.ones(2))
         self._base = machine.solver.model
         # The first variation is linear in the moduli: its parts are differences of these models.
+        supports, moduli = self._base.supports, 1 + np.eye(2)
         self._other = [
-            make_model(skin, scaled(self.composite, 1 + np.eye(2)[k]), self._base.supports)
-            for k in range(2)
+            make_model(skin, scaled(self.composite, factors), supports, quadratic=quadratic)
+            for factors in moduli
         ]
         for model in (self._base, *self._other):
             model.set_density(model.design.check(density))
@@ -77,7 +79,9 @@ class PrintedSheet:
         composite = scaled(self.composite, factors)
         with warnings.catch_warnings():  # a search may pass moduli that are odd
             warnings.simplefilter("ignore", MaterialWarning)
-            return PullMachine(self.skin, composite, self.axis, self.gauge, self.options)
+            return PullMachine(
+                self.skin, composite, self.axis, self.gauge, self.options, quadratic=self.quadratic
+            )
 
     def curve(self, factors: Floats, strains: Floats) -> tuple[Floats, Floats]:
         """Pull the sheet and differentiate its stress and its lateral stretch (collective).

@@ -131,15 +131,16 @@ class _SheetModel:
         self, comm: MPI.Comm, samples: Samples, printed: PrintedTile, along: int, across: int
     ) -> None:
         self.samples, self.evaluations = samples, 0
-        meshed = printed.tile(comm)
+        meshed, inside = printed.tile(comm)
         self._sheets = {}
         for direction in dict.fromkeys(samples.direction):
             sheet = tile_sheet(meshed, direction, along, across)
             gauge = (2 - along % 2) * printed.size[sheet.axis]
             skin = sew(comm, sheet.pattern)
-            density = printed.printed.astype(np.float64)[sheet.cell][skin.owned_cells]
+            cells = inside[sheet.cell]
+            density = cells[skin.owned_cells].astype(np.float64)
             self._sheets[direction] = PrintedSheet(
-                skin, printed.composite, density, sheet.axis, gauge
+                skin, printed.composite, density, sheet.axis, gauge, quadratic=cells
             )
 
     def __call__(self, theta: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""The print of a tile, simulated and measured on a finer mesh."""
+"""The print of a tile, simulated and measured on a mesh along its borders."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import Distributed, collective, together
 from toros_fem.design.loop.loop import DesignResult
-from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
-from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.as_printed.as_printed import cleaned_print
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.skin import sew
 from toros_fem.products.tile_design.problem import TileCase, TileDesignScene, TileProblem
 from toros_fem.products.tiles.printability import RepeatedTile, TilePrintability, tile_printability
@@ -52,26 +53,41 @@ class TileResult(Distributed):
     """A design of a tile and its print.
 
     Attributes:
-        simulation: What simulated the print.
+        case, config: Tile and target, and the numbers of the design.
         problem: The design problem, with the objective of the case.
         result: Density, history and the reason why the loop ended.
-        printed: The print of this density.
-        profile: Profile of the print on the finer mesh; None if it has no equilibrium.
+        region: The print of this density on the tile, in m.
+        cells: Whether each triangle of the mesh along the print is printed, (t,).
+        solver: Solver on this mesh, in the directions of the objective, which the ranks share.
+        profile: Profile of the print; None if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
         printability: Islands, lines and gaps of the print in the endless sheet.
         trials: The random starts after their trial.
         deviations: That of each print, before and after each correction; empty without a target.
     """
 
-    simulation: PrintSimulation
+    case: TileCase
+    config: TileDesignScene
     problem: TileProblem
     result: DesignResult
-    printed: PrintedDesign
+    region: BaseGeometry
+    cells: Bools
+    solver: ProfileSolver
     profile: Profile | None
     failure: str
     printability: TilePrintability
     trials: tuple[Trial, ...] = ()
     deviations: tuple[float, ...] = ()
+
+    @property
+    def tile(self) -> Tile:
+        """The tile on the mesh along the print."""
+        return self.solver.tile.periodic.tile
+
+    @property
+    def density(self) -> Floats:
+        """Density, 0 or 1, of this rank's triangles of this mesh."""
+        return self.cells[self.solver.tile.skin.owned_cells].astype(np.float64)
 
     @property
     def deviation(self) -> float:
@@ -85,38 +101,32 @@ class TileResult(Distributed):
         return 0.0 if goal is None else goal.largest_deviation(profile)
 
 
-class PrintSimulation:
-    """Prints designs of a tile and simulates them on its finer mesh; all methods are collective.
+@collective("case.comm")
+def simulated_print(
+    case: TileCase, config: TileDesignScene, problem: TileProblem, result: DesignResult
+) -> TileResult:
+    """Print a design, and simulate the print on a mesh along its borders (collective).
 
-    The ranks of the case share the directions of the objective.
+    Printed triangles are quadratic. The ranks of the case share the directions of the objective.
+
+    Raises:
+        PatternError: Borders of the print meet each other.
     """
-
-    @collective("case.comm")
-    def __init__(self, case: TileCase, config: TileDesignScene) -> None:
-        self.case, self.config, fine = case, config, case.fine.tile
-        skin = sew(MPI.COMM_SELF, fine.pattern)
-        solver = TileSolver(skin, config.material.composite, Periodic(fine))
-        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, case.comm)
-
-    def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
-        """Print a design and simulate the print."""
-        tile, print_ = self.case.tile, self.config.print
-        domain = RepeatedTile(tile, self.case.symmetry)
-        printed = as_printed(
-            problem, result, print_.limits, island_area=print_.island_area, domain=domain
-        )
-        profile, failure = None, ""
-        try:
-            profile = self.solver.solve(self.density(printed), gradients=False)
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
-            failure = str(caught)
-        widths = tile_printability(tile, printed.regions[0], printed.cells, printed.limits)
-        return TileResult(self, problem, result, printed, profile, failure, widths)
-
-    def density(self, printed: PrintedDesign) -> Floats:
-        """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
-        skin = self.solver.tile.skin
-        return printed_cells(skin.pattern, printed.regions)[skin.owned_cells].astype(np.float64)
+    print_, domain = config.print, RepeatedTile(case.tile, case.symmetry)
+    cleaned = cleaned_print(
+        problem, result, print_.limits, island_area=print_.island_area, domain=domain
+    )
+    (region,) = cleaned.regions
+    tile, cells = case.tile.following(case.comm, region, case.edge_length)
+    skin = sew(MPI.COMM_SELF, tile.pattern)
+    one = TileSolver(skin, config.material.composite, Periodic(tile), quadratic=cells)
+    solver = ProfileSolver(one, case.angles, config.pull.strain, case.comm)
+    widths = tile_printability(tile, region, cells, print_.limits)
+    made = TileResult(case, config, problem, result, region, cells, solver, None, "", widths)
+    try:
+        return replace(made, profile=solver.solve(made.density, gradients=False))
+    except NoEquilibriumError as caught:  # raised by all ranks or by none
+        return replace(made, failure=str(caught))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,18 +134,18 @@ class PrintMeasurement:
     """The response of a printed tile over directions and strains.
 
     Attributes:
-        profile: Profile on the finer mesh, at all angles that the case's symmetry does not repeat.
+        profile: Profile at all angles that the case's symmetry does not repeat.
         curves: Profiles in the directions of the objective at increasing strains, the design's
             strain last.
         fabric_stiffness: Stiffness of the fabric without print, in N/m.
         buckling: Whether the flat sheet buckles at this strain in each direction of the objective,
-            so that a real one wrinkles, (k,); None without equilibrium on the design's mesh.
+            so that a real one wrinkles, (k,).
     """
 
     profile: Profile
     curves: tuple[Profile, ...]
     fabric_stiffness: float
-    buckling: Bools | None
+    buckling: Bools
 
 
 def measure_print(made: TileResult) -> PrintMeasurement | None:
@@ -143,11 +153,11 @@ def measure_print(made: TileResult) -> PrintMeasurement | None:
 
     The result is None if the print has no equilibrium in one of the directions.
     """
-    designed, simulation = made.profile, made.simulation
+    designed = made.profile
     if designed is None:
         return None
-    tile, batch, strain = simulation.solver.tile, simulation.solver.batch, designed.strain
-    density, angles = simulation.density(made.printed), directions(simulation.case.symmetry)
+    tile, batch, strain = made.solver.tile, made.solver.batch, designed.strain
+    density, angles = made.density, directions(made.case.symmetry)
     others = angles[np.abs(angles[:, None] - designed.angles).min(axis=1) >= SAME_ANGLE]
     try:
         profile = designed
@@ -161,7 +171,8 @@ def measure_print(made: TileResult) -> PrintMeasurement | None:
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
     stiffness = float(unprinted.stiffness[0])
-    return PrintMeasurement(profile, (*curves, designed), stiffness, _buckling(made))
+    buckling = _buckling(made, designed)
+    return PrintMeasurement(profile, (*curves, designed), stiffness, buckling)
 
 
 def directions(symmetry: str) -> Floats:
@@ -182,16 +193,14 @@ def merged(one: Profile, other: Profile) -> Profile:
     return Profile(strain=one.strain, states=(), gradients=(), **values)
 
 
-def _buckling(made: TileResult) -> Bools | None:
-    """Return whether the print, on the design's mesh, buckles in each direction."""
-    evaluation, simulation = made.printed.evaluation, made.simulation
-    if evaluation is None:
-        return None
-    case, batch = simulation.case, simulation.solver.batch
-    found = np.zeros(len(case.angles), dtype=bool)
+def _buckling(made: TileResult, profile: Profile) -> Bools:
+    """Return whether the print buckles in each direction of its profile."""
+    tile, batch = made.solver.tile, made.solver.batch
+    found = np.zeros(len(profile.angles), dtype=bool)
     with together(batch):
-        composite = replace(simulation.config.material.composite, bending=Bending())
-        solver = TileSolver(made.problem.skin, composite, Periodic(case.tile, flat=False))
-        for k, state in enumerate(evaluation.equilibrium.states):
-            found[k] = state is not None and solver.buckles(state, evaluation.projected)
+        composite = replace(tile.model.composite, bending=Bending())
+        around = Periodic(made.tile, flat=False)
+        solver = TileSolver(tile.skin, composite, around, quadratic=made.cells)
+        for k, state in enumerate(profile.states):
+            found[k] = state is not None and solver.buckles(state, made.density)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

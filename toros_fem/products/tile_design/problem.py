@@ -125,11 +125,6 @@ class TileCase:
         """The same with edges twice as long, for the starts."""
         return replace(self, edge_length=2 * self.edge_length)
 
-    @cached_property
-    def fine(self) -> TileCase:
-        """The same with edges half as long, for the simulation of prints."""
-        return replace(self, edge_length=self.edge_length / 2)
-
     @property
     def target(self) -> ProfileTarget | None:
         """The objective where it is a target profile; None where it is another objective."""

@@ -12,6 +12,7 @@ import numpy as np
 from toros_fem.base.files import guarded, if_plotting, if_possible, write_table
 from toros_fem.base.mpi import collective
 from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.print.printability import printed_cells
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import TOLERANCE, Figure
 from toros_fem.products.tile_design.as_printed import PrintMeasurement, TileResult
@@ -37,14 +38,13 @@ class TileRun(RunResult):
     @property
     def case(self) -> TileCase:
         """The tile and its target."""
-        return self.made.simulation.case
+        return self.made.case
 
     @property
     def printed_tile(self) -> PrintedTile:
         """The printed tile, for its file."""
-        case, composite = self.case, self.made.simulation.config.material.composite
-        mesh = case.size, case.edge_length, case.mesh, case.symmetry
-        return PrintedTile(self.made.printed.cells, *mesh, composite)
+        case, composite = self.case, self.made.config.material.composite
+        return PrintedTile(self.made.region, case.size, case.edge_length, composite)
 
     @property
     def figures(self) -> tuple[Figure, ...]:
@@ -83,7 +83,7 @@ class TileRun(RunResult):
             "design": _values(designed, *PROFILE),
             "blank_n_per_m": self.measured and self.measured.fabric_stiffness,
             "buckling": None if buckling is None else buckling.tolist(),
-            "printed_failure": made.failure or made.printed.failure or None,
+            "printed_failure": made.failure or None,
             "volume_fraction": last.volume_fraction,
             "grey_level": last.grey_level,
             "length_scale": None if limits is None or widths is None else limits.summary(widths),
@@ -95,7 +95,7 @@ class TileRun(RunResult):
             "reason": design.reason,
             "manufacture": made.printability.summary(),
             "seconds": {**design.seconds, **self.seconds},
-            "inputs": made.simulation.config.as_dict(),
+            "inputs": made.config.as_dict(),
         }
 
     def description(self) -> str:
@@ -103,8 +103,7 @@ class TileRun(RunResult):
         profile, made = self.made.profile, self.made.printability.summary()
         seconds = self.seconds.get("total", 0.0)
         if profile is None:
-            failure = self.made.failure or self.made.printed.failure
-            return f"the print has no equilibrium: {failure}; {seconds:.0f} s"
+            return f"the print has no equilibrium: {self.made.failure}; {seconds:.0f} s"
         stiffness = ", ".join(f"{s:.0f}" for s in profile.stiffness)
         deviation = "" if self.worst is None else f", at most {self.worst:.1f} % from the target"
         flat = None if self.measured is None else self.measured.buckling
@@ -131,16 +130,16 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
     In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
     """
     folder, case, made, measured = Path(folder), found.case, found.made, found.measured
-    printed, tile, skin = made.printed, case.tile, made.problem.skin
+    region, tile, skin = made.region, case.tile, made.problem.skin
     summary = found.summary()
     fields = {
         "rho": skin.gather_cells(made.result.density),
         "rho_projected": skin.gather_cells(made.result.final.projected),
-        "printed": printed.cells.astype(np.float64),
+        "printed": printed_cells(tile.pattern, [region]).astype(np.float64),
     }
 
     def write() -> None:
-        write_svg(folder / "pattern.svg", tile.pattern, printed.regions)
+        write_svg(folder / "pattern.svg", tile.pattern, [region])
         write_fields(folder / "tile.vtu", tile.pattern, tile.pattern.points, fields)
         write_tile(folder, found.printed_tile)
         if measured is not None:
@@ -148,10 +147,10 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
             rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
-        cloth, region = swatch(tile, printed.regions[0])
+        cloth, printed = swatch(tile, region)
         place = folder / FOLDER
         if_possible(
-            "machine files", lambda: write_manufacture(place, cloth, [region], summary=summary)
+            "machine files", lambda: write_manufacture(place, cloth, [printed], summary=summary)
         )
 
     def draw() -> None:
@@ -159,8 +158,8 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
         from toros_fem.results.pictures.curves import draw_history
         from toros_fem.results.pictures.style import STRIP, page
 
-        region = repeated(printed.regions[0], tile, SIDE, SIDE)
-        plots.plot_tiles(folder / "pattern.png", tile, region, SIDE)
+        many = repeated(region, tile, SIDE, SIDE)
+        plots.plot_tiles(folder / "pattern.png", tile, many, SIDE)
         history = [row.columns() for row in made.result.history]
         title = f"Designed in {made.result.history[-1].iteration} iterations"
         with page(folder / "design.png", title, STRIP) as figure:
@@ -175,11 +174,11 @@ def write_tile_results(folder: Path | str, found: TileRun) -> None:
                 case.angles,
                 case.target,
             )
-        if printed.evaluation is not None:
-            state = printed.evaluation.equilibrium.states[0]
-            positions = skin.gather_vertices(state.positions)
+        state = None if made.profile is None else made.profile.states[0]
+        if state is not None:
+            positions = made.solver.tile.skin.gather_vertices(state.positions)
             plots.plot_deformed(
-                folder / "deformed.png", tile, printed.cells, positions, state.gradient
+                folder / "deformed.png", made.tile, made.cells, positions, state.gradient
             )
 
     guarded(case.comm, folder, write)

@@ -23,7 +23,7 @@ from toros_fem.making.as_printed.as_printed import contour_values
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.mechanics.equilibrium.continuation import NewtonStep
 from toros_fem.meshes.makers.tile import Tile
-from toros_fem.products.tile_design.as_printed import PrintSimulation, TileResult, Trial
+from toros_fem.products.tile_design.as_printed import TileResult, Trial, simulated_print
 from toros_fem.products.tile_design.problem import (
     Searching,
     TileCase,
@@ -66,7 +66,7 @@ def design_tile(
     are families of lines and long waves by turns. The two best are continued there; one of them has
     no flaws, islands or narrow places, if there is such a start. The better draft is continued on
     the design's own mesh, with β raised so that little grey is left. Then the target is corrected
-    by the ratio of the design's profile to that of its print on the finer mesh, and the design is
+    by the ratio of the design's profile to that of its print, and the design is
     continued. If no print without flaws comes near the target, the other draft is tried.
 
     Args:
@@ -87,9 +87,8 @@ def design_tile(
     drafts.sort(key=lambda one: search.rated(problem, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
-    problem, simulation = tile_problem(case, config, log), PrintSimulation(case, config)
-    found = []
-    for made in _solved(partial(search.finished, problem, one, simulation) for one in designs):
+    problem, found = tile_problem(case, config, log), []
+    for made in _solved(partial(search.finished, problem, one) for one in designs):
         found.append(replace(made, trials=trials))
         if made.printability.clean and made.deviation <= ACCEPTABLE * design.tolerance:
             break
@@ -188,15 +187,13 @@ class _Search:
         rating = max(result.final.objective, self.enough or 0.0)
         return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
 
-    def finished(
-        self, problem: TileProblem, draft: CarriedDesign, simulation: PrintSimulation
-    ) -> TileResult:
+    def finished(self, problem: TileProblem, draft: CarriedDesign) -> TileResult:
         """Continue a draft on the design's own mesh and correct the design for its print."""
         design, target = self.design, problem.goal
         last = [(design.finish_iterations, factor) for factor in FINAL_BETAS]
         result = self.optimized(problem, last, after=draft)
         problem = problem.changed(fields=problem.fields.with_beta(FINAL_BETAS[-1] * design.beta))
-        first = simulation.simulate(problem, result)
+        first = simulated_print(self.case, self.config, problem, result)
         if target is None:
             return first
         # No direction may deviate by more than the tolerance: a mean over them is a weaker rule.
@@ -210,7 +207,7 @@ class _Search:
             asking = problem.changed(objective=asked)
             steps = [(design.correction_iterations, None)]
             found = self.optimized(asking, steps, goal, after=last.result)
-            return simulation.simulate(problem, found)
+            return simulated_print(self.case, self.config, problem, found)
 
         def enough(prints: Sequence[TileResult]) -> bool:
             return min(map(self.badness, prints)) <= design.tolerance

@@ -4,7 +4,7 @@ The print of a square tile of 1 cm is designed so that the fabric has the target
 is pulled by 10 % in any direction and free across. Several random starts are tried,
 families of straight and wavy lines and long waves of the density by turns, and the best is
 continued; islands and lines or gaps below `--print-width` count against a start and a print. All
-figures are those of the printed pattern, simulated again on a mesh of half the edge length.
+figures are those of the printed pattern, simulated again on a mesh along its borders.
 
 Targets: "orthotropic" (4000 N/m along x, 1000 along y and at 45°), "tetragonal" (4000 along x and
 y, 800 at 45°), "isotropic" (1500 everywhere), "anisotropic" (the largest ratio of stiffness along x
@@ -54,6 +54,8 @@ STIFFNESSES = {
     "isotropic": (1500.0, 1500.0, 1500.0),
 }
 PRESCRIBED = tuple(STIFFNESSES)
+# Cost of a Newton step of a print, whose triangles are quadratic, over one of a design.
+QUADRATIC = 4.0
 
 
 @dataclass(frozen=True)
@@ -93,9 +95,7 @@ class TileSizes(Table):
     """
 
     size: Length = key(0.01, "side of the square tile")
-    edge_length: Length = key(
-        0.125e-3, "edge length; twice as long for the starts, half as long for prints"
-    )
+    edge_length: Length = key(0.125e-3, "edge length; twice as long for the starts")
     mesh: Annotated[str, OneOf(KINDS)] = key("crossed", "kind of mesh")
 
     def __post_init__(self) -> None:
@@ -160,20 +160,20 @@ class TileScene(TileDesignScene):
 
     def expected_cost(self, comm: MPI.Comm, *, probing: bool) -> Cost:
         """Return the cost of the design, probed on the mesh of the starts (collective)."""
-        require_affordable((2 * self.skin.size) ** 2, self.skin.edge_length)  # prints halve it
+        require_affordable(self.skin.size**2, self.skin.edge_length)
         case, design = tile_case(comm, self), self.design
-        coarse, own, fine = (one.tile.pattern for one in (case.coarse, case, case.fine))
+        coarse, own = (one.tile.pattern for one in (case.coarse, case))
         rounds, finish = design.corrections, 2 * design.finish_iterations + 2
         trials = 2 * (design.starts * design.trial_iterations + design.draft_iterations)
         most = 2 * (finish + rounds * (design.correction_iterations + 1))
         parts = (
             Part("random starts", len(coarse.panel), (3 * trials, 12 * trials)),
             Part("design and corrections", len(own.panel), (3 * finish, 10 * most)),
-            Part("prints", len(fine.panel), (20, 60 * (1 + rounds))),
+            Part("prints", len(own.panel), (20, 60 * (1 + rounds)), QUADRATIC),
         )
         tried = probe(tile_problem(case.coarse, self), design.seed) if probing else None
         unknowns = 3 * len(own.points)
-        return Cost(len(own.panel), len(fine.panel), unknowns, comm.size, parts, tried)
+        return Cost(len(own.panel), len(own.panel), unknowns, comm.size, parts, tried)
 
 
 def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> Floats:

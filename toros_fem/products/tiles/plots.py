@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
@@ -17,7 +18,6 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.meshes.makers.tile import SYMMETRIES, Tile
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.tiles.printed_tile import region_of_triangles
 from toros_fem.products.tiles.pull_test import PulledSheet
 from toros_fem.products.tiles.stiffness_profile import Profile, ProfileTarget
 from toros_fem.results.pictures import style
@@ -26,6 +26,8 @@ from toros_fem.results.pictures import style
 LINE_STYLES = ((style.SECOND, 3.0, "o"), (style.ACCENT, 1.4, "s"))
 # Directions that differ by less than a part of this, in rad, are the same.
 ROUND = 1e9
+# Corners of triangles closer than this to a straight border of the print, in m, are left out.
+COLLINEAR = 1e-9
 # Most circles of a polar chart, so that their numbers stay apart.
 RINGS = 4
 
@@ -187,6 +189,11 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
             axes.set_title(name, color=style.SOFT)
             _to_scale(axes)
         style.bar_below(row[-1])
+
+
+def region_of_triangles(triangles: Floats) -> BaseGeometry:
+    """Return the union of triangles (t, 3, 2) of one mesh."""
+    return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), COLLINEAR)
 
 
 def _over_strain(figure: Figure, left: str, right: str, bottom: float = 0.12) -> tuple[Axes, Axes]:

@@ -1,10 +1,10 @@
-"""A printed tile: its triangles, mesh, materials and file, and the sheets that it makes."""
+"""A printed tile: its print, mesh, materials and file, and the sheets that it makes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +14,9 @@ from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.archive import Archive, read_archive, write_archive
-from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.errors import DensityError, ParameterError, TileFileError
-from toros_fem.base.mpi import collective, on_first_rank, on_root
+from toros_fem.base.array_types import Bools, Ints
+from toros_fem.base.errors import ParameterError, TileFileError
+from toros_fem.base.mpi import collective, on_root
 from toros_fem.base.validation import (
     checked_path,
     require_between,
@@ -25,63 +25,49 @@ from toros_fem.base.validation import (
     require_positive,
     shown,
 )
-from toros_fem.making.print.printability import printed_fractions
+from toros_fem.making.print.print_file import packed_regions, regions_of
 from toros_fem.materials.sheet import Composite
-from toros_fem.meshes.makers.tile import KINDS, Tile, check_symmetry, tile
+from toros_fem.meshes.makers.tile import Tile, tile
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.tiles.printability import repeated
 
 NAME, KIND = "tile.npz", "tile"
 MEMBRANE = Composite(bending=None)
 DIRECTIONS = ("x", "y")
-# Corners of triangles closer than this to a straight border of the print, in m, are left out.
+# Corners of a print closer than this to a straight border of it, in m, are left out.
 COLLINEAR = 1e-9
-# A triangle is printed if at least half its area is. The margin is for rounding: of triangles that
-# a symmetry maps to each other all are printed, or none.
-HALF = 0.5 - 1e-6
+# Edges along the shorter side of the plain tile that is meshed along the print.
+PLAIN = 4
 # Least size of a swatch, and its unprinted cloth at both ends for clamps, in m.
 SWATCH, CLAMPED = 50e-3, 20e-3
 
 
 @dataclass(frozen=True, eq=False)
 class PrintedTile:
-    """A tile whose triangles are either printed or plain fabric.
+    """A tile and the print on it.
 
     Attributes:
-        printed: Whether each triangle of the tile's mesh is printed, (t,).
+        region: Printed polygons in the tile [0, a] × [0, b], in m.
         size: Its sides (a, b) in m.
-        edge_length, mesh, symmetry: Parameters of its mesh, as for `meshes.tile.tile`.
+        edge_length: Edge length in m of its mesh outside of the print.
         composite: Its materials, as a membrane without a bladder.
 
     Raises:
-        DensityError: `printed` is not an array of True or False.
-        ParameterError: A number is outside its range, a name is unknown, or the composite bends,
-            has a bladder, or a knit whose grain is given by panels.
+        ParameterError: The region is no shape, a number is outside its range, or the composite
+            bends, has a bladder, or a knit whose grain is given by panels.
     """
 
-    printed: Bools
+    region: BaseGeometry
     size: tuple[float, float]
     edge_length: float
-    mesh: str = "crossed"
-    symmetry: str = "none"
     composite: Composite = MEMBRANE
 
     def __post_init__(self) -> None:
-        if not isinstance(self.printed, np.ndarray):
-            raise DensityError(
-                f"printed = {shown(self.printed)} must be an array of True or False, (t,)."
-            )
-        if self.printed.dtype != bool or self.printed.ndim != 1:
-            raise DensityError(
-                f"printed is {self.printed.dtype} of shape {self.printed.shape}; it must be bool, "
-                "(t,), True for each printed triangle."
-            )
+        require_kind("region", self.region, BaseGeometry, "polygons in m, by shapely")
         if not isinstance(self.size, list | tuple) or len(self.size) != 2:
             raise ParameterError(f"size = {shown(self.size)} must be two sides (a, b) in m.")
         require_kind("composite", self.composite, Composite, "a Composite")
         require_positive(size_x=self.size[0], size_y=self.size[1], edge_length=self.edge_length)
-        require_choice("mesh", self.mesh, KINDS)
-        check_symmetry(self.symmetry, np.array(self.size))
         if self.composite.bending is not None or self.composite.bladder is not None:
             raise ParameterError(
                 "a printed tile is a membrane: its composite must have bending = None and "
@@ -93,33 +79,30 @@ class PrintedTile:
                 "a printed tile is one panel: the grain of its knit must be one angle."
             )
 
+    @property
+    def share(self) -> float:
+        """Printed part of its area."""
+        return float(self.region.area / np.prod(self.size))
+
     @collective("comm")
-    def tile(self, comm: MPI.Comm) -> Tile:
-        """Make the tile on its mesh (collective).
+    def tile(self, comm: MPI.Comm) -> tuple[Tile, Bools]:
+        """Return the tile, meshed along the print, and whether each triangle is printed, (t,).
 
         Raises:
-            ParameterError: The mesh cannot be made.
-            DensityError: The mesh and `printed` have different numbers of triangles.
+            PatternError: Borders of the print meet each other.
+            MeshSizeError: There would be too many triangles.
         """
-        meshed = tile(comm, self.size, self.edge_length, self.mesh, self.symmetry)
-        if len(meshed.wraps) != len(self.printed):
-            raise DensityError(
-                f"printed has {len(self.printed)} triangles, but the tile of {self.size[0]:g} m × "
-                f"{self.size[1]:g} m, edge_length = {self.edge_length:g} m, mesh = {self.mesh!r} "
-                f"and symmetry = {self.symmetry!r} has {len(meshed.wraps)}. Give the numbers that "
-                "it was designed with, or design it anew: another version of gmsh may make another "
-                "mesh."
-            )
-        return meshed
+        plain = tile(comm, self.size, min(self.size) / PLAIN)
+        return plain.following(comm, self.region, self.edge_length)
 
 
 def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     """Write a printed tile as the archive `tile.npz` into a folder (one rank)."""
     require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
     folder, numbers = checked_path("folder", folder), dict(vars(printed_tile))
-    printed = numbers.pop("printed")
+    region = numbers.pop("region")
     numbers["composite"] = printed_tile.composite.as_dict()
-    write_archive(folder / NAME, Archive(KIND, {"printed": printed}, numbers))
+    write_archive(folder / NAME, Archive(KIND, packed_regions([region]), numbers))
 
 
 @on_root
@@ -132,33 +115,16 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     path = checked_path("folder", folder, TileFileError) / NAME
 
     def make(archive: Archive) -> PrintedTile:
+        if "printed" in archive.arrays:
+            raise TileFileError("an older version wrote it: it holds triangles, no polygons")
         numbers = dict(archive.numbers)
         composite = Composite.of_dict(numbers.pop("composite"))
         size = tuple(numbers.pop("size"))
-        return PrintedTile(archive.arrays["printed"], size, composite=composite, **numbers)
+        (region,) = regions_of(archive, 1)
+        return PrintedTile(region, size, composite=composite, **numbers)
 
     remedy = "Give the output folder of demos/tile.py."
     return read_archive(path, KIND, make, TileFileError, remedy)
-
-
-@collective("comm")
-def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> PrintedTile:
-    """Return the same print on a mesh of another edge length in m (collective).
-
-    A triangle of the new mesh is printed if at least half its area is.
-
-    Raises:
-        ParameterError: The length is not positive, or too large for the tile.
-        DensityError: The print does not fit its own mesh.
-    """
-    old = printed_tile.tile(comm)
-    new = tile(comm, printed_tile.size, edge_length, printed_tile.mesh, printed_tile.symmetry)
-
-    def sample() -> Bools:
-        region = region_of_triangles(old.pattern.corners[printed_tile.printed])
-        return printed_fractions(new.pattern, [region]) >= HALF
-
-    return replace(printed_tile, printed=on_first_rank(comm, sample), edge_length=edge_length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,11 +133,15 @@ class TileSheet:
 
     Attributes:
         direction: Direction of the pull, "x" or "y".
+        tile: The tile.
+        counts: Numbers of tiles along x and y.
         pattern: Mesh of the sheet, [0, a · columns] × [0, b · rows].
         cell: Triangle of the tile that each triangle of the sheet copies, (t,).
     """
 
     direction: str
+    tile: Tile
+    counts: tuple[int, int]
     pattern: Pattern
     cell: Ints
 
@@ -189,12 +159,7 @@ def tile_sheet(tile: Tile, direction: str, along: int, across: int) -> TileSheet
     """
     require_choice("direction", direction, DIRECTIONS)
     counts = (along, across) if direction == "x" else (across, along)
-    return TileSheet(direction, *tile.sheet(*counts))
-
-
-def region_of_triangles(triangles: Floats) -> BaseGeometry:
-    """Return the union of triangles (t, 3, 2) of one mesh."""
-    return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), COLLINEAR)
+    return TileSheet(direction, tile, counts, *tile.sheet(*counts))
 
 
 def swatch(tile: Tile, region: BaseGeometry) -> tuple[Pattern, BaseGeometry]:
@@ -202,25 +167,24 @@ def swatch(tile: Tile, region: BaseGeometry) -> tuple[Pattern, BaseGeometry]:
 
     The region is that of one tile, in m.
     """
-    along, across = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
-    plain = np.zeros(len(tile.wraps), dtype=bool)
-    cloth, _ = print_layout([tile_sheet(tile, "x", along, across)], plain, CLAMPED)
-    return cloth, translate(repeated(region, tile, along, across), CLAMPED, 0.0)
+    counts = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
+    cloth, (printed,) = print_layout([tile_sheet(tile, "x", *counts)], region, CLAMPED)
+    return cloth, printed
 
 
 def print_layout(
-    sheets: Sequence[TileSheet], printed: Bools, margin: float
+    sheets: Sequence[TileSheet], region: BaseGeometry, margin: float
 ) -> tuple[Pattern, list[BaseGeometry]]:
     """Return the cloth of sheets with margins for the clamps, and the print on it.
 
     Args:
-        sheets: Sheets of the tile, on the mesh that it is printed from.
-        printed: Whether each of the tile's triangles is printed, (t,).
+        sheets: Sheets of the tile.
+        region: The print on one tile, in m.
         margin: Length in m of unprinted cloth at both ends of each sheet.
 
     Returns:
-        A pattern with one panel for each sheet, and the printed region of each panel, in m. Tiles
-        share the vertices of their borders, so that the print is continuous across them.
+        A pattern with one panel for each sheet, and the printed region of each panel, in m. The
+        print is continuous across the borders of tiles.
 
     Raises:
         ParameterError: The margin is negative or not finite.
@@ -231,8 +195,8 @@ def print_layout(
         offset = np.where(np.arange(2) == sheet.axis, margin, 0.0)
         size = sheet.pattern.flat_points.max(axis=0) + 2 * offset
         corners.append(size * [[0, 0], [1, 0], [1, 1], [0, 1]])
-        region = region_of_triangles(sheet.pattern.corners[printed[sheet.cell]])
-        regions.append(translate(region, *offset))
+        whole = shapely.simplify(repeated(region, sheet.tile, *sheet.counts), COLLINEAR)
+        regions.append(translate(whole, *offset))
     flat, panel = np.concatenate(corners), np.arange(len(sheets))
     halves = np.array([[0, 1, 2], [0, 2, 3]])
     cloth = Pattern(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.base.mpi import collective
 from toros_fem.base.validation import require_positive
@@ -21,11 +21,10 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes.makers.tile import Tile
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.products.tiles.printed_tile import PrintedTile, TileSheet
+from toros_fem.products.tiles.printed_tile import TileSheet
 from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import profiles
 
@@ -104,6 +103,7 @@ class PullMachine:
             tiles averages out the variation within one.
         options: Options of the equilibrium solver.
         log: Called with every row of the solver's history.
+        quadratic: As of `EquilibriumSolver`.
 
     Raises:
         ParameterError: The gauge is longer than the sheet, or the axis is neither 0 nor 1.
@@ -119,6 +119,7 @@ class PullMachine:
         gauge: float,
         options: NewtonOptions | None = None,
         log: Log | None = None,
+        quadratic: Bools | None = None,
     ) -> None:
         if axis not in (0, 1):
             raise ParameterError(f"axis = {axis!r} must be 0 or 1, for x or y.")
@@ -138,8 +139,9 @@ class PullMachine:
         fixed = np.zeros(pattern.points.shape, dtype=bool)
         fixed[:, 2], fixed[self.near | self.far] = True, True
         self.solver = EquilibriumSolver(
-            skin, replace(composite, bending=None), Supports(fixed), options, log
-        )
+            skin, replace(composite, bending=None), Supports(fixed), options, log,
+            quadratic=quadratic,
+        )  # fmt: skip
 
     @collective("self.solver.skin.comm", owned=("density",))
     def pull(self, density: Floats, strains: Sequence[float] | Floats) -> PullTest:
@@ -269,23 +271,30 @@ class PulledSheet:
 def pull_sheet(
     comm: MPI.Comm,
     sheet: TileSheet,
-    tile: Tile,
-    printed_tile: PrintedTile,
+    printed: Bools,
+    composite: Composite,
     strains: Floats,
     log: Log | None = None,
 ) -> PulledSheet:
     """Pull a sheet, and the periodic tile that it is made of (collective).
 
-    The tile is on its mesh, `printed_tile.tile(comm)`; strains are as of `PullMachine.pull`. Those
-    of the middle are averaged over one tile, or over two where the number of tiles is even.
+    Strains of the middle are averaged over one tile, or over two where the number of tiles is even.
+
+    Args:
+        comm: Communicator.
+        sheet: The sheet of tiles.
+        printed: Whether each triangle of the tile is printed, (t,).
+        composite: Materials of the tile.
+        strains: As of `PullMachine.pull`.
+        log: As of `PullMachine`.
     """
-    density, axis = printed_tile.printed.astype(np.float64), sheet.axis
-    composite, length = printed_tile.composite, printed_tile.size[axis]
-    tiles = round(np.ptp(sheet.pattern.flat_points[:, axis]) / length)
+    density, axis, tile = printed.astype(np.float64), sheet.axis, sheet.tile
+    gauge = (2 - sheet.counts[axis] % 2) * tile.lattice[axis, axis]
     skin, torus = sew(comm, sheet.pattern), sew(comm, tile.pattern)
-    machine = PullMachine(skin, composite, axis, (2 - tiles % 2) * length, log=log)
+    machine = PullMachine(skin, composite, axis, gauge, log=log, quadratic=printed[sheet.cell])
     test = machine.pull(density[sheet.cell][skin.owned_cells], strains)
-    solver, owned = TileSolver(torus, composite, Periodic(tile)), density[torus.owned_cells]
+    solver = TileSolver(torus, composite, Periodic(tile), quadratic=printed)
+    owned = density[torus.owned_cells]
     predicted, middle = (
         predict(solver, owned, axis, at) for at in (strains, test.middle_strain[-1:])
     )

@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+import shapely
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
@@ -27,14 +28,12 @@ from toros_fem.base.scene import Scene
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import Figure
-from toros_fem.meshes import tile
 from toros_fem.products.plausibility import Group, with_lengths
 from toros_fem.products.tiles.printed_tile import (
     DIRECTIONS,
     PrintedTile,
     print_layout,
     read_tile,
-    remesh,
     tile_sheet,
 )
 from toros_fem.products.tiles.pull_test import PulledSheet, pull_sheet
@@ -42,7 +41,7 @@ from toros_fem.results.console import print_step
 from toros_fem.results.result import RunResult, write_summary
 
 # Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
-SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
+SIDE, EDGES, LINE_WIDTH = 0.01, 14, 1e-3
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class TileSheetScene(Scene):
         pull, factor, edge = self.pull, self.skin.edge_factor, self.skin.edge_length
         strains = np.asarray(np.linspace(0.0, pull.strain, pull.strain_steps + 1)[1:], np.float64)
         directions = DIRECTIONS if pull.direction == "both" else (pull.direction,)
-        design = simulated = cross_tile(comm) if given is None else read_tile(comm, given)
+        design = cross_tile() if given is None else read_tile(comm, given)
         bound = design.composite.widest_bounds[0] - 1
         if not pull.strain < bound:
             raise ParameterError(
@@ -106,24 +105,16 @@ class TileSheetScene(Scene):
                 "tile's sheets. Give a smaller strain.",
                 "strain",
             )
-        if edge is not None or factor != 1.0:
-            simulated = remesh(comm, design, edge or factor * design.edge_length)
-        drawn, mesh = design.tile(comm), simulated.tile(comm)
-        to_print, to_pull = (
-            [tile_sheet(of, name, pull.along, pull.across) for name in directions]
-            for of in (drawn, mesh)
-        )
-        cloth, regions = print_layout(to_print, design.printed, pull.margin)
-        log = print_step(comm) if verbose else None
-        pulled = [pull_sheet(comm, sheet, mesh, simulated, strains, log) for sheet in to_pull]
-        shares = tuple(
-            float(on.pattern.areas[of.printed].sum()) / float(np.prod(design.size))
-            for on, of in ((drawn, design), (mesh, simulated))
-        )
+        design = replace(design, edge_length=edge or factor * design.edge_length)
+        mesh, printed = design.tile(comm)
+        sheets = [tile_sheet(mesh, name, pull.along, pull.across) for name in directions]
+        cloth, regions = print_layout(sheets, design.region, pull.margin)
+        log, composite = print_step(comm) if verbose else None, design.composite
+        pulled = [pull_sheet(comm, sheet, printed, composite, strains, log) for sheet in sheets]
         areas = [float(region.area) for region in regions]
         inputs = {**self.as_dict(), "tile": None if given is None else str(given)}
         seconds = time.perf_counter() - begin
-        found = SheetResult(pulled, design.size, shares, areas, inputs, seconds)
+        found = SheetResult(pulled, design.size, design.share, areas, inputs, seconds)
         summary = found.summary()
 
         def draw() -> None:
@@ -131,16 +122,16 @@ class TileSheetScene(Scene):
 
             plot_pulls(folder / "curve.png", pulled)
             for one in pulled:
-                direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
+                direction, cells = one.sheet.direction, printed[one.sheet.cell]
                 title = f"pulled by {100 * pull.strain:g} % along {direction}"
                 path = folder / f"sheet_{direction}.png"
-                plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
+                plot_sheet(path, one.sheet.pattern, one.test.positions, cells, title)
 
         def write() -> None:
             write_svg(folder / "pattern.svg", cloth, regions)
             write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
             if_plotting(draw)
-            thickness = design.composite.reinforcement.thickness
+            thickness = composite.reinforcement.thickness
             known = {**summary, "inputs": {**inputs, "reinforcement_thickness": thickness}}
             place = folder / FOLDER
             if_possible(
@@ -158,14 +149,14 @@ class SheetResult(RunResult):
 
     Attributes:
         tile: Sides of a tile in m.
-        shares: Printed part of its area, as designed and as simulated.
+        share: Printed part of its area.
         printed: Printed area of each panel in m².
         inputs: The scene's values, and the folder "tile" that the tile was read from, or None.
     """
 
     pulled: Sequence[PulledSheet]
     tile: tuple[float, float]
-    shares: tuple[float, ...]
+    share: float
     printed: Sequence[float]
     inputs: Mapping[str, Any]
     seconds: float
@@ -185,8 +176,7 @@ class SheetResult(RunResult):
         return {
             "directions": {one.sheet.direction: one.summary() for one in self.pulled},
             "tile_m": self.tile,
-            "printed_share": self.shares[0],
-            "printed_share_simulated": self.shares[1],
+            "printed_share": self.share,
             "printed_m2": list(self.printed),
             "triangles": len(self.pulled[0].sheet.cell),
             "seconds": {"total": self.seconds},
@@ -209,9 +199,10 @@ class SheetResult(RunResult):
         return "; ".join(told)
 
 
-def cross_tile(comm: MPI.Comm) -> PrintedTile:
-    """Return a square tile of the default materials with both diagonals printed (collective)."""
-    x, y = tile(comm, SIDE, SIDE / EDGES).pattern.centroids.T
-    distances = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
-    printed = np.minimum(*distances) < LINE_WIDTH / np.sqrt(2)
-    return PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
+def cross_tile() -> PrintedTile:
+    """Return a square tile of the default materials with both diagonals printed."""
+    low, high = -SIDE, 2 * SIDE
+    ways = shapely.linestrings([[(low, low), (high, high)], [(low, high), (high, low)]])
+    lines = shapely.buffer(ways, LINE_WIDTH / 2, cap_style="flat")
+    region = shapely.union_all(lines) & shapely.box(0, 0, SIDE, SIDE)
+    return PrintedTile(region, (SIDE, SIDE), SIDE / EDGES)

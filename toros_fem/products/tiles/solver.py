@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import Distributed, collective, dot
 from toros_fem.materials.sheet import Composite
@@ -75,6 +75,7 @@ class TileSolver:
         composite: Materials and stretch bounds; a sheet that stays in its plane does not bend.
         periodic: The tile and its prescribed mean deformation.
         log: Called with every row of a solve's history.
+        quadratic: As of `EquilibriumSolver`.
 
     Raises:
         ParameterError: The sheet may leave its plane and does not resist bending, or its rest shape
@@ -88,6 +89,7 @@ class TileSolver:
         composite: Composite,
         periodic: Periodic,
         log: Callable[[NewtonStep | str], None] | None = None,
+        quadratic: Bools | None = None,
     ) -> None:
         bending = composite.bending
         if periodic.flat:
@@ -101,7 +103,9 @@ class TileSolver:
         fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
         fixed[:, 2], fixed[0] = periodic.flat, True
         self.skin, self.periodic = skin, periodic
-        self.model = make_model(skin, composite, Supports(fixed), periodic=periodic)
+        self.model = make_model(
+            skin, composite, Supports(fixed), periodic=periodic, quadratic=quadratic
+        )
         self._newton = Newton(self.model, NewtonOptions(), log)
         images, tangent = self.model.images, self._newton.factor.periodic
         assert images is not None
@@ -230,16 +234,26 @@ class TileSolver:
         return self._newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
-        """Return whether an equilibrium of a flat solver is unstable out of its plane."""
+        """Return whether an equilibrium is unstable out of its plane.
+
+        Its solver is flat and has the same quadratic triangles.
+        """
         if self.periodic.flat:
             raise ParameterError(
                 "this solver keeps the tile in its plane, so it cannot buckle. Make the solver "
                 "with Periodic(tile, flat=False) and materials that bend."
             )
+        return not self.stable(self.lifted(flat), density, flat.angle)
+
+    def lifted(self, flat: TileState) -> Floats:
+        """Return the state of a flat solver with the same quadratic triangles as one of this."""
         state: Floats = np.zeros(self.model.size_local)
-        self.model.positions(state)[:] = flat.positions
-        self._images.set_mean_gradient(state, flat.gradient)
-        return not self.stable(state, density, flat.angle)
+        count = flat.positions.size
+        state[:count] = flat.state[:count]
+        # Rotations of edges, which are 0, come between the positions and all else.
+        others = flat.state[count:]
+        state[len(state) - len(others) :] = others
+        return state
 
     def flat_positions(self, angle: float) -> Floats:
         """Return the positions of the owned nodes in the flat sheet, axes n, t, in m, (k, 2)."""

@@ -103,13 +103,14 @@ def read_skin(path: Path) -> ShownSkin:
     """Return the skin in a file, or raise an OutputError."""
 
     def make(archive: Archive) -> ShownSkin:
-        arrays = archive.arrays
+        arrays, pattern = archive.arrays, pattern_of(archive)
+        panels = len(pattern.panel_names)
         return ShownSkin(
-            pattern_of(archive),
+            pattern,
             target=arrays.get("target"),
             aligned=archive.numbers["aligned"],
             passive=arrays.get("passive"),
-            regions=regions_of(archive) if REGIONS[0] in arrays else None,
+            regions=regions_of(archive, panels) if REGIONS[0] in arrays else None,
             body=(arrays[BODY[0]], arrays[BODY[1]]) if BODY[0] in arrays else None,
             grounds=arrays.get("grounds"),
             compared=tuple(archive.numbers.get("compared", (False,) * 3)),
