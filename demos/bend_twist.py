@@ -45,7 +45,7 @@ comm = MPI.COMM_WORLD
 AIMS = np.array([90.0, 60.0])  # bend and twist, deg
 LENGTH, DIAMETER, PRESSURE = 0.15, 0.02, 10e3  # m, m, Pa
 WIDTH = 0.9e-3  # m
-relaxed_edge, print_edge = (5e-3, 0.9e-3) if given.coarse else (4e-3, 0.75e-3)
+relaxed_edge, print_edge = (5e-3, 2e-3) if given.coarse else (4e-3, 1.4e-3)
 
 # %% [markdown]
 # ## Panels, seams, supports, target

@@ -34,9 +34,7 @@ given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
 TWIST, LENGTH, DIAMETER, PRESSURE = 300.0, 0.15, 0.02, 15e3  # deg, m, m, Pa
-relaxed_edge, print_edge, width = (
-    (5e-3, 0.9e-3, 1.2e-3) if given.coarse else (4e-3, 0.65e-3, 0.9e-3)
-)
+relaxed_edge, print_edge, width = (5e-3, 2e-3, 1.2e-3) if given.coarse else (4e-3, 1.4e-3, 0.9e-3)
 
 # %% [markdown]
 # ## Panels, seams, supports, target

@@ -1,5 +1,6 @@
 """Panels, seams and the sewn skin; ready-made patterns; target shapes."""
 
+from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.makers.planar import rounded
 from toros_fem.meshes.makers.sheets import cylinder, disc, moulded, rectangle
 from toros_fem.meshes.makers.tile import SYMMETRIES, Repeated, Tile, tile
@@ -26,8 +27,8 @@ from toros_fem.meshes.triangles import triangle_limit
 
 __all__ = [
     "GRIPPER", "SYMMETRIES", "WALKER", "Deformer", "Mirrored", "Pattern", "Remeshed", "Repeated",
-    "Skin", "Star", "Surface", "Tile", "Unwrapped", "bend", "compose", "contract", "curl",
-    "cylinder", "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded", "plane_centroids",
-    "read_pattern", "read_surface", "rectangle", "remeshed", "rounded", "sew", "stand", "tile",
-    "triangle_limit", "twist", "two_panels", "unwrap", "walker", "write_pattern",
+    "Skin", "Star", "Surface", "Tile", "Unwrapped", "bend", "bordered", "compose", "contract",
+    "curl", "cylinder", "disc", "finger", "from_mesh", "gripper", "mirrored", "moulded",
+    "plane_centroids", "read_pattern", "read_surface", "rectangle", "remeshed", "rounded", "sew",
+    "stand", "tile", "triangle_limit", "twist", "two_panels", "unwrap", "walker", "write_pattern",
 ]  # fmt: skip

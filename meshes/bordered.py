@@ -20,7 +20,7 @@ from toros_fem.meshes.gmsh_model import faces_mesh
 from toros_fem.meshes.moving import located, places_on, straight_on
 from toros_fem.meshes.panels import polygons_of, runs_of_ring
 from toros_fem.meshes.pattern import Pattern, Regions
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import edge_keys, edges_of, equilateral_edge, require_affordable
 
 # Edges of a border are as long as the print is wide, in the mean, and at most this fraction of
@@ -101,7 +101,7 @@ def bordered(
     edge_length: float | None = None,
     *,
     coarser: float = 1.0,
-) -> tuple[Remeshed, Bools]:
+) -> tuple[OtherMesh, Bools]:
     """Mesh the same panels along the borders of regions (collective).
 
     Outlines and seams are kept, with their vertices where they turn. Where they are straight, and
@@ -439,7 +439,7 @@ def _meshed(
     lines: Sequence[Floats],
     regions: Regions,
     sizes: _Sizes,
-) -> tuple[Remeshed, Bools]:
+) -> tuple[OtherMesh, Bools]:
     """Mesh all panels, and sew them as they were."""
     labels, next_label = [], len(pattern.points)
     for chain in chains:
@@ -495,7 +495,7 @@ def _meshed(
         points=points,
     )
     within = located(pattern, found.panel, found.centroids)[0]
-    return Remeshed(pattern, found, within, ends, weight), whole.inside
+    return OtherMesh(pattern, found, within, ends, weight), whole.inside
 
 
 def _panel_mesh(

@@ -12,7 +12,7 @@ from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError, PatternError, TargetError
 from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import half_edges, linked
 
 # Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
@@ -55,7 +55,7 @@ class Mirrored:
         """Return values of the whole's triangles, such as densities, from those of the part's."""
         return np.asarray(values[self.cell])
 
-    def refined(self, finer: Remeshed, axes: Sequence[int]) -> Remeshed:
+    def refined(self, finer: OtherMesh, axes: Sequence[int]) -> OtherMesh:
         """Return the finer mesh of the whole that a finer mesh of the part leads to.
 
         The axes are those of `mirrored`, in their order.
@@ -73,7 +73,7 @@ class Mirrored:
         order = np.argsort(known)
         wanted = keys(ends, np.where(outside[ends], made.signs[:, None], 1.0))
         triangles = len(self.cell) // self.parts
-        return Remeshed(
+        return OtherMesh(
             self.pattern,
             made.pattern,
             (triangles * np.arange(self.parts)[:, None] + finer.cell).ravel(),

@@ -35,7 +35,7 @@ PAIRS = 500_000
 
 
 @dataclass(frozen=True, eq=False)
-class Remeshed:
+class OtherMesh:
     """A finer mesh of the same flat panels with the same seams, and its relation to the first one.
 
     Attributes:
@@ -85,7 +85,7 @@ class _FreeEdges(NamedTuple):
         return found
 
 
-def refine(pattern: Pattern) -> Remeshed:
+def refine(pattern: Pattern) -> OtherMesh:
     """Divide each triangle into four by the middles of its edges; panels keep their outlines."""
     require_fewer(4 * len(pattern.panel), float(pattern.areas.sum()))
     flat, tri = pattern.flat_points, pattern.flat_triangles
@@ -106,7 +106,7 @@ def refine(pattern: Pattern) -> Remeshed:
         points=pattern.points[vertices].mean(axis=1),
     )
     halves = np.full(vertices.shape, 0.5)
-    return Remeshed(pattern, fine, np.repeat(np.arange(len(tri)), 4), vertices, halves)
+    return OtherMesh(pattern, fine, np.repeat(np.arange(len(tri)), 4), vertices, halves)
 
 
 @dataclass(frozen=True, eq=False)

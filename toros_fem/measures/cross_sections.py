@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
 from toros_fem.measures.rotation import axial, polar_rotation, require_determined
 from toros_fem.measures.shape import Nodes, checked_target
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 
 # Sum of the position weights of a component from which on a shape is judged by it: legs that turn
 # weigh their centre line by some hundredths, to tell up from down.
@@ -72,7 +72,7 @@ class CrossSections:
         """Return the objective, as a part of a case asks for it (collective)."""
         return CrossSectionObjective(nodes, target, self)
 
-    def refined(self, finer: Remeshed) -> CrossSections:
+    def refined(self, finer: OtherMesh) -> CrossSections:
         """Return the same on a refined pattern; between two cross-sections the lower one counts."""
         return replace(self, labels=self.labels[finer.ends].min(axis=1))
 

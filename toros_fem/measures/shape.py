@@ -14,7 +14,7 @@ from toros_fem.base.errors import ParameterError, TargetError
 from toros_fem.base.mpi import dot, sum_over_ranks
 from toros_fem.base.validation import real_numbers, shown
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 
 # Largest size of a target, and distance from the skin, over the skin's size.
 FAR = 10.0
@@ -151,7 +151,7 @@ class ShapePart:
         """Return the objective (collective)."""
         return ShapeObjective(nodes, target, self.weights, self.relative)
 
-    def refined(self, finer: Remeshed) -> ShapePart:
+    def refined(self, finer: OtherMesh) -> ShapePart:
         """Return the same part on a refined pattern."""
         given = (self.weights, self.relative)
         return ShapePart(*(None if w is None else finer.at_vertices(np.asarray(w)) for w in given))

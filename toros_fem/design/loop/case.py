@@ -33,7 +33,7 @@ from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.transfer import Remeshed, make_transfer, refine
+from toros_fem.meshes.transfer import OtherMesh, make_transfer, refine
 
 # Weight of ln p in T: one per cent of the pressure is worth as much as a change of the miss from
 # 2.2 to 2.25 % of the skin's length. Ten times less drifts to much print under much pressure.
@@ -202,7 +202,7 @@ class Case:
             self.composite.require_refinable()
         return self.on_finer(refine(self.pattern))
 
-    def on_finer(self, finer: Remeshed) -> Case:
+    def on_finer(self, finer: OtherMesh) -> Case:
         """Return the same case on a finer mesh of its pattern, as `refined` does."""
         target = self.target
         if not callable(target):

@@ -35,7 +35,7 @@ from toros_fem.mechanics.equilibrium.ways import Search, residual_at, settle, sl
 from toros_fem.mechanics.skin.load import Load, Pressure, load_of
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 
 # Factor on the residual of a saved equilibrium up to which it is the same one.
 SAME_RESIDUAL = 10.0
@@ -255,7 +255,7 @@ class EquilibriumSolver(TangentSolver):
         return EquilibriumSolver(**{**own, **changes})
 
     @collective("self.skin.comm")
-    def refined(self, finer: Remeshed, **changes: Any) -> EquilibriumSolver:
+    def refined(self, finer: OtherMesh, **changes: Any) -> EquilibriumSolver:
         """Return the solver of the skin with each triangle divided into four (collective).
 
         Supports and chambers are those of the divided triangles: the middle of an edge is fixed

@@ -13,7 +13,7 @@ from toros_fem.base.validation import checked_names, require_kind, require_names
 from toros_fem.measures.rotation import skew
 from toros_fem.mechanics.skin.supports import Planes
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import between, half_edges
 
 
@@ -55,7 +55,7 @@ class Chambers:
         """Number of chambers."""
         return len(self.names)
 
-    def refined(self, finer: Remeshed) -> Chambers:
+    def refined(self, finer: OtherMesh) -> Chambers:
         """Return the chambers of a refined pattern."""
         return Chambers(self.names, self.of_cell[finer.cell])
 

@@ -12,7 +12,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_between, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surfaces.nearest import nearest
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 
 GRAVITY = 9.81  # m/s²
 # Largest distance of the place of a force from the skin, as a fraction of the skin's size.
@@ -42,7 +42,7 @@ class Weight:
         object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
 
-def refined_force(finer: Remeshed, pattern: Pattern, force: Floats) -> Floats:
+def refined_force(finer: OtherMesh, pattern: Pattern, force: Floats) -> Floats:
     """Return dead forces in N, (n, 3), on a refined pattern, from those on the coarse one, (m, 3).
 
     Force per area is interpolated; the total stays.

@@ -24,7 +24,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.meshes.mirror import FLAT, mirrored, plane_border
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.transfer import Remeshed
+from toros_fem.meshes.transfer import OtherMesh
 from toros_fem.meshes.triangles import edge_keys, following, half_edges, opposite_edges
 
 # Cosine between a guided edge and the normal of its plane.
@@ -103,7 +103,7 @@ class Supports:
             tuple(dict.fromkeys(self.planes + other.planes)),
         )
 
-    def refined(self, finer: Remeshed) -> Supports:
+    def refined(self, finer: OtherMesh) -> Supports:
         """Return supports of a finer mesh: a vertex is fixed if all between which it lies are.
 
         This is right for whole panels and straight borders.

@@ -261,9 +261,8 @@ class MeshedScene(Scene):
         """Widths and limits of the lines that are laid.
 
         Raises:
-            ParameterError: A width is under `print_width`, or under the edge length of the print.
+            ParameterError: A width is under `print_width`.
         """
-        self.require_fine_print()
         least, width = self.print.print_width, min(self.laid_widths)
         if width < least:
             raise ParameterError(
@@ -277,21 +276,6 @@ class MeshedScene(Scene):
             least_share=self.lines.least_share,
             spread=self.lines.spread,
         )
-
-    def require_fine_print(self) -> None:
-        """Check that the mesh of the print is fine enough for the lines that are laid.
-
-        Raises:
-            ParameterError: Its edges are longer than lines are wide.
-        """
-        edge, width = self.lines.print_edge_length, min(self.laid_widths)
-        if edge > width:
-            raise ParameterError(
-                f"print_edge_length = {edge} m is over {width} m, the width of the lines "
-                "(`laid_width` and its like): their print cannot be simulated. Give shorter edges, "
-                "or wider lines.",
-                "print_edge_length",
-            )
 
 
 @dataclass(frozen=True)
@@ -314,9 +298,6 @@ class ActuatorScene(MeshedScene):
             most = max(1.0, bound / edge)
             for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
                 values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
-        if "print_edge_length" in values:  # no longer than lines are wide
-            wider = self.updated(**{key: values[key] for key in values if key.endswith("_width")})
-            values["print_edge_length"] = min(values["print_edge_length"], *wider.laid_widths)
         return self.updated(**values)
 
     @classmethod

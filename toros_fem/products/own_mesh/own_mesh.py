@@ -482,25 +482,6 @@ class OwnMeshScene(ActuatorScene):
         ratio = 0.5 ** max(1, round(np.log2(refinement)))
         return ratio, level.scaled(ratio)
 
-    def require_fine_print(self) -> None:
-        """Check that the finest mesh is fine enough for the lines that are laid.
-
-        Raises:
-            ParameterError: Its edges are longer than lines are wide.
-        """
-        if self.read is None:
-            return
-        width, times = min(self.laid_widths), self.skin.refinements
-        edge = self.read.edge_length / 2.0**times
-        if edge > width:
-            more = times + int(np.ceil(np.log2(edge / width)))
-            raise ParameterError(
-                f"the finest mesh has edges of {edge:.3g} m, which are over {width} m, the width "
-                f"of the lines: their print cannot be simulated. Set refinements = {more}, or lay "
-                "wider lines (laid_width).",
-                "refinements",
-            )
-
     def _lines_on(self, refinements: int) -> Level:
         edge = self.own_skin.edge_length / 2.0**refinements
         return replace(self._of_lines(edge), edge_length=None, refinements=refinements)

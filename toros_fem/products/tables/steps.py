@@ -234,7 +234,7 @@ class Lines(Table):
         1.5, "largest local width of a line over the width asked, and that over the smallest one"
     )
     print_edge_length: Length = key(
-        0.75e-3, "edge length of the mesh that printed lines are simulated on"
+        1.4e-3, "edge length in the fabric of the mesh that printed lines are simulated on"
     )
     density_iterations: Number = key(
         0,

@@ -19,7 +19,7 @@ from toros_fem.meshes import contract
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.plausibility import Group, Inflated
 from toros_fem.products.tables.loads import SectionWeights
-from toros_fem.products.tables.steps import Designing, Lines
+from toros_fem.products.tables.steps import Designing
 from toros_fem.products.tables.targets import Shortening, shortening_key
 from toros_fem.products.tubes.tube import (
     SectionTubeScene,
@@ -44,12 +44,9 @@ class ContractScene(SectionTubeScene):
     skin: SymmetricTube = SymmetricTube()
     objective: SectionWeights = SectionWeights(tip_weight=10.0)
     design: Designing = Designing(start="relaxed", corrections=6, iterations=90)
-    # Bending of thin lines between their crossings needs two triangles across.
-    lines: Lines = Lines(print_edge_length=0.5e-3)
 
     KIND: ClassVar = "contract"
     FEW: ClassVar = ("contraction", "length", "diameter", "pressure", "seed")
-    COARSE: ClassVar = {**SectionTubeScene.COARSE, "print_edge_length": 9 / 5}
     MEASURED: ClassVar = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured"),)
 
     def groups_of(self, skin: Inflated) -> Iterator[Group]:

@@ -86,7 +86,7 @@ class TubeScene(ActuatorScene):
         "relaxed_edge_length": 5 / 4,
         "laid_width": 4 / 3,
         "second_laid_width": 4 / 3,
-        "print_edge_length": 6 / 5,
+        "print_edge_length": 10 / 7,
         "curve_steps": 1 / 2,
         "corrections": 2 / 3,
     }

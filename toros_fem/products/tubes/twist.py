@@ -56,15 +56,11 @@ class TwistScene(SectionTubeScene):
     target: TwistTarget = TwistTarget()
     pressure: Pressing = Pressing(pressure=15e3)
     objective: SectionWeights = SectionWeights(axial_weight=60.0)
-    lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
+    lines: TwistLines = TwistLines()
 
     KIND: ClassVar = "twist"
     FEW: ClassVar = ("twist", "keep_length", "length", "diameter", "pressure", "seed")
-    COARSE: ClassVar = {
-        **SectionTubeScene.COARSE,
-        "axial_width": 4 / 3,
-        "print_edge_length": 18 / 13,
-    }
+    COARSE: ClassVar = {**SectionTubeScene.COARSE, "axial_width": 4 / 3}
     NEEDS: ClassVar = dict.fromkeys(
         ("length_ratio", "axial_width", "axial_weight"), ("keep_length", (True,))
     )
