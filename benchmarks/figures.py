@@ -100,9 +100,10 @@ DEMOS = (
 
 # Prints of coarse runs that are simulated on finer meshes: the key of their edges, and these in m.
 CHECKED = {
-    "bend": ("edge_length", (0.6e-3,)),
-    "contract": ("print_edge_length", (0.45e-3,)),
-    "bend_twist": ("print_edge_length", (0.45e-3,)),
+    "bend": ("edge_length", (0.7e-3,)),
+    "contract": ("print_edge_length", (0.7e-3,)),
+    "twist": ("print_edge_length", (0.7e-3,)),
+    "bend_twist": ("print_edge_length", (0.7e-3,)),
     "walker": ("edge_length", (1.8e-3, 1.2e-3)),
     "walker motion=crawl": ("edge_length", (1.8e-3, 1.2e-3)),
     "gripper": ("edge_length", (1.2e-3,)),
@@ -173,7 +174,8 @@ def tried_on(folder: Path, edge: float) -> tuple[Figure, ...]:
     pattern, stored = scene.case(comm, level).pattern, read_print_polygons(comm, folder)
     pressures = summary_of(folder).entries["pressures_pa"]
     again = Again((pattern, pattern.points), (stored.pattern, stored.regions), pressures)
-    made = simulated_on(Job(comm, scene), level.scaled(edge / level.edge_length), again)
+    ratio = edge / level.edge_length
+    made = simulated_on(Job(comm, scene), level.scaled(ratio), again, ratio)
     found: tuple[Figure, ...] = scene.trial_figures(comm, made)
     return found
 

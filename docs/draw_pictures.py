@@ -228,14 +228,14 @@ def intervals_told() -> str:
     """Return what the picture of told intervals tells."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     held = sum(one.error <= one.width for one in found)
-    return f"{held} of {len(found)} intervals contain the limit ({held / len(found):.0%})"
+    return f"{held} of {len(found)} intervals contain the value of a finer mesh ({held / len(found):.0%})"
 
 
 def draw_intervals(path: Path) -> None:
     """Draw errors over time, and half-widths over true errors, in parts of the change from rest."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     sizes = sorted({one.size for one in found}, reverse=True)
-    colours = dict(zip(intervals.KINDS, SERIES, strict=True))
+    colours = dict(zip(intervals.KINDS, (*SERIES, SOFT), strict=True))
     with page(path, intervals_told(), SIZE) as figure:
         left, right = figure.subplots(
             1, 2, gridspec_kw={"left": 0.08, "right": 0.98, "bottom": 0.12, "top": 0.86,

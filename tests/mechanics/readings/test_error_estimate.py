@@ -97,13 +97,13 @@ def test_coarser_meshes_tell_the_error() -> None:
     least = half_width({1.5: 0.0}, "angle_deg", 0.1)
     assert half_width(changes, "angle_deg", 0.1) == pytest.approx(0.65 * 0.6 + least)
     assert half_width({1.5: 0.4, 2.25: 0.4}, "angle_deg", 0.1) == pytest.approx(0.65 * 0.8 + least)
-    assert least == 0.4
+    assert least == 0.5
 
 
 def test_what_no_mesh_tells_is_a_part_of_the_size() -> None:
     """Of lengths, in their unit; of a force nothing is known."""
     nothing = {1.5: 0.0}
-    assert half_width(nothing, "gap_mm", 0.1) == pytest.approx(0.5)
-    assert half_width(nothing, "length_m", 0.1) == pytest.approx(0.5e-3)
-    assert half_width(nothing, "length_ratio", 0.1) == pytest.approx(0.35e-2)
+    assert half_width(nothing, "gap_mm", 0.1) == pytest.approx(0.6)
+    assert half_width(nothing, "length_m", 0.1) == pytest.approx(0.6e-3)
+    assert half_width(nothing, "length_ratio", 0.1) == pytest.approx(0.45e-2)
     assert half_width(nothing, "force_n", 0.1) == 0.0

@@ -1,5 +1,8 @@
 """Intervals of a print from other meshes, of which some may have no equilibrium."""
 
+import warnings
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,6 +11,7 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
+import toros_fem as tf
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.readings.error_estimate import half_width
@@ -15,6 +19,7 @@ from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
 from toros_fem.products.actuators.estimates import MetricErrors, metric_errors, trial_intervals
 from toros_fem.products.actuators.other_mesh import Again
+from toros_fem.products.tubes.bend import BendScene
 
 
 def mean(_: Pattern, positions: np.ndarray) -> float:
@@ -135,3 +140,28 @@ def test_a_trial_is_repeated_on_another_mesh(ratio: float, width: float) -> None
         raise NoEquilibriumError("none there.")
 
     assert trial_intervals(comm, scene, told, fails) == {}
+
+
+def test_a_script_tells_intervals_of_its_print(alone: MPI.Comm, tmp_path: Path) -> None:
+    """From the same case on coarser meshes; each value there lies in its interval."""
+    scene = BendScene.of(angle=45.0, length=0.06, edge_length=4e-3, filter_radius=8e-3, levels=1)
+    level = scene.finest_level
+    problem = scene.problem(alone, scene.case(alone, level), level)
+    result = tf.optimize(problem, [tf.Stage(3)], seed=1)
+    printed = tf.as_printed(problem, result)
+    coarser = {r: scene.case(alone, level.scaled(r)) for r in (1.5, 2.25)}
+    with warnings.catch_warnings():  # of meshes that are coarse on purpose
+        warnings.simplefilter("ignore")
+        found = tf.print_intervals(printed, coarser)
+        again = tf.print_intervals(printed, {1.5: coarser[1.5]})
+    assert found.keys() >= {"angle_deg", "length_ratio", "shape_distance_percent"}
+    assert found["angle_deg"] > 0.5
+    assert found["angle_deg"] >= again["angle_deg"]
+    made = tf.write_results(tmp_path, result, printed, intervals=found)
+    figure = next(row for row in made["figures"] if row["name"] == "angle")
+    assert figure["interval"] == pytest.approx(found["angle_deg"])
+    assert tf.print_intervals(replace(printed, evaluation=None), coarser) == {}
+    with pytest.raises(ParameterError, match=r"edges 0.5 times as long; they must be longer"):
+        tf.print_intervals(printed, {0.5: coarser[1.5]})
+    with pytest.raises(ParameterError, match=r"coarser\[1.5\]"):
+        tf.print_intervals(printed, {1.5: problem})  # type: ignore[dict-item]

@@ -28,8 +28,8 @@ TOLERANCE = 1e-6
 SHARE = 0.65
 # What no coarser mesh tells, by unit: bending beside stiff lines above all, in layers of 0.2 mm. Of
 # lengths it is the same part of the skin's size, in m, as of ratios.
-UNSEEN = {"deg": 0.4, "percent": 0.35, "ratio": 0.0035}
-LENGTHS = {"m": 0.005, "mm": 5.0}
+UNSEEN = {"deg": 0.5, "percent": 0.45, "ratio": 0.0045}
+LENGTHS = {"m": 0.006, "mm": 6.0}
 
 
 @dataclass(frozen=True)
