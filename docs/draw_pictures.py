@@ -259,7 +259,7 @@ def draw_intervals(path: Path) -> None:
         right.text(0.5, 0.4, "as wide as the error", color=INK, rotation=38, ha="center", va="top")
         right.text(0.25, 1.0, "three times", color=SOFT, rotation=38, ha="center", va="bottom")
         left.set(xscale="log", yscale="log", xlabel="time of the solve (s)")
-        left.set(xticks=[0.5, 1, 2, 4], yticks=[2, 5, 10, 20])
+        left.set(xticks=[0.5, 1, 2, 4], yticks=[0.5, 1, 2, 5, 10, 20])
         left.set_ylabel("error of reported values (% of the change), median")
         right.set(xscale="log", yscale="log", xlim=ends, ylim=ends)
         right.set(xlabel="true error (% of the change)", ylabel="half-width (% of the change)")
