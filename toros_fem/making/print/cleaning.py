@@ -15,7 +15,7 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import is_number, shown
 from toros_fem.making.print.contours import smoothed
 from toros_fem.making.print.islands import PanelRegion, PrintedPiece, find_holes, find_pieces
-from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified
+from toros_fem.making.print.polygons import TOUCHING, fabric_of, simplified, solid
 from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.making.print.regions import BEYOND, beyond_seams, part_regions, with_more
 from toros_fem.making.print.thickness import thickened
@@ -230,7 +230,7 @@ def _all_cleaned(
     ]
     longer = [outline is not own for outline, own in zip(outlines, domain.outlines, strict=True)]
     return [
-        region & own if more else region
+        solid(region & own, limits.resolution) if more else region
         for region, own, more in zip(made, domain.outlines, longer, strict=True)
     ]
 
