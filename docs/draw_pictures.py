@@ -228,7 +228,8 @@ def intervals_told() -> str:
     """Return what the picture of told intervals tells."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     held = sum(one.error <= one.width for one in found)
-    return f"{held} of {len(found)} intervals contain the value of a finer mesh ({held / len(found):.0%})"
+    part = f"{held / len(found):.0%}"
+    return f"{held} of {len(found)} intervals contain the value of a finer mesh ({part})"
 
 
 def draw_intervals(path: Path) -> None:
