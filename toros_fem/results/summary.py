@@ -71,8 +71,8 @@ class PrintedResult(RunResult):
         shape: How far its shape is from the target, as of `Miss.values`; empty if the design
             compares no positions, and without an equilibrium.
         tolerances: What counts as reached.
-        limit: Positions of all vertices of the print's mesh that are told, (n, 3), in m; None takes
-            those of `limit_shape`.
+        finer: Positions that a finer mesh tells, at all vertices of the print's mesh, (n, 3), in m;
+            None shows those of the print's mesh.
     """
 
     design: DesignResult
@@ -83,7 +83,7 @@ class PrintedResult(RunResult):
     seconds: Mapping[str, float] = field(default_factory=dict)
     shape: Mapping[str, float] = field(default_factory=dict)
     tolerances: Tolerances = DEFAULT
-    limit: Floats | None = None
+    finer: Floats | None = None
 
     @property
     def problem(self) -> ShapeProblem:

@@ -97,7 +97,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     pattern, cells = whole.pattern, printed.cells
     if printed.evaluation is None and len(cells) != len(pattern.panel):
         cells = printed_cells(pattern, printed.regions)  # on the mesh of the design
-    # Fields are those of the equilibrium on its mesh; figures and pictures show its limit.
+    # Fields are those of the equilibrium on its mesh; pictures show what a finer one tells.
     positions = whole.at_vertices(problem.skin.gather_vertices(shown.equilibrium.positions))
     composite, stiffened = problem.solver.model.composite, whole_cells(problem, shown.projected)
     folds = wrinkles_of(pattern, composite, stiffened, positions)
@@ -112,14 +112,14 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     for name, owned in design.items():
         every = before.gather_cells(owned)
         fields[name] = whole.at_cells(every if transfer is None else transfer.at_cells(every))
-    limit = problem.physics.shape_of(shown.equilibrium) if found.limit is None else found.limit
+    drawn = problem.physics.shape_of(shown.equilibrium) if found.finer is None else found.finer
     values = {"pressure_pa": shown.equilibrium.pressure, **found.shown_metrics}
     note = shown.equilibrium.condition.sentences
     if folds is not None:
         slack = 1 - folds.share(Tension.TAUT, pattern.areas)
         note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
     density = fields["rho_projected"] if printed.evaluation is None else None
-    frame = Frame("print", 0, "", whole.at_vertices(limit), density, values, note)
+    frame = Frame("print", 0, "", whole.at_vertices(drawn), density, values, note)
     seen = shown_skin(problem, printed.regions, shown.equilibrium.poses)
 
     def write() -> None:

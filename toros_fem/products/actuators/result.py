@@ -109,7 +109,7 @@ class ActuatorResult(PrintedResult):
             intervals=errors.intervals,
             metrics=metrics,
             shape=shape,
-            limit=errors.shape,
+            finer=errors.shape,
         )
 
     @property
