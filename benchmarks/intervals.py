@@ -320,7 +320,12 @@ def told_figures(rows: Rows) -> list[Told]:
             key = f"{name}_{row.unit}"
             seconds = np.nan if row.seconds is None else row.seconds
             seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
-            numbers = row.value or 0.0, half_width(changes, key, LENGTH), change, seconds
+            numbers = (
+                row.value or 0.0,
+                half_width(changes, key, (DIAMETER, DIAMETER, LENGTH)),
+                change,
+                seconds,
+            )
             found.append(Told(kind, size, name, *numbers, seeds))
     return found
 

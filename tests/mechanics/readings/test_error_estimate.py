@@ -94,16 +94,21 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
 def test_coarser_meshes_tell_the_error() -> None:
     """Each as if the error grew with the edge length; the largest counts."""
     changes = {1.5: 0.2, 2.25: 0.75}
-    least = half_width({1.5: 0.0}, "angle_deg", 0.1)
-    assert half_width(changes, "angle_deg", 0.1) == pytest.approx(0.65 * 0.6 + least)
-    assert half_width({1.5: 0.4, 2.25: 0.4}, "angle_deg", 0.1) == pytest.approx(0.65 * 0.8 + least)
+    extents = (0.05, 0.1, 0.05)
+    least = half_width({1.5: 0.0}, "angle_deg", extents)
+    assert half_width(changes, "angle_deg", extents) == pytest.approx(0.65 * 0.6 + least)
+    both = half_width({1.5: 0.4, 2.25: 0.4}, "angle_deg", extents)
+    assert both == pytest.approx(0.65 * 0.8 + least)
     assert least == 0.5
 
 
 def test_what_no_mesh_tells_is_a_part_of_the_size() -> None:
     """Of lengths, in their unit; of a force nothing is known."""
-    nothing = {1.5: 0.0}
-    assert half_width(nothing, "gap_mm", 0.1) == pytest.approx(0.6)
-    assert half_width(nothing, "length_m", 0.1) == pytest.approx(0.6e-3)
-    assert half_width(nothing, "length_ratio", 0.1) == pytest.approx(0.45e-2)
-    assert half_width(nothing, "force_n", 0.1) == 0.0
+    nothing, extents = {1.5: 0.0}, (0.1, 0.02, 0.02)
+    assert half_width(nothing, "gap_mm", extents) == pytest.approx(0.6)
+    assert half_width(nothing, "length_m", extents) == pytest.approx(0.6e-3)
+    assert half_width(nothing, "length_ratio", extents) == pytest.approx(0.45e-2)
+    assert half_width(nothing, "force_n", extents) == 0.0
+    # Turns add up along a slender skin.
+    assert half_width(nothing, "angle_deg", extents) == pytest.approx(0.5 * 5 / 2.1)
+    assert half_width(nothing, "angle_deg", (0.1, 0.1, 0.0)) == 0.5

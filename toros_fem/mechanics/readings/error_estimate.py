@@ -27,9 +27,11 @@ TOLERANCE = 1e-6
 # Part of the error that coarser meshes tell.
 SHARE = 0.65
 # What no coarser mesh tells, by unit: bending beside stiff lines above all, in layers of 0.2 mm. Of
-# lengths it is the same part of the skin's size, in m, as of ratios.
+# lengths it is a part of the skin's size, in m. Angles are those of a skin as slender, length over
+# width, as the tubes of the study.
 UNSEEN = {"deg": 0.5, "percent": 0.45, "ratio": 0.0045}
 LENGTHS = {"m": 0.006, "mm": 6.0}
+SLENDER = 2.1
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def estimate_error(
     return estimates
 
 
-def half_width(changes: Mapping[float, float], key: str, size: float) -> float:
+def half_width(changes: Mapping[float, float], key: str, extents: Sequence[float]) -> float:
     """Return the half-width of an interval, from how far coarser meshes tell otherwise.
 
     An error that grows with the edge length as far as a coarser mesh tells is c/(r − 1), with the
@@ -150,9 +152,11 @@ def half_width(changes: Mapping[float, float], key: str, size: float) -> float:
     Args:
         changes: The changes, by the edge length of the coarser mesh over that of the mesh.
         key: Name and unit of the value, such as "angle_deg".
-        size: Largest extent of the skin in m.
+        extents: Extents of the skin along three axes in m.
     """
-    known = split_key(key)
+    known, (_, wide, size) = split_key(key), sorted(extents)
     unit = known[1] if known else ""
     least = UNSEEN.get(unit, LENGTHS.get(unit, 0.0) * size)
+    if unit == "deg":  # turns add up along the skin
+        least *= max(1.0, size / wide / SLENDER)
     return SHARE * max(change / (ratio - 1) for ratio, change in changes.items()) + least

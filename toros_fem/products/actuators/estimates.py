@@ -220,7 +220,8 @@ def _intervals(found: Mapping[float, MeshValues], keys: Iterable[str]) -> dict[s
             if ratio > finest
         }
         if changes and finest <= 1:
-            intervals[key] = half_width(changes, key, known[finest].pattern.size)
+            extents = np.ptp(known[finest].pattern.points, axis=0)
+            intervals[key] = half_width(changes, key, extents)
     return intervals
 
 
