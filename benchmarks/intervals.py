@@ -39,7 +39,7 @@ Lines = list[Any]
 # A mesh, and the positions of its vertices, (n, 3), in m.
 Shape = tuple[Pattern, Floats]
 LENGTH, DIAMETER = 0.03, 0.014  # m
-AROUND = np.pi * DIAMETER
+AROUND, EXTENTS = np.pi * DIAMETER, (DIAMETER, DIAMETER, LENGTH)
 WIDTH, ROOT = 0.016, 0.003  # of a flat finger and its held end, m
 # Edges in m: those whose intervals are checked, and those of the mesh that tells the limit.
 EDGES, FINE = (2.0e-3, 1.4e-3), 0.7e-3
@@ -320,12 +320,7 @@ def told_figures(rows: Rows) -> list[Told]:
             key = f"{name}_{row.unit}"
             seconds = np.nan if row.seconds is None else row.seconds
             seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
-            numbers = (
-                row.value or 0.0,
-                half_width(changes, key, (DIAMETER, DIAMETER, LENGTH)),
-                change,
-                seconds,
-            )
+            numbers = row.value or 0.0, half_width(changes, key, EXTENTS), change, seconds
             found.append(Told(kind, size, name, *numbers, seeds))
     return found
 

@@ -98,16 +98,15 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert checked.told["x_mm"] == pytest.approx(101.0)
     pattern = square(n=2)
     assert mean(pattern, checked.shape) == pytest.approx(101.0)
-    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0}, "x_mm", np.ptp(pattern.points, axis=0))
+    size = np.ptp(pattern.points, axis=0)
+    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0}, "x_mm", size)
     assert checked.intervals["x_mm"] == pytest.approx(width)
     assert width < alone.intervals["x_mm"]
     # Where it has no equilibrium the coarser meshes tell the interval.
     failed = found(monkeypatch, refinement=2.0, without=(-1,))
     assert (failed.intervals, failed.told) == (alone.intervals, alone.told)
     single = found(monkeypatch, refinement=2.0, meshes=0)
-    assert single.intervals["x_mm"] == pytest.approx(
-        half_width({2.0: 1.0}, "x_mm", np.ptp(pattern.points, axis=0))
-    )
+    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}, "x_mm", size))
 
 
 def test_what_is_not_known_has_no_interval() -> None:
