@@ -113,10 +113,12 @@ tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 
 # %%
 made, parts, limit = printed.evaluation or result.final, 2 * FINGERS, 5e-3
-problem = made.problem  # that of the print has a mesh of its own, which follows the print
+problem = made.problem  # that of the print has a mesh of its own, along its borders
 assert isinstance(problem, tf.ShapeDesign)
 supports, pulling = problem.case.supports, replace(problem.case.contact, friction=FRICTION)
-solver = tf.EquilibriumSolver(problem.skin, composite, supports, contact=pulling)
+solver = tf.EquilibriumSolver(
+    problem.skin, composite, supports, contact=pulling, quadratic=problem.case.quadratic
+)
 at = made.projected, made.equilibrium.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
 pull = list(pull_out(solver, *at, made.equilibrium.positions))
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])

@@ -97,7 +97,9 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 
 # %%
 made = printed.evaluation or result.final
-quarter = made.problem.skin  # that of the print has a mesh of its own, which follows the print
+assert isinstance(made.problem, tf.ShapeDesign)
+quarter = made.problem.skin  # that of the print has a mesh of its own, along its borders
+quadratic = made.problem.case.quadratic
 both = mirrored(quarter.pattern, (0,))
 half = both.pattern
 skin, supports = tf.sew(comm, half), tf.symmetry_plane(half, 1)
@@ -109,6 +111,7 @@ solver = tf.EquilibriumSolver(
     composite,
     supports,
     chambers=chambers(half, star),
+    quadratic=None if quadratic is None else quadratic[both.cell],
     weight=tf.Weight(0.25, 0.25 + 0.6),  # kg/m² of fabric, and of fabric and print
     contact=tf.Contact(
         tf.Ground((0.0, 0.0, height)),

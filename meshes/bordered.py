@@ -147,7 +147,8 @@ def _sizes(pattern: Pattern, fabric: float, regions: Regions, coarser: float) ->
     area, border, near = 0.0, 0.0, ON_OUTLINE * pattern.size
     for region, outline in zip(regions, pattern.outlines, strict=True):
         inside = region.boundary.difference(outline.boundary.buffer(near))
-        area, border = area + region.area, border + inside.length
+        if inside.length:  # not of a panel that is printed all over
+            area, border = area + region.area, border + inside.length
     width = 2 * area / border if border else fabric
     off = min(OFF_WIDTH * coarser * width, OFF_EDGE * fabric)
     joined = min(JOINED_WIDTH * width, JOINED * fabric)

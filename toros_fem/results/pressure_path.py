@@ -91,7 +91,6 @@ def write_pressure_path(comm: MPI.Comm, folder: str | Path, found: PathResult) -
     """
     folder, points, whole = Path(folder), found.points, found.whole
     skin, density, last = whole.pattern, whole.at_cells(found.density), points[-1]
-    # Fields are those of the equilibrium on its mesh; figures and frames show its limit.
     shape = whole.at_vertices(last.positions)
     rows = [
         {"pressure_pa": p.result.pressure, "volume_m3": whole.parts * p.result.volume, **p.metrics}

@@ -95,7 +95,7 @@ def write_design(folder: str | Path, found: PrintedResult) -> None:
     assert isinstance(problem, ShapeProblem)
     whole, part = problem.whole, problem.skin.pattern
     pattern, cells = whole.pattern, printed.cells
-    if printed.evaluation is None and len(cells) != len(pattern.panel):
+    if printed.pattern is not pattern:
         cells = printed_cells(pattern, printed.regions)  # on the mesh of the design
     # Fields are those of the equilibrium on its mesh; pictures show what a finer one tells.
     positions = whole.at_vertices(problem.skin.gather_vertices(shown.equilibrium.positions))

@@ -21,8 +21,9 @@ from toros_fem.measures.cross_sections import (
 )
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import Nodes, Part, ShapeObjective, ShapePart
-from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.meshes import WALKER, Pattern, Skin, bend, stand, walker
+from toros_fem.mechanics.skin.dead_loads import point_force
+from toros_fem.mechanics.skin.supports import Supports, clamp, pin
+from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, stand, walker
 from toros_fem.products.actuators.legs import rest_on_body
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric
@@ -125,3 +126,20 @@ def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     assert printed.after.lines.smallest.width == pytest.approx(4e-3, rel=1e-3)
     with pytest.raises(PanelError, match="1 regions for 3 panels"):
         case.following(alone, regions[:1])
+
+
+def test_forces_and_pins_are_carried_to_the_mesh_of_a_print(alone: MPI.Comm) -> None:
+    """The total and the moment stay; in place of a pinned vertex the nearest one is held."""
+    tube = cylinder(alone, 0.06, 0.02, 4e-3)
+    force = point_force(tube, (0.01, 0.0, 0.021), (1.0, 0.2, -0.3))
+    case = Case(tube, tube.points, pin(tube), 4e3, metrics=(), force=force)
+    regions = [shapely.Polygon() for _ in tube.panel_names]
+    wall = tube.panel_index("wall")
+    low = np.array(tube.outline(wall).bounds[:2])
+    regions[wall] = shapely.box(*(low + [5e-3, 5e-3]), *(low + [9e-3, 40e-3]))
+    found = case.following(alone, regions)
+    assert found.force.sum(axis=0) == pytest.approx([1.0, 0.2, -0.3], rel=1e-9)
+    moments = [np.cross(p.pattern.points, p.force).sum(axis=0) for p in (case, found)]
+    assert moments[1] == pytest.approx(moments[0], abs=2e-4)
+    assert np.array_equal(found.supports.fixed.sum(axis=0), case.supports.fixed.sum(axis=0))
+    found.supports.require_no_rigid_motion(found.pattern)

@@ -62,7 +62,7 @@ def found(
 
     level: Any = 0
     again = Again((pattern, shape(0)), None, None)
-    return metric_errors(job, level, {"x_mm": mean}, again)
+    return metric_errors(job, level, {"x_mm": mean}, again, pattern)
 
 
 def values(errors: MetricErrors) -> dict[float, float]:

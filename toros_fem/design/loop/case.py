@@ -27,7 +27,7 @@ from toros_fem.measures.shape import (
 )
 from toros_fem.mechanics.contact.settings import Contact
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import Weight, refined_force
+from toros_fem.mechanics.skin.dead_loads import Weight, carried_force
 from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.bordered import bordered
 from toros_fem.meshes.mirror import Mirrored, mirrored
@@ -221,7 +221,7 @@ class Case:
             start=None if start is None else np.asarray(start)[finer.cell],
             chambers=self.chambers and self.chambers.refined(finer),
             quadratic=None if self.quadratic is None else self.quadratic[finer.cell],
-            force=None if force is None else refined_force(finer, self.pattern, np.asarray(force)),
+            force=None if force is None else carried_force(finer, np.asarray(force)),
         )
 
     def _sum(self, nodes: Nodes, target: Floats) -> Objective:

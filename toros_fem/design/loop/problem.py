@@ -272,8 +272,8 @@ class DesignProblem(Distributed, Generic[R]):
         """Evaluate a print, without variants (collective).
 
         Args:
-            printed: Printed part of each owned triangle, 0 or 1 where no border cuts it;
-                prescribed densities are kept.
+            printed: Printed part of each owned triangle; prescribed densities are kept, which in a
+                print are all.
             like: The design that it came from: its densities, its pressure, and its state to start
                 from. None for a pattern that was drawn: it is its own density.
             start: State to start from; None takes that of `like`.

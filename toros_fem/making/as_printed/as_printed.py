@@ -11,7 +11,7 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.errors import NoEquilibriumError, PatternError
 from toros_fem.base.mpi import collective, on_first_rank, total
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.fields import densities_of
@@ -54,12 +54,12 @@ class PrintedDesign:
     """The print of a design and its simulation; that of the whole skin where a part is designed.
 
     Attributes:
-        pattern: The pattern that is printed on; that of a design of densities follows the print.
+        pattern: The pattern that is printed on; of a shape design its mesh has the print's borders.
         cleaned: Print on each panel, and what it was made of.
         limits: Limits of the printer.
         cells: Whether each triangle of the pattern is printed, (t,): whether its centroid is.
         evaluation: The print, simulated, by its own problem; None without an equilibrium.
-        failure: Reason for the missing equilibrium; empty if there is one.
+        failure: Reason for the missing equilibrium, or mesh; empty if there is one.
     """
 
     pattern: Pattern
@@ -251,7 +251,7 @@ def printed(
         pressure, journal: As of `simulate_binary` and `optimize`.
 
     Raises:
-        PatternError: The skin is moulded; or borders of the print meet each other.
+        PatternError: The skin is moulded.
     """
     skin = problem.skin
     problem.whole.pattern.require_flat_panels("a print")
@@ -262,31 +262,34 @@ def printed(
 
     cleaned, regions = on_first_rank(skin.comm, made)
     if isinstance(problem, ShapeDesign) and total(skin.comm, problem.designed.sum()) > 0:
-        problem = problem.for_print(regions)
+        try:
+            problem = problem.for_print(regions)
+        except PatternError as caught:  # raised by all ranks or by none
+            return unmeshed(problem, cleaned, limits, str(caught))
         if like is not None:
             if near is None:
                 near = skin.pattern, skin.gather_vertices(like.equilibrium.positions)
             like = _carried(like, skin, problem.skin)
         skin = problem.skin
     pattern = problem.whole.pattern
-
-    def of_triangles() -> tuple[Bools, Floats]:
-        cells = printed_cells(pattern, cleaned.regions)
-        return cells, printed_fractions(skin.pattern, regions)
-
-    cells, part = on_first_rank(skin.comm, of_triangles)
+    if isinstance(problem, ShapeDesign):  # all densities are prescribed
+        part = problem.fields.with_passive(np.zeros(len(skin.owned_cells)))
+        cells: Bools = problem.whole.at_cells(skin.gather_cells(part)) > 0.5
+    else:
+        of_all = on_first_rank(skin.comm, lambda: printed_fractions(skin.pattern, regions))
+        part = of_all[skin.owned_cells]
+        cells = on_first_rank(skin.comm, lambda: printed_cells(pattern, cleaned.regions))
 
     def simulate() -> Evaluation:
         start = None
         if isinstance(problem, ShapeProblem):
-            shape = near() if callable(near) else near
             # Layers that fold one way or the other have several stable shapes. The skin takes the
             # one that it is inflated to.
-            if shape is not None and not problem.flat_at_rest:
-                start = state_near(problem, *shape)
+            if near is not None and not problem.flat_at_rest:
+                start = state_near(problem, *(near() if callable(near) else near))
             if start is None:
                 start = problem.solver.model.assembled
-        return problem.simulate_binary(part[skin.owned_cells], like, start=start, pressure=pressure)
+        return problem.simulate_binary(part, like, start=start, pressure=pressure)
 
     evaluation, failure = None, ""
     try:
@@ -294,6 +297,15 @@ def printed(
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(pattern, cleaned, limits, cells, evaluation, failure)
+
+
+def unmeshed(
+    problem: DesignProblem, cleaned: CleanedRegions, limits: PrintLimits, failure: str
+) -> PrintedDesign:
+    """Return a print whose borders cannot be meshed, on the mesh of its design (collective)."""
+    pattern = problem.whole.pattern
+    cells = on_first_rank(problem.comm, lambda: printed_cells(pattern, cleaned.regions))
+    return PrintedDesign(pattern, cleaned, limits, cells, None, failure)
 
 
 def _carried(like: Evaluation, skin: Skin, other: Skin) -> Evaluation:

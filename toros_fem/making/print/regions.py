@@ -48,11 +48,11 @@ def _up_to(outline: BaseGeometry, region: BaseGeometry, own: BaseGeometry) -> Ba
 
     Polygons with more or fewer sides differ by slivers, as those of a round cap do.
     """
-    beyond = outline.difference(own)
-    way = own.hausdorff_distance(outline)
-    if region.is_empty or beyond.is_empty or way == 0:
+    way, size = own.hausdorff_distance(outline), np.sqrt(outline.area)
+    if region.is_empty or way < SLIT * size:
         return region
-    more = beyond & region.buffer((1 + SLIT) * way, join_style="mitre")
+    at_outline = region & own.boundary.buffer(SLIT * size)
+    more = outline.difference(own) & at_outline.buffer((1 + SLIT) * way, join_style="mitre")
     return shapely.MultiPolygon(list(polygons_of(region.union(more.buffer(SLIT * way)) & outline)))
 
 
@@ -65,12 +65,13 @@ def beyond_seams(
     """
     found, outlines = list(regions), list(pattern.outlines)
     for seam in straight_joints(pattern):
-        line = shapely.union_all(shapely.linestrings(seam.edges))
+        line = shapely.line_merge(shapely.union_all(shapely.linestrings(seam.edges)))
         strip = pattern.outline(seam.source) & line.buffer(margin, cap_style="flat")
         place = Affine(seam.turn[0], seam.shift[0])
         for whole, more in ((outlines, strip), (found, regions[seam.source] & strip)):
             # A little larger, or rounding would leave a slit.
-            there = place.region(more).buffer(SLIT * margin, join_style="mitre")
+            there = place.region(more).difference(pattern.outline(seam.panel))
+            there = there.buffer(SLIT * margin, join_style="mitre")
             parts = polygons_of(whole[seam.panel].union(there))
             whole[seam.panel] = shapely.MultiPolygon(list(parts))
     return found, outlines

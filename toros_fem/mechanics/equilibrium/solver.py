@@ -261,10 +261,11 @@ class EquilibriumSolver(TangentSolver):
         Supports and chambers are those of the divided triangles: the middle of an edge is fixed
         where both its ends are. `changes` are other arguments of the class, in place of these.
         """
-        chambers = self._further.get("chambers")
+        chambers, quadratic = self._further.get("chambers"), self._further.get("quadratic")
         own = {
             "skin": sew(self.skin.comm, finer.pattern),
             "chambers": chambers and chambers.refined(finer),
+            "quadratic": None if quadratic is None else quadratic[finer.cell],
             "log": None,
         }
         if changes.get("supports") is None:

@@ -10,6 +10,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.validation import checked_floats, require_between, require_kind
+from toros_fem.meshes.moving import located
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.surfaces.nearest import nearest
 from toros_fem.meshes.transfer import OtherMesh
@@ -42,13 +43,21 @@ class Weight:
         object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
 
-def refined_force(finer: OtherMesh, pattern: Pattern, force: Floats) -> Floats:
-    """Return dead forces in N, (n, 3), on a refined pattern, from those on the coarse one, (m, 3).
+def carried_force(other: OtherMesh, force: Floats) -> Floats:
+    """Return dead forces in N, (n, 3), on another mesh, from those on its source, (m, 3).
 
-    Force per area is interpolated; the total stays.
+    The triangle at each vertex of the source bears its force by the barycentric coordinates, so
+    that the total and its moment stay.
     """
-    density = finer.at_vertices(force / pattern.vertex_areas[:, None])
-    return np.asarray(density * finer.pattern.vertex_areas[:, None])
+    source, target = other.source, other.pattern
+    vertex = np.flatnonzero(np.any(force != 0, axis=1))
+    point = np.zeros(len(source.points), dtype=np.int64)
+    point[source.sewn] = np.arange(len(source.sewn))
+    at = point[vertex]
+    cell, weight = located(target, source.panel_of_point[at], source.flat_points[at])
+    found = np.zeros((len(target.points), 3))
+    np.add.at(found, target.triangles[cell], weight[..., None] * force[vertex][:, None])
+    return found
 
 
 def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:

@@ -8,6 +8,7 @@ from itertools import permutations, product
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import ParameterError
@@ -106,15 +107,23 @@ class Supports:
     def refined(self, finer: OtherMesh) -> Supports:
         """Return supports of a finer mesh: a vertex is fixed if all between which it lies are.
 
-        This is right for whole panels and straight borders.
+        This is right for whole panels and straight borders. In place of a fixed vertex that is gone
+        the nearest one is fixed.
         """
         displacement, count = self.displacement, len(self.fixed)
         if displacement is not None:
             displacement = finer.at_vertices(displacement)
         on_edge = edge_keys(finer.source.free_edges, count)[finer.free_edges()]
         guide, edge = np.nonzero(edge_keys(self.guided, count)[:, None] == on_edge)
+        fixed = np.asarray(self.fixed[finer.ends].all(axis=1))
+        for axis in range(3):
+            seen = np.zeros(count, dtype=bool)
+            seen[finer.ends[fixed[:, axis]]] = True
+            lone = np.flatnonzero(self.fixed[:, axis] & ~seen)
+            near = cKDTree(finer.pattern.points).query(finer.source.points[lone])[1]
+            fixed[near, axis] = True
         return Supports(
-            np.asarray(self.fixed[finer.ends].all(axis=1)),
+            fixed,
             finer.pattern.free_edges[edge],
             self.normals[guide],
             displacement,

@@ -21,6 +21,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
@@ -223,14 +224,13 @@ class DensityDesigner(Job):
             steps = last.result.history[-1].iteration + scene.design.level_iterations
             self.reporter.expect(steps)
             asking = problem.towards(goal(other))
-            if last.spread is not None:
+            if last.spread is not None and last.printed.evaluation is not None:
+                on, skin = last.printed.evaluation.problem.skin, problem.skin
+                half = make_transfer(on.pattern, skin.pattern).at_vertices(last.spread.half)
+                half = half[skin.owned_vertices]
                 seen = [variant.positions for variant in last.result.final.variants]
                 assert asking.robust is not None
-                asking = asking.changed(
-                    robust=asking.robust.corrected(
-                        last.spread.half[problem.skin.owned_vertices], *seen
-                    )
-                )
+                asking = asking.changed(robust=asking.robust.corrected(half, *seen))
             found = optimize(
                 asking,
                 scene.design.finer_options,

@@ -324,7 +324,7 @@ class Designer(Distributed, DensityDesigner):
         finer = None
         if lines is not None and found.search.laid and made is lines.made.printed.evaluation:
             finer = lines.finer  # it is of this pressure
-        return metric_errors(self, level, measures, Again.of(printed), finer)
+        return metric_errors(self, level, measures, Again.of(printed), problem.whole.pattern, finer)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

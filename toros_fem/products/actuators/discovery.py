@@ -187,7 +187,7 @@ class _Search:
     """Makes the rounds of a search; all methods are collective.
 
     Attributes:
-        plain: The case on the mesh that is moved onto lines.
+        plain: The case on the mesh of the fabric.
         misses: What its shapes are judged by.
         best: The best round and its print. Only this print and the judged one keep their problems.
         finer: The finer mesh, and its edge length over that of the prints; None without one.

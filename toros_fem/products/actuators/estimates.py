@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import NoEquilibriumError, ParameterError, TorosError
+from toros_fem.base.errors import NoEquilibriumError, ParameterError, PatternError, TorosError
 from toros_fem.base.mpi import collective, free_dropped
 from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.case import Case
@@ -107,6 +107,7 @@ def metric_errors(
     level: Level,
     measures: Measures,
     again: Again,
+    whole: Pattern,
     finer: MeshValues | None = None,
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on other meshes (collective).
@@ -119,6 +120,7 @@ def metric_errors(
         measures: Functions of a pattern and the positions of its vertices, by key: metrics, and
             what the shape misses.
         again: The print, and its shape.
+        whole: The whole skin, of which a part may be simulated.
         finer: What the finer mesh tells, if this is known.
     """
     begin, scene = time.perf_counter(), job.scene
@@ -144,7 +146,7 @@ def metric_errors(
         free_dropped(job.comm)
     finest = min(found)
     shape = None if finest == 1 else found[finest].at_vertices(again.near[0])
-    intervals = _intervals(found, measures)
+    intervals = _intervals(found, measures, whole)
     failure = failure if len(found) == 1 else None
     meshes = {ratio: one.values for ratio, one in found.items()}
     seconds = time.perf_counter() - begin
@@ -176,6 +178,7 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
     if made is None:
         return {}
     problem = made.problem
+    require_kind("the problem of the print", problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(problem, ShapeDesign)
     rules = problem.regularisation
     measures, again = measures_of(problem, [*shape_of(made)]), Again.of(printed)
@@ -184,11 +187,11 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
         try:
             there = simulated_again(problem.comm, case, rules.scaled(ratio), again, ratio)
             found[ratio] = values_of(*_read(there, [*measures]))
-        except NoEquilibriumError as caught:  # raised by all ranks or by none
+        except (NoEquilibriumError, PatternError) as caught:  # raised by all ranks or by none
             if problem.comm.rank == 0:
                 log.warning("a coarser mesh is left out of the intervals: %s", caught)
         free_dropped(problem.comm)
-    return _intervals(found, measures)
+    return _intervals(found, measures, problem.whole.pattern)
 
 
 def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshValues:
@@ -199,7 +202,7 @@ def values_of(pattern: Pattern, positions: Floats, measures: Measures) -> MeshVa
 
 
 def values_on(
-    job: Job, level: Level, again: Again, keys: Sequence[str], ratio: float = 1.0
+    job: Job, level: Level, again: Again, keys: Sequence[str], ratio: float
 ) -> MeshValues:
     """Simulate a print on another mesh, as `simulated_on` does; return what it tells (collective).
 
@@ -208,7 +211,9 @@ def values_on(
     return values_of(*_read(simulated_on(job, level, again, ratio), keys))
 
 
-def _intervals(found: Mapping[float, MeshValues], keys: Iterable[str]) -> dict[str, float]:
+def _intervals(
+    found: Mapping[float, MeshValues], keys: Iterable[str], whole: Pattern
+) -> dict[str, float]:
     """Return half-widths around the values of the finest mesh, where there is a coarser one."""
     intervals: dict[str, float] = {}
     for key in keys:
@@ -220,8 +225,7 @@ def _intervals(found: Mapping[float, MeshValues], keys: Iterable[str]) -> dict[s
             if ratio > finest
         }
         if changes and finest <= 1:
-            extents = np.ptp(known[finest].pattern.points, axis=0)
-            intervals[key] = half_width(changes, key, extents)
+            intervals[key] = half_width(changes, key, np.ptp(whole.points, axis=0))
     return intervals
 
 

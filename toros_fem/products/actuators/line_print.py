@@ -1,4 +1,4 @@
-"""Printed lines on a mesh whose edges follow them."""
+"""Printed lines on a mesh along their borders."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import PatternError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign, Shape, printed
+from toros_fem.making.as_printed.as_printed import PrintedDesign, Shape, printed, unmeshed
 from toros_fem.making.print.cleaning import CleanedRegions, clean, panels_of
 from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.pattern import Pattern, Regions
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LinePrint:
-    """Lines on a mesh whose edges follow them, printed and simulated.
+    """Lines on a mesh along their borders, printed and simulated.
 
     Attributes:
         case: What is designed, on this mesh.
@@ -77,10 +78,10 @@ def print_of_lines(
     *,
     alike: bool = False,
 ) -> LinePrint:
-    """Print lines on a mesh that is moved onto them, and simulate this print (collective).
+    """Print lines, and simulate this print on a mesh along their borders (collective).
 
     Args:
-        level, case: The mesh, and the case on it before it is moved.
+        level, case: The mesh of the fabric, and the case on it.
         near: The shape that its simulation starts from.
         pressures: Pressure of each chamber in Pa; None takes those of the case.
         alike: Whether this shape is that of a print that is much the same. If not, the print is
@@ -95,7 +96,12 @@ def print_of_lines(
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(job.comm, cleaning)
-    fine = case.following(job.comm, regions)
+    try:
+        fine = case.following(job.comm, regions)
+    except PatternError as caught:  # raised by all ranks or by none
+        problem = job.problem(case, level)
+        made = unmeshed(problem, cleaned, printer.limits, str(caught))
+        return LinePrint(case, regions, problem, made)
     problem = job.problem(fine, level)
 
     again = Again(near, (case.whole.pattern, cleaned.regions), pressures)

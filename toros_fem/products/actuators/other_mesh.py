@@ -53,9 +53,7 @@ class Again:
         return cls(_shape(printed.evaluation), (printed.pattern, printed.regions), pressures)
 
 
-def simulated_on(
-    job: Job, level: Level, again: Again, ratio: float = 1.0
-) -> Evaluation[Equilibrium]:
+def simulated_on(job: Job, level: Level, again: Again, ratio: float) -> Evaluation[Equilibrium]:
     """Simulate a print on another mesh (collective).
 
     Args:

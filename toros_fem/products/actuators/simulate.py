@@ -132,7 +132,7 @@ def simulate_actuator(
         errors = MetricErrors(failure="a file of triangles has no polygons to print anew.")
         if pattern is None or regions is not None:
             again = Again((made.pattern, points[-1].positions), regions, last.pressures)
-            errors = metric_errors(job, level, measures, again)
+            errors = metric_errors(job, level, measures, again, made.whole.pattern)
         found = replace(found, errors=errors, intervals=errors.intervals, told=errors.told)
     write_summary(comm, output, found)
     draw_pictures(comm, output)

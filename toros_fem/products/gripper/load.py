@@ -241,10 +241,11 @@ class Pull:
         return self.density if whole is None else whole.at_cells(self.density), shapes
 
 
-def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
+def grip_of(comm: MPI.Comm, problem: ShapeDesign, scene: GripperScene) -> Grip:
     """Return half a finger and the designed object, or all fingers and the object's mesh."""
     model, skin = problem.solver.model, problem.skin
     whole: Mirrored | None = problem.whole
+    quadratic = problem.case.quadratic
     contact, supports, path = scene.held_contact, model.supports, scene.object.object_mesh
     if path is not None:
         pattern, axis, count = problem.whole.pattern, scene.body.centre[2], scene.fingers
@@ -260,6 +261,8 @@ def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
         ]
         every, _ = repeated(pattern, [], count)
         skin = sew(comm, replace(every, points=np.concatenate(turned)))
+        if quadratic is not None:
+            quadratic = np.tile(quadratic[problem.whole.cell], count)
         supports = Supports(np.tile(scene.mounted(pattern).fixed, (count, 1)))
         whole = None
     closing, pulling = (
@@ -269,6 +272,7 @@ def grip_of(comm: MPI.Comm, problem: ShapeProblem, scene: GripperScene) -> Grip:
             supports,
             problem.solver.options,
             contact=replace(contact, friction=friction),
+            quadratic=quadratic,
         )
         for friction in (None, scene.contact.friction)
     )

@@ -85,6 +85,7 @@ def tolerances(
     made = printed.evaluation
     if made is None:
         raise NoEquilibriumError(f"the print has no equilibrium: {printed.failure}")
+    require_kind("the problem of the print", made.problem, ShapeDesign, "a ShapeDesign")
     assert isinstance(made.problem, ShapeDesign)
     problem, part = made.problem, made.problem.skin.pattern
     drawn = Drawn(
