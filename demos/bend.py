@@ -106,7 +106,7 @@ result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callbac
 # %% [markdown]
 # ## Print, polish, and trim the pressure
 # Islands are removed or bridged. Where there are any, the design goes on from a print without them.
-# The print is simulated on a mesh that follows its borders. One solve with its tangent predicts all
+# The print is simulated on a mesh along its borders. One solve with its tangent predicts all
 # figures along the pressure, which goes where the worst of them is least, by 15 % at most.
 
 # %%

@@ -8,6 +8,7 @@ import pytest
 from helpers.designs import full, passive_in, problem_of
 from mpi4py import MPI
 
+from toros_fem.base.errors import PatternError
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.fields import densities_of
 from toros_fem.design.loop.loop import DesignResult, optimize
@@ -203,3 +204,21 @@ def test_pattern_without_equilibrium_is_said(
     assert printed.evaluation is None
     assert printed.failure == "made to fail"
     assert printed.after.pieces
+
+
+def test_borders_that_meet_end_no_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The print is on the mesh of the design then, and says why it is not simulated."""
+    problem = problem_of(
+        alone, BendScene().updated(length=0.04, edge_length=5e-3, filter_radius=9e-3, levels=1)
+    )
+    made = optimize(problem, [Stage(1)], seed=1)
+
+    def refused(self: ShapeDesign, regions: Any) -> Any:
+        raise PatternError("borders of the print meet each other near (1.00, 2.00) mm")
+
+    monkeypatch.setattr(ShapeDesign, "for_print", refused)
+    printed = as_printed(problem, made)
+    assert printed.evaluation is None
+    assert "meet each other near (1.00, 2.00) mm" in printed.failure
+    assert len(printed.cells) == len(problem.whole.pattern.panel)
+    assert not printed.metrics

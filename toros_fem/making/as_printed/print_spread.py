@@ -38,7 +38,7 @@ class PrintSpread:
 def print_spread(printed: PrintedDesign, offset: float) -> PrintSpread | None:
     """Simulate a print with its borders moved in and out by an offset in m (collective).
 
-    The print is simulated on a mesh that follows its borders, whose vertices then move with them.
+    The print is simulated on a mesh along its borders, whose vertices then move with them.
     None where one of these prints has no equilibrium.
     """
     made = printed.evaluation

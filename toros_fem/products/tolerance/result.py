@@ -70,7 +70,7 @@ class Tolerances:
 
     Attributes:
         metrics: Numbers that the design is judged by, the most important first.
-        nominal: Objective and metrics by key as drawn, on the mesh that follows the print.
+        nominal: Objective and metrics by key as drawn, on the mesh along the print.
         own_mesh: Metrics by key on the mesh of the design; empty if not known.
         drawn: Lines and gaps of the print as drawn.
         pressure: Pressure in Pa.

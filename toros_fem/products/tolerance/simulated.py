@@ -66,7 +66,7 @@ def tolerances(
 ) -> Tolerances:
     """Return how a printed design moves if it is not made as drawn (collective).
 
-    The print is simulated on a mesh that follows its borders. Where lines are wider or narrower,
+    The print is simulated on a mesh along its borders. Where lines are wider or narrower,
     the vertices on these borders move, and the triangles stay the same: differences are not those
     of two meshes. Each variant starts from the drawn skin's equilibrium and its first-order change.
 
@@ -102,7 +102,7 @@ def tolerances(
 def simulated_tolerances(
     problem: ShapeDesign, drawn: Drawn, config: ToleranceConfig | None = None
 ) -> Tolerances:
-    """Return the same of a problem that is on a mesh that follows the print (collective).
+    """Return the same of a problem that is on a mesh along the print (collective).
 
     Raises:
         NoEquilibriumError: The print has no equilibrium.
