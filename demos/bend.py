@@ -104,10 +104,10 @@ rules = [steps] + [finer] * (len(edges) - 1)
 result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callback=reporter)
 
 # %% [markdown]
-# ## Print, polish, and trim the pressure
-# Islands are removed or bridged. Where there are any, the design goes on from a print without them.
-# The print is simulated on a mesh along its borders. One solve with its tangent predicts all
-# figures along the pressure, which goes where the worst of them is least, by 15 % at most.
+# ## Print, polish, trim the pressure; how far figures may be off
+# Islands are removed or bridged; where there are any, the design goes on without them. One solve
+# with the tangent of the print predicts all figures along the pressure, which goes where the worst
+# of them is least, by 15 % at most. The same print on two coarser meshes tells intervals.
 
 # %%
 limits, area = tf.PrintLimits(0.6e-3, 0.6e-3), 20e-6
@@ -117,24 +117,13 @@ if printed.before.free_islands:
     result = polished(result, printed, last, callback=reporter)
     printed = tf.as_printed(result.problem, result, limits, island_area=area)
 printed = tf.trimmed(printed)
-
-# %% [markdown]
-# ## How far figures may be off
-# The same print on two coarser meshes tells intervals. A target counts as reached where all of its
-# interval is within the tolerance.
-
-# %%
-coarser = {longer: case(longer * edges[-1]) for longer in (1.5, 2.25)}
-intervals = tf.print_intervals(printed, coarser)
+intervals = tf.print_intervals(printed, {k: case(k * edges[-1]) for k in (1.5, 2.25)})
 
 # %% [markdown]
 # `summary.json` has the figures, `pattern.svg` the flat pattern in true scale, `skin.vtu` the shape
 # for ParaView. `toros export FOLDER` writes the files for printer and cutter.
-
 # %%
-told = tf.write_results(
-    given.output, result, printed, seconds=reporter.seconds, intervals=intervals
-)
+told = tf.write_results(given.output, result, printed, intervals=intervals)
 if comm.rank == 0:
     found = {row["name"]: row["value"] for row in told["figures"]}
     reached = f"{found['angle']:.1f}° of {ANGLE:g}° at {found['pressure'] / 1e3:.2f} kPa as printed"

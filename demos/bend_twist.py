@@ -95,14 +95,9 @@ lines = comm.bcast(tf.lay_lines(field, widths, printed=caps) if comm.rank == 0 e
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
 near, best, missed = (field.pattern, relaxed.positions), None, np.inf
 for _ in range(5):
+    fine, laid = tf.ShapeDesign(comm, case_on(print_edge), rules[1]), (lines.pattern, lines.regions)
     printed = tf.printed_lines(
-        tf.ShapeDesign(comm, case_on(print_edge), rules[1]),
-        lines.pattern,
-        lines.regions,
-        limits,
-        island_area=20e-6,
-        near=near,
-        pressure=relaxed.pressures,
+        fine, *laid, limits, island_area=20e-6, near=near, pressure=relaxed.pressures
     )
     of_print = printed.evaluation.problem
     assert isinstance(of_print, tf.ShapeDesign)

@@ -31,7 +31,6 @@ from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import limit_points
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
@@ -71,7 +70,6 @@ __all__ = [  # noqa: RUF022
     "NewtonOptions",
     "trace",
     "limit_points",
-    "estimate_error",
     # Measures of a shape
     "Metric",
     "bend_angle",

@@ -137,7 +137,9 @@ def test_quick_cases_of_accuracy(tmp_path: Path) -> None:
     rows = found(tmp_path / "rows.csv", "accuracy", "--quick", "--only", "path-roof: 12.7")
     assert value(rows, "limit 1") == pytest.approx(0.743 * 3000, rel=0.02)
     rows = found(tmp_path / "tiles.csv", "accuracy", "--quick", "--only", "tile-stripes")
-    assert max(row.value or 0 for row in rows if row.figure == "worst error") < 1e-9
+    assert (
+        max(row.value or 0 for row in rows if row.figure == "worst error") < 1e-7
+    )  # borders on a grid
 
 
 @pytest.mark.slow

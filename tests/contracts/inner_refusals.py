@@ -75,6 +75,7 @@ from toros_fem.mechanics.contact.solids import rigid_box, rigid_cylinder, rigid_
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.load_path import LoadPath
 from toros_fem.mechanics.paths.states import find_states
+from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.readings.wrinkles import wrinkles
 from toros_fem.mechanics.skin.chambers import Chambers, chambers_of_panels, find_walls
@@ -471,13 +472,13 @@ SOLVES: Table = {
     "slopes of no step for one": lambda s: LoadPath(s.solver, [Load(2e3)]).gradient(
         s.plain, LoadPath(s.solver, [Load(2e3)]).solve(s.plain), []
     ),
-    "an error with forces": lambda s: tf.estimate_error(
+    "an error with forces": lambda s: estimate_error(
         s.solver,
         s.solver.solve(s.plain, Load(100.0, force=np.full(s.pattern.points.shape, 1e-6))),
         [tf.swelling],
     ),
     "an error of a moulded tube": lambda s: _moulded_error(s),
-    "an error of no equilibrium": lambda s: tf.estimate_error(
+    "an error of no equilibrium": lambda s: estimate_error(
         s.solver, replace(s.result, converged=False, reason="None."), [tf.swelling]
     ),
     "wrinkles of a plain sheet": lambda s: wrinkles(
@@ -491,7 +492,7 @@ SOLVES: Table = {
 
 def _moulded_error(s: Scene) -> object:
     solver = _solver(s, composite=tf.Composite(bending=tf.Bending(rest="assembled")))
-    return tf.estimate_error(solver, solver.solve(s.plain, 100.0), [tf.swelling])
+    return estimate_error(solver, solver.solve(s.plain, 100.0), [tf.swelling])
 
 
 # ------------------------------------------------------------------------------- measures

@@ -38,6 +38,7 @@ from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.dead_loads import point_force, spread_force
@@ -406,9 +407,9 @@ SOLVES: Table = {
     "limit points of a path": lambda s: tf.limit_points(iter([])),
     "states in 0 tries": lambda s: find_states(s.solver, s.plain, 10.0, tries=0),
     "states by a word": lambda s: find_states(s.solver, s.plain, 10.0, seed="x"),
-    "error of nothing": lambda s: tf.estimate_error(s.solver, None, [tf.swelling]),
-    "error of a function": lambda s: tf.estimate_error(s.solver, s.result, tf.swelling),
-    "error of a name": lambda s: tf.estimate_error(s.solver, s.result, ["swelling"]),
+    "error of nothing": lambda s: estimate_error(s.solver, None, [tf.swelling]),
+    "error of a function": lambda s: estimate_error(s.solver, s.result, tf.swelling),
+    "error of a name": lambda s: estimate_error(s.solver, s.result, ["swelling"]),
     "wrinkles of a membrane": lambda s: wrinkle_field(s.solver, s.plain, s.result),
     "wrinkles of nothing": lambda s: wrinkle_field(s.solver, s.plain, None),
 }

@@ -38,6 +38,7 @@ EXEMPT = {
     "toros_fem.mechanics.equilibrium.diagnostics.*": SOLVE,
     "toros_fem.mechanics.paths.trace_point.until_failure": "takes a path that `trace` makes",
     "toros_fem.measures.*": "parts of an objective, which `Case.objective` makes",
+    "toros_fem.products.actuators.estimates.*": "takes what a run made, but for `print_intervals`",
     "toros_fem.products.tiles.solver.TileSolver.*": "take a state that `solve` found",
     "toros_fem.products.tiles.stiffness_profile.ProfileSolver.*": EVALUATION,
     "toros_fem.design.density.linear.*": "parts of a filter, whose maker compares",

@@ -94,7 +94,7 @@ def test_figures_are_those_of_the_print(
     assert made is not None
     angle = shape_problem(result).metrics_of(made.equilibrium)["angle_deg"]
     assert angle != last.metrics["angle_deg"] == summary["design"]["angle_deg"]
-    assert found.figures[0] == Figure("angle", "deg", angle, 1.5, 60.0, 0.03 * 60.0)
+    assert found.figures[0] == Figure("angle", "deg", angle, 1.5, 60.0, 3.0)
     assert summary["printed_objective"] == made.shape
     assert found.value("volume_m3") == made.equilibrium.volume
     assert summary["design"]["volume_m3"] == result.final.equilibrium.volume

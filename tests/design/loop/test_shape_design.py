@@ -8,6 +8,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem import errors
 from toros_fem.measures.metrics import shortening
+from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.meshes import Pattern
 
 LENGTH, DIAMETER, RADIUS = 0.06, 0.02, 7e-3
@@ -71,13 +72,13 @@ def test_error_of_the_default_metric(alone: MPI.Comm, pattern: Pattern) -> None:
     found = problem.simulate(problem.fields.start(seed=1))
     (metric,) = problem.metrics
     given = problem.solver, found.equilibrium
-    (estimate,) = tf.estimate_error(*given, [metric.measure])
+    (estimate,) = estimate_error(*given, [metric.measure])
     assert estimate.value == problem.metrics_of(found.equilibrium)["distance_mm"]
     assert estimate.refined == pytest.approx(estimate.value, rel=0.05)
     assert estimate.refined != estimate.value
     by_vertex = design(alone, pattern, target=bend(pattern.points))
     with pytest.raises(errors.TargetError, match="a function of the assembled positions"):
-        tf.estimate_error(*given, [by_vertex.metrics[0].measure])
+        estimate_error(*given, [by_vertex.metrics[0].measure])
 
 
 def test_a_design_towards_another_target(alone: MPI.Comm, pattern: Pattern) -> None:

@@ -21,6 +21,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths import arc_length
 from toros_fem.mechanics.paths.states import find_states
 from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.designs import LineDesign
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -100,7 +101,7 @@ def test_the_error_is_that_of_the_same_load(alone: MPI.Comm) -> None:
     way = np.zeros(pattern.points.shape)
     way[pattern.vertices_of("tip"), 2] = 0.02
     found = solver.solve(np.zeros(len(skin.owned_cells)), Load(1e3, None, way, 0.25))
-    length, sag = tf.estimate_error(solver, found, [tf.length_ratio, lowest])
+    length, sag = estimate_error(solver, found, [tf.length_ratio, lowest])
     assert length.value == pytest.approx(0.17 / 0.15)
     assert length.error < 1e-6
     assert sag.refined == pytest.approx(sag.value, rel=0.05)
@@ -116,7 +117,7 @@ def test_the_error_of_a_relaxed_design(alone: MPI.Comm) -> None:
     solver = solver_on_base(skin, design=partial(LineDesign, families=2))
     rows = np.zeros((len(skin.owned_cells), 7))
     rows[:, 1] = 0.2
-    (found,) = tf.estimate_error(solver, solver.solve(rows, 1e3), [tf.swelling])
+    (found,) = estimate_error(solver, solver.solve(rows, 1e3), [tf.swelling])
     assert found.refined == pytest.approx(found.value, rel=0.05)
 
 

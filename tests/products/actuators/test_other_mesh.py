@@ -30,8 +30,9 @@ def levels_tried(
             raise ParameterError("there is no coarser mesh.")
         return 1.5, level + 1
 
-    def simulated(_: Any, level: int, again: Again) -> Any:
+    def simulated(_: Any, level: int, again: Again, ratio: float) -> Any:
         tried.append((level, again.near))
+        assert ratio == pytest.approx(1.5**level)
         if level in without:
             raise NoEquilibriumError("none")
         skin = SimpleNamespace(pattern=level, gather_vertices=lambda positions: positions)

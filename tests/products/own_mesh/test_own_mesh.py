@@ -110,8 +110,6 @@ def test_meshes_of_laid_lines(alone: MPI.Comm, finger: OwnSkin) -> None:
         assert (ratio, finer.refinements) == (0.5**more, 2 + more)
         radius = lines.print_level.regularisation.filter_radius
         assert finer.regularisation.filter_radius == pytest.approx(ratio * radius)
-    with pytest.raises(errors.ParameterError, match="Set refinements = 2, or lay wider lines"):
-        lines.updated(refinements=1)
     with pytest.raises(errors.ParameterError, match="there is no coarser one to compare with"):
         lines.coarser(replace(lines.print_level, refinements=0))
 
