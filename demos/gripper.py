@@ -95,7 +95,6 @@ case = tf.Case(
 # ## Design, print, files
 #
 # Steps that only raise the holding force are small: no stage ends because T falls slowly.
-
 # %%
 options = tf.DesignOptions((tf.Stage(60), tf.Stage(40, constrained=True)))
 design = tf.ShapeDesign(comm, case, tf.Regularisation(filter_radius))
@@ -110,14 +109,13 @@ tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 #
 # Seen from the mounts the sphere goes down, by up to 5 mm, until the fingers bear it. Nothing moves
 # it back, so the largest force up to there tells the largest mass. Friction acts from here on.
-
 # %%
 made, parts, limit = printed.evaluation or result.final, 2 * FINGERS, 5e-3
 problem = made.problem  # that of the print has a mesh of its own, along its borders
 assert isinstance(problem, tf.ShapeDesign)
-supports, pulling = problem.case.supports, replace(problem.case.contact, friction=FRICTION)
+of, pulling = problem.case, replace(problem.case.contact, friction=FRICTION)
 solver = tf.EquilibriumSolver(
-    problem.skin, composite, supports, contact=pulling, quadratic=problem.case.quadratic
+    problem.skin, composite, of.supports, contact=pulling, quadratic=of.quadratic
 )
 at = made.projected, made.equilibrium.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
 pull = list(pull_out(solver, *at, made.equilibrium.positions))

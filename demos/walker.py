@@ -98,8 +98,7 @@ summary = tf.write_results(given.output, result, printed, seconds=reporter.secon
 # %%
 made = printed.evaluation or result.final
 assert isinstance(made.problem, tf.ShapeDesign)
-quarter = made.problem.skin  # that of the print has a mesh of its own, along its borders
-quadratic = made.problem.case.quadratic
+quarter, quadratic = made.problem.skin, made.problem.case.quadratic  # on the print's own mesh
 both = mirrored(quarter.pattern, (0,))
 half = both.pattern
 skin, supports = tf.sew(comm, half), tf.symmetry_plane(half, 1)

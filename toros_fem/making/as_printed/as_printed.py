@@ -299,6 +299,7 @@ def printed(
     return PrintedDesign(pattern, cleaned, limits, cells, evaluation, failure)
 
 
+@collective("problem.comm", owned=("cleaned",))
 def unmeshed(
     problem: DesignProblem, cleaned: CleanedRegions, limits: PrintLimits, failure: str
 ) -> PrintedDesign:
