@@ -118,7 +118,7 @@ solver = tf.EquilibriumSolver(
     problem.skin, composite, of.supports, contact=pulling, quadratic=of.quadratic
 )
 at = made.projected, made.equilibrium.pressure, limit * np.linspace(0.0, 1.0, 9) ** 2, ALONG
-pull = list(pull_out(solver, *at, made.equilibrium.positions))
+pull = list(pull_out(solver, *at, made.equilibrium))
 end = next((point for point in pull if point.force >= MASS * GRAVITY / parts), pull[-1])
 closed, lifted = (problem.whole.at_vertices(one.positions) for one in (pull[0], end))
 shapes = [LiftShape("closed", closed, 0.0, 0.0), LiftShape("lifted", lifted, end.depth, 0.05)]

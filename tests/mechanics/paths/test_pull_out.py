@@ -31,7 +31,7 @@ def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
         skin, config.material.composite, case.supports, contact=replace(contact, friction=0.3)
     )
     points = []
-    for point in pull_out(solver, density, 15e3, [0.0, 5e-5, 1e-3], ALONG, closed.positions):
+    for point in pull_out(solver, density, 15e3, [0.0, 5e-5, 1e-3], ALONG, closed):
         points.append(point)
         supports = solver.reactions(point.result)[:, 0].sum()
         assert point.force == pytest.approx(-supports, rel=1e-5)
@@ -52,9 +52,9 @@ def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
     assert 0 < sliding.force - upwards <= 0.3 * normal
     for wrong, match in (([1e-4, 2e-4], "ascending from 0"), ([0.0, 0.0], "ascending from 0")):
         with pytest.raises(errors.ParameterError, match=match):
-            pull_out(solver, density, 15e3, wrong, ALONG, closed.positions)
+            pull_out(solver, density, 15e3, wrong, ALONG, closed)
     with pytest.raises(errors.ParameterError, match="no body number 1"):
-        pull_out(solver, density, 15e3, [0.0], ALONG, closed.positions, body=1)
+        pull_out(solver, density, 15e3, [0.0], ALONG, closed, body=1)
 
 
 def test_reading_a_pull() -> None:

@@ -49,7 +49,7 @@ def pull_out(
     load: Load | Pressure,
     depths: Sequence[float] | Floats,
     direction: Sequence[float],
-    closed: Floats,
+    closed: Equilibrium,
     *,
     body: int = 0,
 ) -> Iterator[PullPoint]:
@@ -64,8 +64,7 @@ def pull_out(
         load: What acts, but for the poses of bodies; a number is a pressure in Pa.
         depths: Distances in m by which the body is pulled, ascending from 0.
         direction: Direction of the pull, (3,); its length does not matter.
-        closed: Positions of the owned nodes in m, (k, 3), that the skin has taken around the body
-            without friction.
+        closed: Equilibrium of the skin around the body, without friction.
         body: Number of the body.
 
     Raises:
@@ -99,12 +98,13 @@ class _Pull:
     def _laplacian(self) -> csr_array:
         return self.solver.skin.pattern.flat_laplacian()
 
-    def follow(self, depths: Floats, closed: Floats) -> Iterator[PullPoint]:
+    def follow(self, depths: Floats, closed: Equilibrium) -> Iterator[PullPoint]:
         skin, friction = self.solver.skin, self.contact.friction
         rest = None
         if friction is not None:
-            rest = friction.at_rest(skin.gather_vertices(closed), self._poses(0.0))
-        begin = self.solver.solve(self.density, self._at(0.0), closed, sliding=rest)
+            positions = skin.gather_vertices(closed.positions)
+            rest = friction.at_rest(positions, self._poses(0.0))
+        begin = self.solver.solve(self.density, self._at(0.0), closed.state, sliding=rest)
         last = self._point(begin, 0.0)
         yield last
         for goal in depths[1:]:
@@ -119,9 +119,15 @@ class _Pull:
             yield last
 
     def _next(self, last: PullPoint, depth: float) -> PullPoint:
-        solver = self.solver
-        start = self._carried(last, depth)[solver.skin.owned_vertices]
+        solver, model = self.solver, self.solver.model
         load, after = self._at(depth), last.result
+        carried = after.state.copy()
+        model.positions(carried)[:] = self._carried(last, depth)[solver.skin.owned_vertices]
+        model.set_load(load)
+        # Collective: all ranks find the same.
+        start = next(filter(model.admits, (carried, after.state)), None)
+        if start is None:
+            raise EquilibriumError("the body cannot move so far in one step", after)
         found = solver.solve(self.density, load, start, after=after, trial=True)
         return self._point(solver.finish(found), depth)
 

@@ -158,7 +158,7 @@ class Grip:
         assert isinstance(problem, ShapeDesign)
         density = self.every(problem, problem.skin.gather_cells(made.projected))
         # A finger may have several equilibria: this one is known.
-        start = None if self.finger is None else at.positions
+        start = None if self.finger is None else at.state
         return self.pull(density, at.pressures, start)
 
     def pull(self, density: Floats, pressures: Sequence[float], start: Floats | None) -> Pull:
@@ -167,7 +167,7 @@ class Grip:
         Args:
             density: Density of all triangles that are simulated, (t,).
             pressures: In Pa.
-            start: Where closing begins, positions of the owned nodes; None: flat.
+            start: Where closing begins, a state of the solver; None: flat.
         """
         owned, wanted = density[self.closing.skin.owned_cells], self.scene.object
         limit, end = wanted.slip_limit, wanted.lift_distance or 0.0
@@ -177,7 +177,7 @@ class Grip:
 
         def path() -> Iterator[PullPoint]:
             closed, points = self.closing.solve(owned, pressures, start=start), list[PullPoint]()
-            for point in pull_out(self.pulling, owned, pressures, depths, ALONG, closed.positions):
+            for point in pull_out(self.pulling, owned, pressures, depths, ALONG, closed):
                 points.append(point)
                 yield point
                 if point.depth >= limit and self.slip(points) is not None:
