@@ -124,14 +124,14 @@ class MovedSkin:
         return model.patch.gather(model.residual(self.state()))
 
     def before(self, owned: Floats) -> Floats:
-        """Return where the owned vertices' places before the move are in a shape, (n, 3), in m.
+        """Return where all vertices' places before the move are in a shape, (n, 3), in m.
 
-        Metrics and objectives sort vertices by their places; so these stay the same ones.
+        Metrics and objectives sort vertices by their places; so these stay the same ones. Ranks may
+        own others than those of the skin before the move.
         """
         skin = self.problem.skin
         positions = skin.gather_vertices(owned)
-        before = positions - self._carried(skin.pattern, positions)
-        return np.asarray(before[skin.owned_vertices])
+        return np.asarray(positions - self._carried(skin.pattern, positions))
 
     def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
         """Return the way of all vertices with the deformed mesh, (n, 3)."""

@@ -223,7 +223,9 @@ class _Study:
         except EquilibriumError as caught:  # raised by all ranks or by none
             return Variant(quantity, amount, {}, predicted, (str(caught),), caught.steps)
         notes = (found.condition.sentences,) if found.condition.sentences else ()
-        places = found.positions if moved is None else moved.before(found.positions)
+        places = found.positions
+        if moved is not None:
+            places = moved.before(places)[self.problem.skin.owned_vertices]
         values = values_at(self.problem, places)
         return Variant(quantity, amount, values, predicted, notes, found.steps)
 
