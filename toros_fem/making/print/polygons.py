@@ -48,8 +48,12 @@ def pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
 
 
 def even_odd(rings: Iterable[Floats]) -> BaseGeometry:
-    """Return the region inside an odd number of rings, points (n, 2) each."""
-    shapes = [shapely.make_valid(shapely.Polygon(ring), method="structure") for ring in rings]
+    """Return the region inside an odd number of rings, points (n, 2) each.
+
+    Those of two points, to which slivers are simplified, have no inside.
+    """
+    wide = [ring for ring in rings if len(ring) > 2]
+    shapes = [shapely.make_valid(shapely.Polygon(ring), method="structure") for ring in wide]
     return reduce(shapely.symmetric_difference, shapes, shapely.Polygon())
 
 
