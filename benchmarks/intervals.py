@@ -44,7 +44,7 @@ WIDTH, ROOT = 0.016, 0.003  # of a flat finger and its held end, m
 # Edges in m: those whose intervals are checked, and those of the mesh that tells the limit.
 EDGES, FINE = (2.0e-3, 1.4e-3), 0.7e-3
 QUICK = (2.8e-3,), 1.6e-3
-SEEDS = range(20)
+SEEDS = range(27)
 # Half-widths were chosen with the prints of these seeds, and with no others.
 CHOSEN = range(15)
 SEEN, NEW = "prints of the choice", "other prints"
