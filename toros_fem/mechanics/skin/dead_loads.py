@@ -46,10 +46,13 @@ class Weight:
 def carried_force(other: OtherMesh, force: Floats) -> Floats:
     """Return dead forces in N, (n, 3), on another mesh, from those on its source, (m, 3).
 
-    The triangle at each vertex of the source bears its force by the barycentric coordinates, so
-    that the total and its moment stay.
+    The total stays. Where triangles are divided, force per area is interpolated. Elsewhere the
+    triangle at each vertex of the source bears its force by the barycentric coordinates.
     """
     source, target = other.source, other.pattern
+    if np.array_equal(other.cell, np.repeat(np.arange(len(source.panel)), 4)):
+        density = other.at_vertices(force / source.vertex_areas[:, None])
+        return np.asarray(density * target.vertex_areas[:, None])
     vertex = np.flatnonzero(np.any(force != 0, axis=1))
     point = np.zeros(len(source.points), dtype=np.int64)
     point[source.sewn] = np.arange(len(source.sewn))
