@@ -116,10 +116,11 @@ class Supports:
         on_edge = edge_keys(finer.source.free_edges, count)[finer.free_edges()]
         guide, edge = np.nonzero(edge_keys(self.guided, count)[:, None] == on_edge)
         fixed = np.asarray(self.fixed[finer.ends].all(axis=1))
+        seen = np.zeros_like(self.fixed)
         for axis in range(3):
-            seen = np.zeros(count, dtype=bool)
-            seen[finer.ends[fixed[:, axis]]] = True
-            lone = np.flatnonzero(self.fixed[:, axis] & ~seen)
+            seen[finer.ends[fixed[:, axis]], axis] = True
+        lone, axis = np.nonzero(self.fixed & ~seen)
+        if len(lone):
             near = cKDTree(finer.pattern.points).query(finer.source.points[lone])[1]
             fixed[near, axis] = True
         return Supports(
