@@ -119,10 +119,10 @@ class Supports:
         seen = np.zeros_like(self.fixed)
         for axis in range(3):
             seen[finer.ends[fixed[:, axis]], axis] = True
-        lone, axis = np.nonzero(self.fixed & ~seen)
+        lone, held = np.nonzero(self.fixed & ~seen)
         if len(lone):
             near = cKDTree(finer.pattern.points).query(finer.source.points[lone])[1]
-            fixed[near, axis] = True
+            fixed[near, held] = True
         return Supports(
             fixed,
             finer.pattern.free_edges[edge],
