@@ -265,7 +265,10 @@ def _placed(
         stops = _clustered(values, float(chain.reach[-1]), sizes.joined)
         divided.append(_divided_chain(pattern, chain, stops, sizes, regions))
     kept = []
+    near = [outline.boundary.buffer(sizes.joined) for outline in pattern.outlines]
     for curve, found in zip(curves, lies_on, strict=True):
+        if not curve.closed and near[curve.panel].covers(shapely.LineString(curve.points)):
+            continue  # it follows the outline, of another number of sides for instance
         points = curve.points.copy()
         for end, (number, side, at) in zip((0, -1), found, strict=False):
             chain = divided[number]

@@ -1,5 +1,7 @@
 """Triangles lie inside or outside of regions, whose borders are edges; panels and seams stay."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
@@ -10,6 +12,8 @@ from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.errors import PanelError, PatternError
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
 from toros_fem.meshes.bordered import bordered
@@ -17,6 +21,7 @@ from toros_fem.meshes.makers.two_panels import Star, walker
 from toros_fem.meshes.triangles import edge_keys, least_angles, lengths
 
 RADIUS = 0.01
+PRINTS = Path(__file__).parents[2] / "benchmarks" / "prints"
 NOTHING = shapely.Polygon()
 
 
@@ -129,6 +134,17 @@ def test_pieces_that_are_too_thin_are_left_out() -> None:
     printed = shapely.union_all(shapely.polygons(made.corners[inside]))
     assert printed.area == pytest.approx(metres(box(0, 2, 12, 10)).area, rel=1e-6)
     assert lengths(made.flat_points, made.edges.ends).min() > 0.2e-3
+
+
+def test_a_border_along_the_outline_is_left_out() -> None:
+    """A print of another mesh has another polygon for the same half of a disc."""
+    stored = read_print_polygons(MPI.COMM_SELF, PRINTS / "bend.npz")
+    pattern = cylinder(MPI.COMM_SELF, 0.15, 2 * RADIUS, 1.96e-3, planes=[1])
+    whole = mirrored(pattern, [1]).pattern
+    regions = part_regions(pattern, regions_on(stored.pattern, stored.regions, whole))
+    made = bordered(MPI.COMM_SELF, pattern, regions, coarser=0.7)[0].pattern
+    areas = np.bincount(made.panel, made.areas)
+    assert areas == pytest.approx(np.bincount(pattern.panel, pattern.areas))
 
 
 def test_nothing_printed_is_a_plain_mesh() -> None:

@@ -1,0 +1,69 @@
+"""Four prints of the demos on finer and finer meshes, until their figures stand.
+
+The prints are files in `benchmarks/prints`, made once by the coarse scenes of the demos. Each is
+simulated on the mesh of such a run, and on finer ones, whose fabric and borders are finer alike.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from benchmarks.bench import Case, Command, Row, Rows, Table, markdown
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.measures.figures import formatted
+from toros_fem.products.actuators.job import Job
+from toros_fem.products.actuators.other_mesh import Again, simulated_on
+from toros_fem.products.kinds import KINDS
+from toros_fem.results.shape_miss import shape_of
+
+FOLDER = Path(__file__).parent / "prints"
+# Pressure in Pa of each print, by its name and kind of scene, and the figures that tell it.
+PRESSURES = {"bend": 6936.0, "contract": 2768.0, "twist": 15000.0, "bend-twist": 8297.0}
+FIGURES = {
+    "bend": ("angle",),
+    "contract": ("shortening",),
+    "twist": ("twist", "length"),
+    "bend-twist": ("angle", "twist"),
+}
+# Edges of the meshes over those of the coarse run's own.
+RATIOS = (1.0, 0.7, 0.5, 0.35, 0.25)
+QUICK = (2.25, 1.5)
+
+
+def rows_of(kind: str, ratios: tuple[float, ...]) -> Iterator[Row]:
+    """Simulate a print on all meshes, each from the shape on the one before."""
+    comm = MPI.COMM_SELF
+    scene: Any = KINDS[kind]().coarse()
+    lines = scene.design.start == "relaxed"
+    level = scene.print_level if lines else scene.finest_level
+    stored = read_print_polygons(comm, FOLDER / f"{kind.replace('-', '_')}.npz")
+    at_rest = scene.case(comm, level).pattern
+    near = at_rest, at_rest.points
+    for ratio in ratios:
+        again = Again(near, (stored.pattern, stored.regions), [PRESSURES[kind]])
+        begin = time.perf_counter()
+        made = simulated_on(Job(comm, scene), level.scaled(ratio), again, ratio)
+        seconds = time.perf_counter() - begin
+        problem, at = made.problem, made.equilibrium
+        near = problem.skin.pattern, problem.skin.gather_vertices(at.positions)
+        place = (kind, "", f"{1e3 * level.scaled(ratio).edge_length:.2f} mm")
+        yield Row(*place, "unknowns", float(len(at.state)))
+        for metric in problem.metrics:
+            value = metric.value(*near)
+            yield Row(*place, metric.key, value, metric.unit, metric.target, seconds)
+        for key, value in shape_of(made).items():
+            yield Row(*place, key, value, "", None, seconds)
+        del made, problem, at
+
+
+def cases(quick: bool) -> list[Case]:
+    """Return a case for each print; a quick selection takes coarser meshes."""
+    ratios = QUICK if quick else RATIOS
+    return [Case(kind, partial(rows_of, kind, ratios), alone=True) for kind in PRESSURES]
