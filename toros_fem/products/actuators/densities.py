@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
-from toros_fem.design.loop.case import Case
-from toros_fem.design.loop.corrections import correct
 from toros_fem.design.loop.levels import optimize_levels
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
@@ -23,24 +20,13 @@ from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.space_mapping import (
-    CLOSE,
-    FINE,
-    HELPS,
-    aims_of,
-    asked_next,
-    follows,
-    largest_error,
-)
-from toros_fem.products.actuators.trim import worst_of_print
+from toros_fem.products.actuators.space_mapping import aims_of
+from toros_fem.products.actuators.trim import SHARE, worst_of_print
 from toros_fem.results.reporter import DesignReporter
 
-if TYPE_CHECKING:  # a scene is designed by what imports this
-    from toros_fem.products.actuators.scene import ActuatorScene
-
-# Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
-# cannot be printed, before they are cleaned.
-UNCLEAN = 0.02
+# A print whose worst figure is off by this part of its tolerance is good enough, and a correction
+# helps that leaves at most this part of the worst figure.
+GOOD, HELPS = 0.25, 0.7
 # A print whose worst figure is off by so many tolerances is not tried without its islands.
 FAR = 10.0
 # How far another seed is from the one that was given.
@@ -49,17 +35,15 @@ ANOTHER_SEED = 1000
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A design that was asked for targets, perhaps beyond those of the problem, and its print.
+    """A design and its print.
 
     Attributes:
-        asked: Targets that were asked, by the keys of their metrics.
-        metrics: Metrics of the print, by key; empty without an equilibrium.
+        worst: Largest miss of a figure of the print over its tolerance, as of `worst_of_print`.
         result: The design, with the objective of the problem itself.
         spread: How far prints with other widths are apart; None if the design is not robust.
     """
 
-    asked: Mapping[str, float]
-    metrics: Mapping[str, float]
+    worst: float
     result: DesignResult
     printed: PrintedDesign
     spread: PrintSpread | None
@@ -79,16 +63,6 @@ class Attempt:
         figures = problem.robust.figures(final.spread, metrics)
         both = (None, None) if self.spread is None else self.spread.metrics
         return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
-
-    @property
-    def clean(self) -> bool:
-        """Whether the contours can be printed before they are cleaned."""
-
-        def found() -> bool:
-            before = self.printed.before
-            return not (before.lines.narrow or before.gaps.narrow or before.free_islands)
-
-        return on_first_rank(self.problem.comm, found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -175,89 +149,82 @@ class DensityDesigner(Job):
             free_dropped(self.comm)
         return made
 
-    def corrected(
-        self,
-        goal: Callable[[ActuatorScene], Case],
-        result: DesignResult,
-        printed: PrintedDesign,
-    ) -> list[Attempt]:
-        """Ask the design again and again for what its print misses, and return all attempts.
+    def corrected(self, result: DesignResult, printed: PrintedDesign) -> list[Attempt]:
+        """Design again and again for what the print misses, and return all attempts.
 
-        The design is continued on the finest mesh with targets beyond those of the problem. Metrics
-        whose target no field holds only count for which print is best. Near the targets a
-        correction that hardly helps is the last, and so is one that the design does not follow. A
-        robust design is told how far its prints are apart.
+        The design goes on on its mesh, towards a target that is moved, vertex by vertex, by what
+        the design has beyond its print (output space mapping, Bandler et al. 2004). Pressures are
+        free as far as a print is trimmed. This ends once the print is good, or once the worst
+        figure over its tolerance has hardly fallen. A robust design is told how far its prints are
+        apart.
 
         Args:
-            goal: Returns the case of a scene of other targets on the finest mesh.
-            result, printed: The design there, and its print.
+            result, printed: A design, and its print.
         """
-        scene, problem = self.scene, problem_of(result)
-        aims = aims_of(problem.metrics)
-        free = {key: aim for key, aim in aims.items() if key in scene.targets()}
-
-        def close(attempt: Attempt) -> bool:
-            return largest_error(attempt.metrics, aims) < CLOSE and attempt.clean
-
-        def enough(attempts: Sequence[Attempt]) -> bool:
+        attempts = [self._attempt(result, printed)]
+        for _ in range(self.scene.design.corrections):
             last = attempts[-1]
-            if not last.metrics or problem.robust is not None:
-                return not last.metrics
-            if len(attempts) > 1:
-                now, before = _error(last), min(map(_error, attempts[:-1]))
-                hardly = now > HELPS * before and min(now, before) < FINE
-                both = attempts[-2:]
-                designed = [one.result.history[-1].metrics for one in both]
-                if hardly or not follows(designed, [one.asked for one in both], free):
-                    return True
-            return close(last)
+            hardly = len(attempts) > 1 and last.worst > HELPS * attempts[-2].worst
+            if last.worst <= GOOD or last.printed.evaluation is None or hardly:
+                break
+            attempts.append(self._again(last))
+            free_dropped(self.comm)
+        return attempts
 
-        def again(attempts: Sequence[Attempt]) -> Attempt | None:
-            last = attempts[-1]
-            asked = dict(last.asked)
-            if not close(last):
-                asked = asked_next([a.metrics for a in attempts], [a.asked for a in attempts], free)
-            try:
-                other = scene.asked(asked)
-            except ParameterError:  # beyond what the targets' fields allow
-                return None
-            steps = last.result.history[-1].iteration + scene.design.level_iterations
-            self.reporter.expect(steps)
-            asking = problem.towards(goal(other))
-            if last.spread is not None and last.printed.evaluation is not None:
-                on, skin = last.printed.evaluation.problem.skin, problem.skin
-                half = make_transfer(on.pattern, skin.pattern).at_vertices(last.spread.half)
-                half = half[skin.owned_vertices]
-                seen = [variant.positions for variant in last.result.final.variants]
-                assert asking.robust is not None
-                asking = asking.changed(robust=asking.robust.corrected(half, *seen))
-            found = optimize(
-                asking,
-                scene.design.finer_options,
-                callback=self.reporter,
-                after=last.result,
-                journal=self.branch("correction"),
-            )
-            shape = problem.objective.forward(found.final.equilibrium.positions)
-            found = replace(found, problem=problem, final=replace(found.final, shape=shape))
-            return _attempt(asked, found, self.print_of(found))
+    def _again(self, last: Attempt) -> Attempt:
+        """Return the attempt that asks for what the print of the last one missed."""
+        problem, design, made = last.problem, last.result.final, last.printed.evaluation
+        assert made is not None
+        own, skin = design.equilibrium, problem.skin
+        mesh = make_transfer(made.problem.skin.pattern, skin.pattern)
+        there = mesh.positions(made.problem.physics.shape_of(made.equilibrium))
+        beyond = problem.physics.shape_of(own) - there
+        asking = problem.towards(replace(problem.case, target=problem.case.goal + beyond))
+        bounds = [
+            given if given is None else (max(given[0], (1 - SHARE) * at),
+                                         min(given[1], (1 + SHARE) * at))
+            for given, at in zip(problem.physics.pressure_ranges, own.pressures, strict=True)
+        ]  # fmt: skip
+        physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
+        asking = asking.changed(physics=physics)
+        if last.spread is not None:
+            half = mesh.at_vertices(last.spread.half)[skin.owned_vertices]
+            seen = [variant.positions for variant in design.variants]
+            assert asking.robust is not None
+            asking = asking.changed(robust=asking.robust.corrected(half, *seen))
+        steps = last.result.history[-1].iteration + self.scene.design.level_iterations
+        self.reporter.expect(steps)
+        found = optimize(
+            asking,
+            self.scene.design.finer_options,
+            callback=self.reporter,
+            after=last.result,
+            journal=self.branch("correction"),
+        )
+        shape = problem.objective.forward(found.final.equilibrium.positions)
+        found = replace(found, problem=problem, final=replace(found.final, shape=shape))
+        return self._attempt(found, self.print_of(found))
 
-        first = _attempt({key: aim.target for key, aim in free.items()}, result, printed)
-        return correct(first, again, enough, scene.design.corrections if free else 0)
+    def _attempt(self, result: DesignResult, printed: PrintedDesign) -> Attempt:
+        """Return a design with its print's worst figure and, of a robust one, the spread."""
+        robust, spread = problem_of(result).robust, None
+        if robust is not None:
+            spread = print_spread(printed, robust.tolerance.offset)
+        return Attempt(self.worst(printed), result, printed, spread)
 
     def best(self, attempts: Sequence[Attempt]) -> Attempt:
         """Return the attempt whose print is nearest to the targets.
 
-        Of robust designs that are close to them, it is the one with the least spread.
+        Of robust designs that are good, it is the one with the least spread.
         """
         problem = attempts[0].problem
         scales = {key: aim.scale for key, aim in aims_of(problem.metrics).items()}
 
         def badness(attempt: Attempt) -> tuple[float, float]:
             if problem.robust is None:
-                return _error(attempt), 0.0
+                return attempt.worst, 0.0
             spread = np.inf if attempt.spread is None else attempt.spread.error(scales)
-            return max(_error(attempt), CLOSE), spread
+            return max(attempt.worst, GOOD), spread
 
         return min(attempts, key=badness)
 
@@ -282,17 +249,3 @@ def problem_of(result: DesignResult) -> ShapeDesign:
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     return problem
-
-
-def _attempt(asked: Mapping[str, float], result: DesignResult, printed: PrintedDesign) -> Attempt:
-    """Return a design with the metrics of its print and, of a robust one, the spread."""
-    problem, metrics, spread = problem_of(result), printed.metrics, None
-    if problem.robust is not None:
-        spread = print_spread(printed, problem.robust.tolerance.offset)
-    return Attempt(asked, metrics, result, printed, spread)
-
-
-def _error(attempt: Attempt) -> float:
-    """Return the largest error of a metric, more if the contours have to be cleaned."""
-    aims = aims_of(attempt.problem.metrics)
-    return largest_error(attempt.metrics, aims) + (not attempt.clean) * UNCLEAN

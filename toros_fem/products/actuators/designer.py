@@ -13,7 +13,6 @@ from toros_fem.base.errors import NoEquilibriumError, PanelError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
-from toros_fem.design.loop.case import Case
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.problem import Evaluation
@@ -30,11 +29,9 @@ from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import Attempt, DensityDesigner, other_ways
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
-from toros_fem.products.actuators.misses import misses_of
 from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
-from toros_fem.products.actuators.space_mapping import aims_of, largest_error
 from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.plausibility import warn_of_doubts
 from toros_fem.results.result import write_summary
@@ -43,7 +40,7 @@ from toros_fem.results.shape_miss import shape_of
 from toros_fem.results.writer import draw_pictures, write_design
 
 if TYPE_CHECKING:  # a scene is designed here, and says so
-    from toros_fem.products.actuators.scene import ActuatorScene, Level
+    from toros_fem.products.actuators.scene import Level
 
 log = logging.getLogger(__name__)
 
@@ -121,7 +118,7 @@ class Designer(Distributed, DensityDesigner):
             made = self.over_levels(problems(), options, after)
             if after is None and self.lost(*made):
                 made, search = self._tried_otherwise(problems, options, made, search)
-            attempts = self.corrected(lambda other: other.case(comm, levels[-1]), *made)
+            attempts = self.corrected(*made)
         chosen = self.best(attempts)
         if self.source is None and chosen.problem.fields.centre is not None:
             search = replace(search, start="pattern")
@@ -197,20 +194,11 @@ class Designer(Distributed, DensityDesigner):
 
     def _densities(self, found: Discovery) -> Attempt | None:
         """Design and correct densities from lines; None if the print is not better."""
-        comm, scene = self.comm, self.scene
         designed = densities_from(self, found)
         if designed is None:
             return None
-
-        def goal(other: ActuatorScene) -> Case:
-            case = other.case(comm, scene.density_level)
-            return case.following(comm, found.made.regions, printed=False)
-
-        chosen = self.best(self.corrected(goal, designed, self.print_of(designed)))
-        made = replace(found.made, printed=self.trimmed(found.made.printed))
-        # Both are judged by their own meshes.
-        lines = misses_of(made.case).error(made.own_shape)
-        better = largest_error(chosen.metrics, aims_of(made.problem.metrics)) < lines
+        chosen = self.best(self.corrected(designed, self.print_of(designed)))
+        better = chosen.worst < self.worst(self.trimmed(found.made.printed))
         return chosen if better else None
 
     def _written(
