@@ -32,7 +32,7 @@ from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
 from toros_fem.products.actuators.misses import Answer, misses_of
 from toros_fem.products.actuators.other_mesh import Again
-from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next, follows
+from toros_fem.products.actuators.space_mapping import CLOSE, FINE, HELPS, asked_next
 from toros_fem.results.console import print_line
 from toros_fem.results.shape_miss import shape_of
 
@@ -42,6 +42,8 @@ log = logging.getLogger(__name__)
 NEAR, NEAR_SHAPE = 0.3, 2 * TOLERANCE
 # Far from the targets a change of lines must promise to leave no more than this part of all misses.
 ENOUGH = 0.5
+# A search ends after so many rounds in a row of which none helps.
+PATIENCE = 2
 # Miss of a shape below which a search ends; the error of the mesh is of this size.
 CLOSE_SHAPE = TOLERANCE / 2
 
@@ -242,24 +244,17 @@ class _Search:
         return self._mended(best, found)
 
     def enough(self, rounds: Sequence[Round]) -> bool:
-        """Return whether the search ends with these rounds."""
-        last, best = rounds[-1], self.best[0]
+        """Return whether the search ends with these rounds.
+
+        It goes on while one of two rounds in a row helps: one changes lines, one asks for others.
+        """
+        last, like = rounds[-1], [one.error for one in _like_last(rounds)]
+        before, now = like[:-PATIENCE], like[-PATIENCE:]
         return (
             (last.of_metrics < CLOSE and last.of_shape < CLOSE_SHAPE)
             or (bool(last.failure) and last.mended is None)
-            or self._at_limit(rounds)
-            or (best.error < FINE and len(rounds) - rounds.index(best) > 2)
+            or (bool(before) and min(now) > HELPS * min(before))
         )
-
-    def _at_limit(self, rounds: Sequence[Round]) -> bool:
-        """Return whether the last print has neither followed what was asked nor helped."""
-        last, like = rounds[-1], _like_last(rounds)
-        both = [one for one in like if one.mended is None][-2:]
-        if len(both) < 2 or last is not both[1] or not all(one.metrics for one in both):
-            return False
-        better = last.missed < HELPS * min(one.missed for one in like[:-1])
-        got, asked = [one.metrics for one in both], [one.asked for one in both]
-        return not (better or follows(got, asked, self.misses.aims))
 
     def _asked_again(self, rounds: Sequence[Round]) -> Round | None:
         """Return a round that asks for what the prints of laid lines have missed."""

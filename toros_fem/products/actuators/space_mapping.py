@@ -13,13 +13,11 @@ from toros_fem.measures.metrics import Metric
 
 # A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
-# Below this error what is left is of the size of the mesh's error, and of that by which prints of
-# like designs differ. Lines stay where they are, and a correction that hardly helps is the last.
+# Below this error lines stay where they are: what is left is of the size of the mesh's error, and
+# of that by which prints of like designs differ.
 FINE = 5e-2
-# A correction helps if the error is at most this fraction of the one before.
+# A correction helps that leaves at most this part of the worst error.
 HELPS = 0.7
-# What changes by less than this part of a change of what is asked is at its limit.
-FOLLOWS = 0.25
 # What is asked is rounded to this part of its metric's scale.
 RESOLUTION = 1e-5
 # Bounds on the change of a printed metric over that of the one asked.
@@ -55,30 +53,17 @@ def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> floa
     return max(errors, default=0.0)
 
 
-def follows(
-    got: Sequence[Mapping[str, float]],
-    asked: Sequence[Mapping[str, float]],
-    aims: Mapping[str, Aim],
-) -> bool:
-    """Return whether metrics have changed with what was asked.
-
-    Args:
-        got, asked: Metrics of two rounds, the later one last, and what was asked of them, by key.
-        aims: The metrics that count.
-    """
-    changes = [
-        float(np.linalg.norm([(now[key] - then[key]) / aims[key].scale for key in aims]))
-        for then, now in (got, asked)
-    ]
-    return changes[0] >= FOLLOWS * changes[1]
-
-
 def asked_next(
     got: Sequence[Mapping[str, float]],
     asked: Sequence[Mapping[str, float]],
     aims: Mapping[str, Aim],
 ) -> dict[str, float]:
-    """Return which targets to ask for next, by `next_asked`; the arguments are as of `follows`."""
+    """Return which targets to ask for next, by `next_asked`.
+
+    Args:
+        got, asked: Metrics of all rounds, the last one last, and what was asked of them, by key.
+        aims: The metrics that count.
+    """
     size = np.array([aim.scale for aim in aims.values()])
 
     def vector(values: Mapping[str, float]) -> Floats:

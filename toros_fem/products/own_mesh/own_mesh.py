@@ -265,7 +265,6 @@ class OwnMeshScene(ActuatorScene):
     COARSE: ClassVar = {
         "iterations": 2 / 3,
         "constrained_iterations": 3 / 4,
-        "corrections": 1 / 3,
         "polish_iterations": 1 / 2,
     }
     FEW: ClassVar = (

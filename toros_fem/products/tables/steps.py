@@ -111,7 +111,7 @@ class Stepping(Table):
         free=True,
     )
     corrections: Number = key(
-        0, "how often the design is asked again for what its print misses", free=True
+        4, "how often a design is asked again for what its print misses, at most", free=True
     )
 
 

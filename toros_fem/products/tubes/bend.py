@@ -52,7 +52,7 @@ class BendScene(TubeScene):
     skin: SymmetricTube = SymmetricTube()
     # With a perimeter: fewer islands, a shorter border, and nearer to the target
     # (docs/optimisation.md).
-    design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
+    design: Designing = Designing(perimeter_weight=1e-4)
 
     KIND: ClassVar = "bend"
     FEW: ClassVar = (

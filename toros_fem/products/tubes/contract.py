@@ -43,7 +43,7 @@ class ContractScene(SectionTubeScene):
     target: ContractTarget = ContractTarget()
     skin: SymmetricTube = SymmetricTube()
     objective: SectionWeights = SectionWeights(tip_weight=10.0)
-    design: Designing = Designing(start="relaxed", corrections=6, iterations=90)
+    design: Designing = Designing(start="relaxed", corrections=8, iterations=90)
 
     KIND: ClassVar = "contract"
     FEW: ClassVar = ("contraction", "length", "diameter", "pressure", "seed")

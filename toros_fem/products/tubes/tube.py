@@ -88,7 +88,6 @@ class TubeScene(ActuatorScene):
         "second_laid_width": 4 / 3,
         "print_edge_length": 10 / 7,
         "curve_steps": 1 / 2,
-        "corrections": 2 / 3,
     }
 
     @property
@@ -156,7 +155,7 @@ class SectionTubeScene(TubeScene):
 
     objective: SectionWeights = SectionWeights()
     # From noise, densities of these tubes end in traps.
-    design: Designing = Designing(start="relaxed", corrections=6)
+    design: Designing = Designing(start="relaxed", corrections=8)
 
     def part(self, pattern: Pattern) -> Part:
         """Return the objective of a whole tube: positions and orientations of its cross-sections.

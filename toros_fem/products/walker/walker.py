@@ -146,7 +146,7 @@ class WalkerScene(ActuatorScene):
     pressure: Pressing = Pressing(pressure=20e3)
     contact: Feet = Feet(friction=0.8)
     objective: LegWeights = LegWeights()
-    design: Designing = Designing(levels=1, filter_radius=2.75e-3, corrections=4)
+    design: Designing = Designing(levels=1, filter_radius=2.75e-3)
     results: WalkerResults = WalkerResults()
 
     KIND: ClassVar = "walker"
