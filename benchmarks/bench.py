@@ -45,6 +45,7 @@ COMMANDS = {
     "seeds": "benchmarks.seeds",
     "figures": "benchmarks.figures",
     "intervals": "benchmarks.intervals",
+    "prints": "benchmarks.prints",
 }
 # Variables by which a child process would take itself for a rank of this one.
 RANK_VARIABLES = ("OMPI_COMM", "PMIX", "PRTE")

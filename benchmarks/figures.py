@@ -100,10 +100,6 @@ DEMOS = (
 
 # Prints of coarse runs that are simulated on finer meshes: the key of their edges, and these in m.
 CHECKED = {
-    "bend": ("edge_length", (0.7e-3,)),
-    "contract": ("print_edge_length", (0.7e-3,)),
-    "twist": ("print_edge_length", (0.7e-3,)),
-    "bend_twist": ("print_edge_length", (0.7e-3,)),
     "walker": ("edge_length", (1.8e-3, 1.2e-3)),
     "walker motion=crawl": ("edge_length", (1.8e-3, 1.2e-3)),
     "gripper": ("edge_length", (1.2e-3,)),

@@ -50,7 +50,11 @@ from toros_fem.products.tables.steps import Designing
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
 FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same
 TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object
+MIDDLE = 1 / 4  # of that width, whose gap is told: an inflated finger is round
 TOUCHING_GAP = 0.5e-3  # m; where the target is nearer to a box, the finger is to touch it
+# Ribs around the outer panel that a design starts from, so that it stretches along and not around:
+# their period over the finger's width, and the least and largest density.
+RIBS, RIB_DENSITIES = 0.4, (0.12, 0.65)
 TIP_TWELFTHS = 3  # of the finger beyond its root, whose angle is measured
 ROUNDING = 1 + 1e-9  # of lengths up to which a vertex is held
 
@@ -89,7 +93,7 @@ class Gripped(Table):
     """What is gripped."""
 
     shape: Annotated[str, OneOf(SHAPES)] = key("sphere", "shape of the object")
-    size: Length = key(0.04, "diameter of the sphere or edge of the box")
+    size: Length = key(0.05, "diameter of the sphere or edge of the box")
     mass: Annotated[float, In("kg", above=0)] = key(0.1, "mass of the object")
     object_mesh: str | None = key(
         None,
@@ -113,7 +117,7 @@ class FingerSizes(Table):
     """Sizes and mesh."""
 
     finger_length: Length = key(0.09, "length of a finger")
-    finger_width: Length = key(0.025, "width of a finger")
+    finger_width: Length = key(0.02, "width of a finger")
     root_length: Length = key(0.015, "length of a finger in the mount")
     stem_length: Length = key(
         0.025, "length of a finger whose inner panel the mount's stem carries"
@@ -130,7 +134,7 @@ class GripWeights(LegWeights):
 
     contact_weight: Factor = key(5.0, "weight of the inner panel's distance from the object")
     holding_factor: Positive = key(
-        4.0, "holding force that the design asks for, over the object's weight"
+        1.5, "holding force that the design asks for, over the object's weight"
     )
     holding_weight: Factor = key(1.0, "weight of the holding force that is missing")
 
@@ -152,7 +156,7 @@ class GripperScene(ActuatorScene):
     pressure: Pressing = Pressing(pressure=15e3)
     contact: Contacts = Contacts(friction=0.6)
     objective: GripWeights = GripWeights(
-        orientation_length=0.02, cross_sections=4, centreline_weight=0.05
+        orientation_length=0.02, cross_sections=4, centreline_weight=1.0
     )
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
@@ -163,7 +167,7 @@ class GripperScene(ActuatorScene):
         "seed",
     )  # fmt: skip
     TRIAL_MESH: ClassVar = 1 / COARSER  # a lift costs little, and coarse fingers slip off
-    COARSE: ClassVar = {"edge_length": 2.0, "filter_radius": 74 / 43}
+    COARSE: ClassVar = {"edge_length": 1.5, "filter_radius": 3 / 2}
     OUTLINE: ClassVar = {"root": "root_length"}
 
     def __post_init__(self) -> None:
@@ -278,10 +282,13 @@ class GripperScene(ActuatorScene):
         half = max(np.sqrt(2 * TOUCHING_GAP / sharper), edge)
         return float(middle - half), float(middle + half)
 
-    def touching_vertices(self, pattern: Pattern, edge: float) -> Bools:
-        """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
+    def touching_vertices(self, pattern: Pattern, edge: float, part: float = 1.0) -> Bools:
+        """Return which vertices are to touch: a strip along the inner panel's middle, (n,).
+
+        Of the strip's width the middle part counts.
+        """
         (begin, end), (x, y, _) = self.touching(edge), pattern.points.T
-        middle = np.abs(y) < TOUCHING_WIDTH * self.skin.finger_width / 2
+        middle = np.abs(y) < part * TOUCHING_WIDTH * self.skin.finger_width / 2
         return np.asarray(on_inner(pattern) & (x > begin) & (x < end) & middle)
 
     def mounted(self, pattern: Pattern) -> Supports:
@@ -331,16 +338,19 @@ class GripperScene(ActuatorScene):
             return HoldingObjective(nodes, contact, contact_sizes, fixed, direction, force, weight)
 
         def gap(pattern: Pattern, positions: Floats) -> float:
-            return 1e3 * mean_gap(body, pattern, positions, self.touching_vertices(pattern, edge))
+            middle = self.touching_vertices(pattern, edge, MIDDLE)
+            return 1e3 * mean_gap(body, pattern, positions, middle)
 
-        at_rest = gap(pattern, pattern.points)
+        low, high = RIB_DENSITIES
+        along = pattern.centroids[:, 0] / (RIBS * sizes.finger_width)
+        ribs = low + (high - low) * (0.5 + 0.5 * np.cos(2 * np.pi * along))
         return replace(
             self.loaded(pattern, target, held(pattern), (1,)),
             parts=[self.leg.sections(pattern, goal), touching, holding],
-            metrics=(Metric("gap", "mm", 0.0, gap, scale=at_rest), angle),
+            metrics=(Metric("gap", "mm", 0.0, gap, scale=1e3 * self.object.size), angle),
             passive=np.where(inner & (off_middle < sizes.backbone_width / 2), 1.0, np.nan),
-            # The outer panel is to stretch; without this hint the start is the same in and out.
-            start=np.where(inner, 0.65, 0.35),
+            # Without this hint the start is the same in and out.
+            start=np.where(inner, high, ribs),
             contact=contact,
         )
 

@@ -435,7 +435,9 @@ class OwnMeshScene(ActuatorScene):
 
         for name in self.objective.metric_names or of_target:
             if name == "distance":
-                found.append(Metric("distance", "mm", 0.0, off, 1e3 * axis.length))
+                # Beside an angle it is only watched: the skin swells.
+                wanted = None if asked and self.objective.metric_names is None else 0.0
+                found.append(Metric("distance", "mm", wanted, off, 1e3 * axis.length))
                 continue
             metric = axis.metric(name, asked.get(name))
             if skin.target is not None:
