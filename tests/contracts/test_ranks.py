@@ -137,10 +137,10 @@ def pulled(comm: MPI.Comm) -> Found:
     mesh, printed = made.tile(comm)
     sheet = tile_sheet(mesh, "y", 2, 1)
     found = pull_sheet(comm, sheet, printed, made.composite, np.array([0.1]))
-    middle = found.summary()["middle"]
+    middle = [*found.stiffness, *found.contraction]
     return {
         "positions": found.test.positions, "forces": found.test.forces,
-        "stress": found.predicted.stress, "middle": np.array(list(middle.values()), dtype=float),
+        "stress": found.predicted.stress, "middle": np.array(middle),
     }  # fmt: skip
 
 

@@ -230,24 +230,37 @@ class PulledSheet:
     predicted: PullCurve
     predicted_middle: PullCurve
 
+    @property
+    def stiffness(self) -> tuple[float, float]:
+        """Stiffness of the middle at the last strain, and that predicted at its strain, in N/m."""
+        pulled = float(self.test.stress[-1] / self.test.middle_strain[-1])
+        return pulled, float(self.predicted_middle.stiffness[-1])
+
+    @property
+    def contraction(self) -> tuple[float, float]:
+        """Contraction of the middle at the last strain, and that predicted at its strain."""
+        return float(self.test.middle_contraction[-1]), float(self.predicted_middle.contraction[-1])
+
     def summary(self) -> dict[str, Any]:
         """Return test and prediction at the largest strain, as summaries hold them."""
-        last, middle, test = self.rows()[-1], self.predicted_middle, self.test
-        stiffness, predicted = float(test.stiffness[-1]), float(self.predicted.stiffness[-1])
+        (stiffness, predicted), contraction = self.stiffness, self.contraction
+        clamped, last = float(self.test.stiffness[-1]), self.rows()[-1]
         return {
+            "strain": last["middle_strain"],
             "stiffness_n_per_m": stiffness,
             "stiffness_predicted_n_per_m": predicted,
             "stiffness_ratio": stiffness / predicted,
-            "contraction": last["contraction"],
-            "contraction_predicted": last["contraction_predicted"],
-            "middle": {
-                "strain": last["middle_strain"],
-                "stress_ratio": float(test.stress[-1] / middle.stress[-1]),
-                "contraction": float(test.middle_contraction[-1]),
-                "contraction_predicted": float(middle.contraction[-1]),
+            "contraction": contraction[0],
+            "contraction_predicted": contraction[1],
+            "between_clamps": {
+                "strain": last["strain"],
+                "stiffness_n_per_m": clamped,
+                "stiffness_predicted_n_per_m": float(self.predicted.stiffness[-1]),
+                "contraction": last["contraction"],
+                "contraction_predicted": last["contraction_predicted"],
             },
-            "ends_imbalance": test.imbalance,
-            "newton_steps": test.steps,
+            "ends_imbalance": self.test.imbalance,
+            "newton_steps": self.test.steps,
         }
 
     def rows(self) -> list[dict[str, Any]]:

@@ -49,7 +49,7 @@ class SheetPull(Table):
     """Pull test."""
 
     direction: Annotated[str, OneOf((*DIRECTIONS, "both"))] = key("both", "direction of the pull")
-    along: Count = key(10, "number of tiles along the pull")
+    along: Count = key(20, "number of tiles along the pull")
     across: Count = key(5, "number of tiles across the pull")
     strain: Positive = key(0.1, "largest strain λ − 1 of the clamps' distance")
     strain_steps: Count = key(5, "number of equal steps up to this strain")
@@ -163,12 +163,12 @@ class SheetResult(RunResult):
 
     @property
     def figures(self) -> tuple[Figure, ...]:
-        """Stiffness and contraction at the largest strain, and as predicted."""
+        """Stiffness and contraction of the middle at the largest strain, and as predicted."""
         return tuple(
-            Figure(f"{name}_along_{one.sheet.direction}{word}", unit, float(getattr(of, name)[-1]))
+            Figure(f"{name}_along_{one.sheet.direction}{word}", unit, value)
             for one in self.pulled
             for name, unit in (("stiffness", "n_per_m"), ("contraction", "fraction"))
-            for word, of in (("", one.test), ("_predicted", one.predicted))
+            for word, value in zip(("", "_predicted"), getattr(one, name), strict=True)
         )
 
     def entries(self) -> dict[str, Any]:
@@ -187,14 +187,14 @@ class SheetResult(RunResult):
         """Return it in a sentence."""
         told = []
         for one in self.pulled:
-            f, strain = one.summary(), 100 * one.test.strain[-1]
-            middle = f["middle"]
+            f, strain = one.summary(), 100 * one.test.middle_strain[-1]
+            clamped = f["between_clamps"]
             told.append(
-                f"along {one.sheet.direction} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, "
-                f"predicted {f['stiffness_predicted_n_per_m']:.0f}; contraction "
-                f"{f['contraction']:.2f}, predicted {f['contraction_predicted']:.2f}; in the "
-                f"middle {middle['contraction']:.2f}, predicted "
-                f"{middle['contraction_predicted']:.2f} at {100 * middle['strain']:.1f} %"
+                f"along {one.sheet.direction} at {strain:.1f} % in the middle: "
+                f"{f['stiffness_n_per_m']:.0f} N/m, predicted "
+                f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, "
+                f"predicted {f['contraction_predicted']:.2f}; by the distance of the clamps "
+                f"{clamped['stiffness_n_per_m']:.0f} N/m at {100 * clamped['strain']:g} %"
             )
         return "; ".join(told)
 
