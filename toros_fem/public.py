@@ -36,6 +36,7 @@ from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import clamp, clamp_where, pin, symmetry_plane
 from toros_fem.meshes.skin import sew
+from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.estimates import print_intervals
 from toros_fem.products.actuators.trim import trimmed
 from toros_fem.products.fitting.fit import fit_material
@@ -103,6 +104,7 @@ __all__ = [  # noqa: RUF022
     # Prints
     "as_printed",
     "trimmed",
+    "corrected",
     "print_intervals",
     "PrintLimits",
     "tolerances",

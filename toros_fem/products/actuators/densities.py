@@ -7,61 +7,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from toros_fem.base.mpi import free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
 from toros_fem.design.loop.levels import optimize_levels
-from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.loop import DesignResult
 from toros_fem.design.loop.options import LOST, DesignOptions, Stage, growth_of_miss
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.as_printed.free_islands import polished
-from toros_fem.making.as_printed.print_spread import PrintSpread, print_spread
-from toros_fem.meshes.transfer import make_transfer
+from toros_fem.making.as_printed.print_spread import print_spread
+from toros_fem.products.actuators.corrections import corrected
 from toros_fem.products.actuators.job import Job
-from toros_fem.products.actuators.space_mapping import HELPS, aims_of
-from toros_fem.products.actuators.trim import SHARE, worst_of_print
+from toros_fem.products.actuators.trim import worst_of_print
 from toros_fem.results.reporter import DesignReporter
 
-# A print whose worst figure is off by this part of its tolerance is good enough.
-GOOD = 0.25
 # A print whose worst figure is off by so many tolerances is not tried without its islands.
 FAR = 10.0
 # How far another seed is from the one that was given.
 ANOTHER_SEED = 1000
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """A design and its print.
-
-    Attributes:
-        worst: Largest miss of a figure of the print over its tolerance, as of `worst_of_print`.
-        result: The design, with the objective of the problem itself.
-        spread: How far prints with other widths are apart; None if the design is not robust.
-    """
-
-    worst: float
-    result: DesignResult
-    printed: PrintedDesign
-    spread: PrintSpread | None
-
-    @property
-    def problem(self) -> ShapeDesign:
-        """The problem of the design."""
-        return problem_of(self.result)
-
-    @property
-    def robust(self) -> dict[str, Any] | None:
-        """Figures of a robust design and of its print with other widths; None of another."""
-        final, problem = self.result.final, self.problem
-        if problem.robust is None or final.spread is None:
-            return None
-        metrics = [problem.metrics_of(variant) for variant in final.variants]
-        figures = problem.robust.figures(final.spread, metrics)
-        both = (None, None) if self.spread is None else self.spread.metrics
-        return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -148,84 +111,46 @@ class DensityDesigner(Job):
             free_dropped(self.comm)
         return made
 
-    def corrected(self, result: DesignResult, printed: PrintedDesign) -> list[Attempt]:
-        """Design again and again for what the print misses, and return all attempts.
+    def corrected(
+        self, result: DesignResult, printed: PrintedDesign
+    ) -> tuple[DesignResult, PrintedDesign, int]:
+        """Return a design and its print after corrections, and the number of these."""
+        rounds = 0
 
-        The design goes on on its mesh, towards a target that is moved, vertex by vertex, by what
-        the design has beyond its print (output space mapping, Bandler et al. 2004). Pressures are
-        free as far as a print is trimmed. This ends once the print is good, or once the worst
-        figure over its tolerance has hardly fallen. A robust design is told how far its prints are
-        apart.
+        def expect(last: DesignResult) -> None:
+            more = last.history[-1].iteration + self.scene.design.level_iterations
+            self.reporter.expect(more)
 
-        Args:
-            result, printed: A design, and its print.
-        """
-        attempts = [self._attempt(result, printed)]
-        for _ in range(self.scene.design.corrections):
-            last = attempts[-1]
-            hardly = len(attempts) > 1 and last.worst > HELPS * attempts[-2].worst
-            if last.worst <= GOOD or last.printed.evaluation is None or hardly:
-                break
-            attempts.append(self._again(last))
-            free_dropped(self.comm)
-        return attempts
+        def print_again(again: DesignResult) -> PrintedDesign:
+            nonlocal rounds
+            rounds += 1
+            expect(again)
+            return self.print_of(again)
 
-    def _again(self, last: Attempt) -> Attempt:
-        """Return the attempt that asks for what the print of the last one missed."""
-        problem, design, made = last.problem, last.result.final, last.printed.evaluation
-        assert made is not None
-        own, skin = design.equilibrium, problem.skin
-        mesh = make_transfer(made.problem.skin.pattern, skin.pattern)
-        there = mesh.positions(made.problem.physics.shape_of(made.equilibrium))
-        beyond = problem.physics.shape_of(own) - there
-        asking = problem.towards(replace(problem.case, target=problem.case.goal + beyond))
-        bounds = [
-            given if given is None else (max(given[0], (1 - SHARE) * at),
-                                         min(given[1], (1 + SHARE) * at))
-            for given, at in zip(problem.physics.pressure_ranges, own.pressures, strict=True)
-        ]  # fmt: skip
-        physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
-        asking = asking.changed(physics=physics)
-        if last.spread is not None:
-            half = mesh.at_vertices(last.spread.half)[skin.owned_vertices]
-            seen = [variant.positions for variant in design.variants]
-            assert asking.robust is not None
-            asking = asking.changed(robust=asking.robust.corrected(half, *seen))
-        steps = last.result.history[-1].iteration + self.scene.design.level_iterations
-        self.reporter.expect(steps)
-        found = optimize(
-            asking,
+        expect(result)
+        found = corrected(
+            result,
+            printed,
             self.scene.design.finer_options,
+            print_again,
+            rounds=self.scene.design.corrections,
+            tolerances=self.scene.results.tolerances,
             callback=self.reporter,
-            after=last.result,
             journal=self.branch("correction"),
         )
-        shape = problem.objective.forward(found.final.equilibrium.positions)
-        found = replace(found, problem=problem, final=replace(found.final, shape=shape))
-        return self._attempt(found, self.print_of(found))
+        return *found, rounds
 
-    def _attempt(self, result: DesignResult, printed: PrintedDesign) -> Attempt:
-        """Return a design with its print's worst figure and, of a robust one, the spread."""
-        robust, spread = problem_of(result).robust, None
-        if robust is not None:
-            spread = print_spread(printed, robust.tolerance.offset)
-        return Attempt(self.worst(printed), result, printed, spread)
 
-    def best(self, attempts: Sequence[Attempt]) -> Attempt:
-        """Return the attempt whose print is nearest to the targets.
-
-        Of robust designs that are good, it is the one with the least spread.
-        """
-        problem = attempts[0].problem
-        scales = {key: aim.scale for key, aim in aims_of(problem.metrics).items()}
-
-        def badness(attempt: Attempt) -> tuple[float, float]:
-            if problem.robust is None:
-                return attempt.worst, 0.0
-            spread = np.inf if attempt.spread is None else attempt.spread.error(scales)
-            return max(attempt.worst, GOOD), spread
-
-        return min(attempts, key=badness)
+def robust_figures(result: DesignResult, printed: PrintedDesign) -> dict[str, Any] | None:
+    """Return figures of a robust design and of its print with other widths; None of another."""
+    final, problem = result.final, problem_of(result)
+    if problem.robust is None or final.spread is None:
+        return None
+    metrics = [problem.metrics_of(variant) for variant in final.variants]
+    figures = problem.robust.figures(final.spread, metrics)
+    spread = print_spread(printed, problem.robust.tolerance.offset)
+    both = (None, None) if spread is None else spread.metrics
+    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 
 
 def other_ways(

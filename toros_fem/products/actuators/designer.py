@@ -26,7 +26,12 @@ from toros_fem.making.sheets.write import FOLDER, write_manufacture
 from toros_fem.measures.figures import largest_part
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.products.actuators.cost import require_affordable_meshes
-from toros_fem.products.actuators.densities import Attempt, DensityDesigner, other_ways
+from toros_fem.products.actuators.densities import (
+    DensityDesigner,
+    other_ways,
+    problem_of,
+    robust_figures,
+)
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
 from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
 from toros_fem.products.actuators.other_mesh import Again, simulated_on
@@ -118,12 +123,11 @@ class Designer(Distributed, DensityDesigner):
             made = self.over_levels(problems(), options, after)
             if after is None and self.lost(*made):
                 made, search = self._tried_otherwise(problems, options, made, search)
-            attempts = self.corrected(*made)
-        chosen = self.best(attempts)
-        if self.source is None and chosen.problem.fields.centre is not None:
+            result, printed, rounds = self.corrected(*made)
+        if self.source is None and problem_of(result).fields.centre is not None:
             search = replace(search, start="pattern")
-        search = replace(search, rounds=len(attempts) - 1, robust=chosen.robust)
-        return self._written(chosen.result, chosen.printed, search)
+        search = replace(search, rounds=rounds, robust=robust_figures(result, printed))
+        return self._written(result, printed, search)
 
     def _tried_otherwise(
         self,
@@ -168,12 +172,12 @@ class Designer(Distributed, DensityDesigner):
             scene.design.seed,
             "relaxed",
             len(found.rounds) - 1,
-            robust=None if better is None else better.robust,
+            robust=None if better is None else robust_figures(*better),
             lines=found,
             densities_kept=better is not None,
         )
         if better is not None:
-            return self._written(better.result, better.printed, search)
+            return self._written(*better, search)
         printed = self.trimmed(found.made.printed)
         assert printed.evaluation is not None  # as the print before
         return self._written(replace(found.result(), final=printed.evaluation), printed, search)
@@ -192,14 +196,14 @@ class Designer(Distributed, DensityDesigner):
             self.reporter.report(row)
         return best
 
-    def _densities(self, found: Discovery) -> Attempt | None:
+    def _densities(self, found: Discovery) -> tuple[DesignResult, PrintedDesign] | None:
         """Design and correct densities from lines; None if the print is not better."""
         designed = densities_from(self, found)
         if designed is None:
             return None
-        chosen = self.best(self.corrected(designed, self.print_of(designed)))
-        better = chosen.worst < self.worst(self.trimmed(found.made.printed))
-        return chosen if better else None
+        result, printed, _ = self.corrected(designed, self.print_of(designed))
+        better = self.worst(printed) < self.worst(self.trimmed(found.made.printed))
+        return (result, printed) if better else None
 
     def _written(
         self, result: DesignResult, printed: PrintedDesign, search: Searched

@@ -1,0 +1,113 @@
+"""A design goes on towards what its print misses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.mpi import collective, free_dropped, on_first_rank
+from toros_fem.base.validation import require_callable, require_count, require_kind
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback, DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.as_printed.free_islands import polished
+from toros_fem.measures.figures import DEFAULT, Tolerances
+from toros_fem.meshes.transfer import make_transfer
+from toros_fem.products.actuators.space_mapping import HELPS
+from toros_fem.products.actuators.trim import SHARE, worst_of_print
+
+# Largest number of corrections.
+ROUNDS = 4
+# A print whose worst figure is off by this part of its tolerance is good enough.
+GOOD = 0.25
+
+
+@collective("result.problem.comm", owned=("callback", "journal"))
+def corrected(
+    result: DesignResult,
+    printed: PrintedDesign,
+    options: DesignOptions,
+    print_again: Callable[[DesignResult], PrintedDesign],
+    *,
+    rounds: int = ROUNDS,
+    tolerances: Tolerances = DEFAULT,
+    callback: Callback | None = None,
+    journal: Journal | None = None,
+) -> tuple[DesignResult, PrintedDesign]:
+    """Return the design whose print is nearest to its targets, after corrections (collective).
+
+    The design goes on towards a target that is moved, vertex by vertex, by what it has beyond its
+    print: output space mapping (Bandler et al. 2004). Free islands of the print are taken out of
+    the design, or joined, whichever does less harm. Pressures that are designed are free as far as
+    a print is trimmed. This ends once the print is good, or once a round has hardly helped.
+
+    Args:
+        result: A design of a `ShapeDesign`.
+        printed: Its print; without an equilibrium there is no correction.
+        options: Steps of each correction.
+        print_again: Returns the print of a design, made as the first one was.
+        rounds: Largest number of corrections; 0 leaves them out.
+        tolerances: How far figures may be off.
+        callback, journal: As of `optimize`.
+
+    Raises:
+        ParameterError: An argument has another type, or is negative.
+    """
+    require_kind("result", result, DesignResult, "the DesignResult of optimize")
+    require_kind("its problem", result.problem, ShapeDesign, "a ShapeDesign")
+    require_kind("printed", printed, PrintedDesign, "the PrintedDesign of as_printed")
+    require_kind("options", options, DesignOptions, "DesignOptions")
+    require_callable("print_again", print_again, "a function of a DesignResult")
+    require_count(0, rounds=rounds)
+    best, worst = (result, printed), worst_of_print(printed, tolerances)
+    least = worst
+    for _ in range(rounds):
+        if worst <= GOOD or printed.evaluation is None:
+            break
+        try:
+            result = _again(result, printed, options, callback, journal)
+        except NoEquilibriumError:  # raised by all ranks or by none
+            break
+        before, printed = worst, print_again(result)
+        worst = worst_of_print(printed, tolerances)
+        if worst < least:
+            best, least = (result, printed), worst
+        free_dropped(result.problem.comm)
+        if worst > HELPS * before:
+            break
+    return best
+
+
+def _again(
+    last: DesignResult,
+    printed: PrintedDesign,
+    options: DesignOptions,
+    callback: Callback | None,
+    journal: Journal | None,
+) -> DesignResult:
+    """Return the design that is asked for what the print of the last one missed."""
+    problem, own, made = last.problem, last.final.equilibrium, printed.evaluation
+    assert isinstance(problem, ShapeDesign)
+    assert made is not None
+    mesh = make_transfer(made.problem.skin.pattern, problem.skin.pattern)
+    shape = made.problem.physics.shape_of(made.equilibrium)
+    assert shape is not None
+    beyond = problem.physics.shape_of(own) - mesh.positions(shape)
+    bounds = [
+        given and (max(given[0], (1 - SHARE) * at), min(given[1], (1 + SHARE) * at))
+        for given, at in zip(problem.physics.pressure_ranges, own.pressures, strict=True)
+    ]
+    asking = problem.towards(replace(problem.case, target=problem.case.goal + beyond))
+    physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
+    asking = asking.changed(physics=physics)
+    if on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
+        begin = replace(last, problem=asking)
+        found = polished(begin, printed, options, callback=callback, journal=journal)
+    else:
+        found = optimize(asking, options, callback=callback, after=last, journal=journal)
+    shape_part = problem.objective.forward(found.final.equilibrium.positions)
+    final = replace(found.final, shape=shape_part)
+    return replace(found, problem=problem, final=final)
