@@ -105,7 +105,7 @@ result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callbac
 
 # %% [markdown]
 # ## Print, trim the pressure, correct; how far figures may be off
-# The pressure of a print goes where its worst figure is least, by 15 % at most. Where it misses, the
+# The pressure of a print goes where its worst figure is least, by 15 % at most. If it misses, the
 # design goes on towards a target that is moved by the miss. Two coarser meshes tell intervals.
 # %%
 limits = tf.PrintLimits(0.6e-3, 0.6e-3)

@@ -343,17 +343,10 @@ def relaxed(families: Families, comm: MPI.Comm) -> ShapeProblem:
     return relaxed_problem(density_problem(comm), families, 0.015, share_weight=0.05, crossing=0.3)
 
 
-def robust(comm: MPI.Comm, *, printed: bool) -> ShapeProblem:
-    """Eroded and dilated patterns too; with `printed` the spread of a print is known."""
+def robust(comm: MPI.Comm) -> ShapeProblem:
+    """Eroded and dilated patterns too."""
     plain = density_problem(comm)
-    skin = plain.skin
-    problem = with_variants(plain, lambda: solver_on(skin), 1e5)
-    if printed:
-        before = problem.simulate(cells(skin, 8, 0.2, 0.8))
-        away = 0.3 * (before.equilibrium.positions - skin.pattern.points[skin.owned_vertices])
-        both = [variant.positions for variant in before.variants]
-        problem = problem.changed(robust=problem.robust.corrected(away, *both))
-    return problem
+    return with_variants(plain, lambda: solver_on(plain.skin), 1e5)
 
 
 def tile_problem(
@@ -559,8 +552,7 @@ ROWS: dict[str, Make] = {
     "objective of a whole": partial(of_shape, half_tube, of_whole),
     "holding force": partial(of_shape, partial(square, n=5), held, disturbed=1e-3, step=1e-6),
     "design of a density": partial(designed, density_problem),
-    "design, robust": partial(designed, partial(robust, printed=False)),
-    "design, robust, printed": partial(designed, partial(robust, printed=True)),
+    "design, robust": partial(designed, robust),
     "design of fixed lines": partial(designed, partial(relaxed, FAMILIES["fixed"])),
     "design of free lines": partial(designed, partial(relaxed, FAMILIES["free"]), low=0.55),
     "design of a tile": partial(designed, partial(TILE, batched=False)),

@@ -12,7 +12,6 @@ from toros_fem.design.loop.case import Case
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.products.actuators import discovery
 from toros_fem.products.actuators.misses import Answer, misses_of
-from toros_fem.products.actuators.space_mapping import Aim
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend_twist import BendTwistScene
 from toros_fem.products.tubes.contract import ContractScene
@@ -113,24 +112,23 @@ def test_a_change_that_does_not_help_is_halved_once(monkeypatch: pytest.MonkeyPa
     assert made[-1] == "asked"
 
 
-def test_a_print_that_does_not_follow_ends_the_search() -> None:
-    """Unless it misses much less than all before, or its lines were only changed."""
+def test_two_rounds_without_progress_end_a_search() -> None:
     search = object.__new__(discovery._Search)
-    search.misses = SimpleNamespace(aims={"twist": Aim(300.0, 300.0)})  # type: ignore[assignment]
 
-    def at_limit(twist: float, missed: float, *, mended: Any = None) -> bool:
-        def a_round(asked: float, twist: float, missed: float, mended: Any) -> Any:
-            return SimpleNamespace(
-                asked={"twist": asked}, metrics={"twist": twist}, missed=missed, mended=mended,
+    def ends(*errors: float) -> bool:
+        rounds: list[Any] = [
+            SimpleNamespace(
+                error=error, of_metrics=error, of_shape=error, failure="", mended=None,
                 compared=False,
-            )  # fmt: skip
+            )
+            for error in errors
+        ]  # fmt: skip
+        return search.enough(rounds)
 
-        first, last = a_round(400.0, 280.0, 6.0, None), a_round(480.0, twist, missed, mended)
-        return search._at_limit([first, last])
-
-    assert at_limit(290.0, 5.0)
-    assert not at_limit(301.0, 5.0), "it follows by more than a quarter"
-    assert not at_limit(290.0, 4.0), "it misses a third less"
-    assert not at_limit(290.0, 5.0, mended="lines")
-    one: Any = SimpleNamespace(mended=None, metrics={"twist": 1.0}, compared=False)
-    assert not search._at_limit([one])
+    assert not ends(1.0)
+    assert not ends(1.0, 0.9)
+    assert ends(1.0, 0.9, 0.8)
+    assert not ends(1.0, 0.9, 0.65), "progress decides, not the number of rounds"
+    assert not ends(1.0, 0.65, 0.6, 0.44, 0.43)
+    assert ends(1.0, 0.65, 0.6, 0.44, 0.43, 0.42)
+    assert ends(1.0, 0.004), "it is reached"

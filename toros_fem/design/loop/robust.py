@@ -6,11 +6,10 @@ topology optimization", Struct. Multidiscip. Optim. 43, 2011.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -88,25 +87,11 @@ class Variants:
         self.tolerance = tolerance
         self.thresholds = offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)
         self._make = make
-        self._missing: Floats | float = 0.0
 
     @cached_property
     def physics(self) -> tuple[Physics[Any], ...]:
         """Physics of both patterns (collective where it is made)."""
         return tuple(self._make() for _ in self.thresholds)
-
-    def corrected(self, printed: Floats, eroded: Floats, dilated: Floats) -> Self:
-        """Return the same patterns with the difference of shapes of a print; physics is shared.
-
-        Args:
-            printed: Half the way from the print with wider lines to that with narrower ones, at
-                owned nodes, (n, 3), in m.
-            eroded, dilated: Positions of owned nodes of both patterns of that design.
-        """
-        _ = self.physics
-        other = copy.copy(self)
-        other._missing = printed - (eroded - dilated) / 2
-        return other
 
     def _projections(self, fields: Fields) -> tuple[Projection, ...]:
         """Return the projections of both patterns, as steep as the nominal one."""
@@ -165,4 +150,4 @@ class Variants:
 
     def _way(self, eroded: Floats, dilated: Floats) -> Floats:
         """Return h at owned nodes, (n, 3), in m."""
-        return np.asarray((eroded - dilated) / 2 + self._missing)
+        return np.asarray((eroded - dilated) / 2)
