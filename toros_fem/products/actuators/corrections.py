@@ -40,9 +40,9 @@ def corrected(
     """Return the design whose print is nearest to its targets, after corrections (collective).
 
     The design goes on towards a target that is moved, vertex by vertex, by what it has beyond its
-    print: output space mapping (Bandler et al. 2004). Free islands of the print are taken out of
-    the design, or joined, whichever does less harm. Pressures that are designed are free as far as
-    a print is trimmed. This ends once the print is good, or once a round has hardly helped.
+    print: output space mapping (Bandler et al. 2004). Pressures that are designed are free as far
+    as a print is trimmed. Where the first print has free islands, the design first goes on without
+    them. This ends once the print is good, or once a round has hardly helped.
 
     Args:
         result: A design of a `ShapeDesign`.
@@ -62,21 +62,29 @@ def corrected(
     require_kind("options", options, DesignOptions, "DesignOptions")
     require_callable("print_again", print_again, "a function of a DesignResult")
     require_count(0, rounds=rounds)
-    best, worst = (result, printed), worst_of_print(printed, tolerances)
-    least = worst
+    comm = result.problem.comm
+    best, least = (result, printed), worst_of_print(printed, tolerances)
+
+    def helps(attempt: DesignResult) -> bool:
+        nonlocal best, least
+        made, before = print_again(attempt), least
+        worst = worst_of_print(made, tolerances)
+        if worst < least:
+            best, least = (attempt, made), worst
+        free_dropped(comm)
+        return worst <= HELPS * before
+
+    islands = on_first_rank(comm, lambda: len(printed.before.free_islands))
+    if islands and rounds and least > GOOD:
+        helps(polished(result, printed, options, callback=callback, journal=journal))
     for _ in range(rounds):
-        if worst <= GOOD or printed.evaluation is None:
+        if least <= GOOD or best[1].evaluation is None:
             break
         try:
-            result = _again(result, printed, options, callback, journal)
+            again = _again(*best, options, callback, journal)
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        before, printed = worst, print_again(result)
-        worst = worst_of_print(printed, tolerances)
-        if worst < least:
-            best, least = (result, printed), worst
-        free_dropped(result.problem.comm)
-        if worst > HELPS * before:
+        if not helps(again):
             break
     return best
 
@@ -103,11 +111,7 @@ def _again(
     asking = problem.towards(replace(problem.case, target=problem.case.goal + beyond))
     physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
     asking = asking.changed(physics=physics)
-    if on_first_rank(problem.comm, lambda: len(printed.before.free_islands)):
-        begin = replace(last, problem=asking)
-        found = polished(begin, printed, options, callback=callback, journal=journal)
-    else:
-        found = optimize(asking, options, callback=callback, after=last, journal=journal)
+    found = optimize(asking, options, callback=callback, after=last, journal=journal)
     shape_part = problem.objective.forward(found.final.equilibrium.positions)
     final = replace(found.final, shape=shape_part)
     return replace(found, problem=problem, final=final)

@@ -52,7 +52,7 @@ class Searching(Filtering):
     power: Annotated[float, In(at_least=1, at_most=10)] = key(
         1.0, "power q of the projection: 1 as in the paper; more takes stiffness from grey print"
     )
-    starts: Count = key(8, "largest number of random starts, lines and waves by turns")
+    starts: Count = key(12, "largest number of random starts, lines and waves by turns")
     trial_iterations: Count = key(
         12,
         "largest number of steps of each start, at β and again at 4 β",

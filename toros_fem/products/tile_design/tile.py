@@ -116,8 +116,7 @@ class TileScene(TileDesignScene):
     skin: TileSizes = TileSizes()
 
     KIND: ClassVar = "tile"
-    COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7, "starts": 5 / 8,
-                        "draft_iterations": 2 / 5}  # fmt: skip
+    COARSE: ClassVar = {"edge_length": 1.6, "filter_radius": 8 / 7}
     FEW: ClassVar = ("target", "stiffness_0", "stiffness_45", "stiffness_90", "size", "seed")
 
     def groups(self) -> Iterator[Group]:
