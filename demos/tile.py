@@ -39,16 +39,14 @@ from toros_fem.products.tiles.solver import TileSolver
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver, ProfileTarget
 
 parser = argparse.ArgumentParser(description="Design a tile of fabric with a target stiffness.")
-parser.add_argument("--coarse", action="store_true", help="coarse meshes, and fewer starts")
+parser.add_argument("--coarse", action="store_true", help="coarse meshes")
 parser.add_argument("--seed", type=int, default=2, help="seed of the first random start")
 parser.add_argument("--output", type=Path, default=Path("output/tile"), help="folder of the files")
 given = parser.parse_args()
 comm = MPI.COMM_WORLD
 
 SIZE, STRAIN, SYMMETRY, MESH = 0.01, 0.1, "tetragonal", "crossed"  # SIZE in m
-edge, radius, starts, drafts = (
-    (0.2e-3, 0.8e-3, 5, 16) if given.coarse else (0.125e-3, 0.7e-3, 8, 40)
-)
+edge, radius = (0.2e-3, 0.8e-3) if given.coarse else (0.125e-3, 0.7e-3)
 
 # %% [markdown]
 # ## Mesh, target
@@ -87,8 +85,6 @@ settings = TileDesignScene.of(
     strain=STRAIN,
     filter_radius=radius,
     seed=given.seed,
-    starts=starts,
-    draft_iterations=drafts,
     print_width=0.6e-3,
     island_area=0.1e-6,
 )
