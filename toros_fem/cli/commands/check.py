@@ -78,7 +78,7 @@ class Check(SceneCommand):
             lines.append(f"The cost of scenes of the kind {scene.kind.KIND!r} is not estimated.")
         else:
             figures |= _figures(cost)
-            lines += _lines(comm, cost)
+            lines += cost_lines(comm, cost)
         return Answer("\n".join(lines), figures)
 
 
@@ -116,7 +116,8 @@ def _figures(found: Cost) -> dict[str, Any]:
     }
 
 
-def _lines(comm: MPI.Comm, found: Cost) -> list[str]:
+def cost_lines(comm: MPI.Comm, found: Cost) -> list[str]:
+    """Return a cost in lines; all ranks may ask."""
     memory, machine, ranks = found.memory / 2**30, memory_gib(), found.ranks
     if machine is not None and memory > CROWDED * machine and comm.rank == 0:
         log.warning(

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from mpi4py import MPI
 
 from toros_fem.base.keys import key
 from toros_fem.cli.command_line.command import Answer
+from toros_fem.cli.command_line.parser import UsageError
 from toros_fem.cli.command_line.scene_options import RunCommand
+
+if TYPE_CHECKING:
+    from toros_fem.cli.scene_files.reading import SceneFile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +32,17 @@ class Design(RunCommand):
         "size, target or pressure, on the finest mesh; none: the scene's start",
     )
 
+    final: bool = key(
+        False,
+        "the design to trust: fine meshes, figures from a finer one, and up to three seeds until a "
+        "print certainly reaches its targets; what it costs is told first",
+    )
+
     TAKES: ClassVar = {**RunCommand.TAKES, "start_from": "DESIGN"}
     EXAMPLES: ClassVar = (
         "toros design mine.toml --output run",
         "toros design mine.toml --output quick --coarse",
+        "toros design mine.toml --output best --final",
         "toros design mine.toml --output other --set angle=90",
         "toros design mine.toml --output more --set angle=120 --start-from other",
         "mpirun -n 2 toros design mine.toml --output run",
@@ -39,4 +50,25 @@ class Design(RunCommand):
 
     def __call__(self, comm: MPI.Comm) -> Answer:
         """Design in the run's folder (collective)."""
-        return self.run(comm, self.scene(comm), "design", start_from=self.start_from)
+        scene = self.scene(comm)
+        if self.final:
+            scene = self._finally(comm, scene)
+        return self.run(comm, scene, "design", start_from=self.start_from)
+
+    def _finally(self, comm: MPI.Comm, scene: SceneFile) -> SceneFile:
+        """Return the final variant of a scene, and tell its cost (collective)."""
+        from toros_fem.cli.commands.check import cost_lines
+        from toros_fem.products.actuators.scene import ActuatorScene
+        from toros_fem.results.console import print_line
+
+        if self.coarse:
+            raise UsageError("--coarse is a preview, and --final is not: leave one of them out.")
+        if not isinstance(scene.config, ActuatorScene):
+            raise UsageError(f"scenes of the kind {scene.kind.KIND!r} have no --final.")
+        scene = replace(scene, config=scene.config.final())
+        with self.meshes_allowed(), scene.located():
+            read = scene.config.with_files(comm, scene.files)
+            lines = cost_lines(comm, read.expected_cost(comm, probing=True))
+        if comm.rank == 0:
+            print_line("\n".join(lines))
+        return scene

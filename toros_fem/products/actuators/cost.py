@@ -6,7 +6,7 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from mpi4py import MPI
@@ -188,6 +188,9 @@ def actuator_cost(
         beside = 2 if lines and scene.design.corrections else 1
         likely = _times(CURVE_POINT, 1, beside)
         parts.append(Part("estimate of the error, finer mesh", largest, likely))
+    seeds = scene.design.seeds
+    if seeds > 1 and not from_print:
+        parts = [replace(part, newton_steps=_times(part.newton_steps, 1, seeds)) for part in parts]
     if results.curve_pressure is not None:
         most = results.curve_steps + HALVINGS + PARTS
         likely = _times(CURVE_POINT, results.curve_steps, most)
@@ -284,7 +287,7 @@ def _density_parts(
         likely = _times(DESIGN_STEP, steps, steps + design.polish_iterations)
         triangles = round(finest / 4.0 ** (levels - 1 - level))
         parts.append(Part(f"design, mesh {level + 1} of {levels}", triangles, likely))
-    rounds, more = design.corrections if scene.targets() else 0, design.level_iterations + 1
+    rounds, more = design.corrections, design.level_iterations + 1
     if rounds:
         likely = _times(DESIGN_STEP, more, more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))

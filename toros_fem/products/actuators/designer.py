@@ -23,7 +23,7 @@ from toros_fem.making.print.print_file import read_print_polygons
 from toros_fem.making.print.printability import printed_fractions
 from toros_fem.making.print.regions import print_on
 from toros_fem.making.sheets.write import FOLDER, write_manufacture
-from toros_fem.measures.figures import largest_part
+from toros_fem.measures.figures import State, largest_part, overall, verdict_of
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
 from toros_fem.products.actuators.cost import require_affordable_meshes
 from toros_fem.products.actuators.densities import (
@@ -71,11 +71,30 @@ class Designer(Distributed, DensityDesigner):
         """Design, and write all results."""
         warn_of_doubts(self.comm, self.scene)
         require_affordable_meshes(self.comm, self.scene)
+        best: ActuatorResult | None = None
+        for number in range(self.scene.design.seeds):
+            found = self._checked(self._from_seed(number))
+            if best is None or _order(found) < _order(best):
+                best = found
+            if self.source is not None or overall(best.figures) in (None, State.REACHED):
+                break
+            if self.comm.rank == 0:
+                log.warning("seed %d: %s", found.search.seed, verdict_of(found.figures))
+        assert best is not None
+        return self._finished(best)
+
+    def _from_seed(self, number: int) -> ActuatorResult:
+        """Return the design from a seed, the number of those before it, without errors."""
+        if number:
+            scene = self.scene.updated(seed=self.scene.design.seed + number)
+            way = replace(self, scene=scene, journal=self.branch(f"seed-{number}"))
+        else:
+            way = self
         if self.source is not None:
-            return self._from_print(Path(self.source))
+            return way._from_print(Path(self.source))
         if self.scene.design.start == "relaxed":
-            return self._from_lines()
-        return self._from_densities()
+            return way._from_lines()
+        return way._from_densities()
 
     def _from_print(self, source: Path) -> ActuatorResult:
         """Design densities on the finest mesh from a given print, and correct them."""
@@ -127,7 +146,7 @@ class Designer(Distributed, DensityDesigner):
         if self.source is None and problem_of(result).fields.centre is not None:
             search = replace(search, start="pattern")
         search = replace(search, rounds=rounds, robust=robust_figures(result, printed))
-        return self._written(result, printed, search)
+        return self._found(result, printed, search)
 
     def _tried_otherwise(
         self,
@@ -177,10 +196,10 @@ class Designer(Distributed, DensityDesigner):
             densities_kept=better is not None,
         )
         if better is not None:
-            return self._written(*better, search)
+            return self._found(*better, search)
         printed = self.trimmed(found.made.printed)
         assert printed.evaluation is not None  # as the print before
-        return self._written(replace(found.result(), final=printed.evaluation), printed, search)
+        return self._found(replace(found.result(), final=printed.evaluation), printed, search)
 
     def _best_start(self) -> BestStart:
         """Return the best of several starts on the coarsest mesh, each rank trying its own."""
@@ -205,31 +224,37 @@ class Designer(Distributed, DensityDesigner):
         better = self.worst(printed) < self.worst(self.trimmed(found.made.printed))
         return (result, printed) if better else None
 
-    def _written(
+    def _found(
         self, result: DesignResult, printed: PrintedDesign, search: Searched
     ) -> ActuatorResult:
-        """Write a design and its summary, then error, curve, machine files, trial and pictures.
-
-        What took longest to find is on disk first. The last summary has all of them.
-        """
-        scene, folder = self.scene, Path(self.output)
-        found = ActuatorResult(
+        """Return a design and its print."""
+        return ActuatorResult(
             result,
             printed,
             printed.metrics,
-            config=scene,
+            config=self.scene,
             shape=shape_of(printed.evaluation),
-            tolerances=scene.results.tolerances,
+            tolerances=self.scene.results.tolerances,
             search=search,
-            corrections=scene.design.corrections,
+            corrections=self.scene.design.corrections,
         )
+
+    def _checked(self, found: ActuatorResult) -> ActuatorResult:
+        """Write a design and its summary, and return it with errors.
+
+        What took longest to find is on disk first.
+        """
         found = self._write(found)
-        write_summary(self.comm, folder, found)
-        if scene.results.estimate_error:
-            self._check()
-            errors = self._errors(found)
-            if errors is not None:
-                found, printed = self._told(found, errors)
+        write_summary(self.comm, self.output, found)
+        if not self.scene.results.estimate_error:
+            return found
+        self._check()
+        errors = self._errors(found)
+        return found if errors is None else self._told(found, errors)
+
+    def _finished(self, found: ActuatorResult) -> ActuatorResult:
+        """Write a design with its curve, machine files, trial, pictures and last summary."""
+        scene, folder, printed = self.scene, Path(self.output), found.printed
         self._check()
         curve = write_curve(self.comm, folder, printed, scene.results, scene.MEASURED)
         found = self._write(replace(found, curve=curve))
@@ -266,17 +291,15 @@ class Designer(Distributed, DensityDesigner):
         write_design(self.output, found)
         return found
 
-    def _told(
-        self, found: ActuatorResult, errors: MetricErrors
-    ) -> tuple[ActuatorResult, PrintedDesign]:
-        """Return a result with errors, and its print; both at another pressure if that is better.
+    def _told(self, found: ActuatorResult, errors: MetricErrors) -> ActuatorResult:
+        """Return a result with errors, at another pressure if that is better.
 
         That is tried if a finer mesh tells a figure off by more than half of its tolerance.
         """
         told, printed, made = found.with_errors(errors), found.printed, found.printed.evaluation
         held = self.scene.pressure.hold_pressure
         if held or made is None or errors.shape is None or largest_part(told.figures) <= AGAIN:
-            return told, printed
+            return told
         own = made.problem.physics.shape_of(made.equilibrium)
         assert own is not None
         moved = trimmed(
@@ -286,14 +309,14 @@ class Designer(Distributed, DensityDesigner):
             designed=self._designed_pressures(found),
         )
         if moved is printed or moved.evaluation is made:
-            return told, printed
+            return told
         found = replace(
             found, printed=moved, metrics=moved.metrics, shape=shape_of(moved.evaluation)
         )
         again = self._errors(found)
         other = found if again is None else found.with_errors(again)
         better = again is not None and largest_part(other.figures) < largest_part(told.figures)
-        return (other, moved) if better else (told, printed)
+        return other if better else told
 
     def _designed_pressures(self, found: ActuatorResult) -> tuple[float, ...]:
         """Return the pressures of the design before its print was trimmed."""
@@ -329,6 +352,11 @@ class Designer(Distributed, DensityDesigner):
         """The mesh of the print."""
         lines = self.scene.design.start == "relaxed"
         return self.scene.print_level if lines else self.scene.finest_level
+
+
+def _order(found: ActuatorResult) -> tuple[bool, float]:
+    """Return what is least of the best design: it is certain, or its worst figure is smallest."""
+    return overall(found.figures) is not State.REACHED, largest_part(found.figures)
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:

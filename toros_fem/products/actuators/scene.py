@@ -54,6 +54,8 @@ START_STRAIN, LEAST_STRAIN = 1.1, 0.8
 LEAST_PRESSURE, ROOM = 0.1, 0.9
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
+# Seeds that the final variant of a scene tries at most.
+SEEDS = 3
 # The same of densities that start from printable lines: it must be below the width of these.
 DENSITY_FILTER_EDGES = 1.5
 
@@ -299,6 +301,12 @@ class ActuatorScene(MeshedScene):
             for key in self.COARSE.keys() & {"edge_length", "filter_radius"}:
                 values[key] = round(self.value(key) * min(most, self.COARSE[key]), 9)
         return self.updated(**values)
+
+    def final(self) -> Self:
+        """Return the variant to trust: a finer mesh tells the figures, and of seeds the best."""
+        checked = self.results.check_refinement or COARSER
+        most = max(SEEDS, self.design.seeds)
+        return self.updated(check_refinement=checked, estimate_error=True, seeds=most)
 
     @classmethod
     def targets(cls) -> Mapping[str, str]:

@@ -132,11 +132,11 @@ class FingerSizes(Table):
 class GripWeights(LegWeights):
     """What counts in the objective."""
 
-    contact_weight: Factor = key(5.0, "weight of the inner panel's distance from the object")
+    contact_weight: Factor = key(100.0, "weight of the inner panel's distance from the object")
     holding_factor: Positive = key(
         1.5, "holding force that the design asks for, over the object's weight"
     )
-    holding_weight: Factor = key(1.0, "weight of the holding force that is missing")
+    holding_weight: Factor = key(0.1, "weight of the holding force that is missing")
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class GripperScene(ActuatorScene):
     pressure: Pressing = Pressing(pressure=15e3)
     contact: Contacts = Contacts(friction=0.6)
     objective: GripWeights = GripWeights(
-        orientation_length=0.02, cross_sections=4, centreline_weight=1.0
+        orientation_length=0.02, cross_sections=4, centreline_weight=0.3
     )
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)

@@ -103,7 +103,9 @@ class Lifted:
         if made.held_mass_kg is None:
             return found
         before = "" if initial is None else f" (initial design: {1e3 * initial:.0f} g)"
-        return f"{found}; the print holds {most} {self.figures[0].shown}{before}"
+        times = made.held_mass_kg / self.mass_kg
+        held = f"{self.figures[0].shown}, {times:.2g} times that"
+        return f"{found}; the print holds {most} {held}{before}"
 
     def entries(self) -> dict[str, Any]:
         """Return it as summaries hold it."""

@@ -113,6 +113,12 @@ class Stepping(Table):
     corrections: Number = key(
         4, "how often a design is asked again for what its print misses, at most", free=True
     )
+    seeds: Count = key(
+        1,
+        "largest number of seeds, from that given on, that are tried until a print certainly "
+        "reaches its targets; the best design is kept",
+        free=True,
+    )
 
 
 @dataclass(frozen=True)
