@@ -65,9 +65,10 @@ class Design(RunCommand):
             raise UsageError("--coarse is a preview, and --final is not: leave one of them out.")
         if not isinstance(scene.config, ActuatorScene):
             raise UsageError(f"scenes of the kind {scene.kind.KIND!r} have no --final.")
-        scene = replace(scene, config=scene.config.final())
+        config = scene.config.final()
+        scene = replace(scene, config=config)
         with self.meshes_allowed(), scene.located():
-            read = scene.config.with_files(comm, scene.files)
+            read = config.with_files(comm, scene.files)
             lines = cost_lines(comm, read.expected_cost(comm, probing=True))
         if comm.rank == 0:
             print_line("\n".join(lines))

@@ -157,6 +157,6 @@ def half_width(changes: Mapping[float, float], key: str, extents: Sequence[float
     known, (_, wide, size) = split_key(key), sorted(extents)
     unit = known[1] if known else ""
     least = UNSEEN.get(unit, LENGTHS.get(unit, 0.0) * size)
-    if unit == "deg":  # turns add up along the skin
-        least *= max(1.0, size / wide / SLENDER)
+    if unit == "deg":  # turns add up along the skin, those of its parts not alike
+        least *= max(1.0, size / wide / SLENDER) ** 0.5
     return SHARE * max(change / (ratio - 1) for ratio, change in changes.items()) + least
