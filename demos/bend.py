@@ -116,7 +116,7 @@ def print_of(made: tf.DesignResult) -> PrintedDesign:
     return tf.trimmed(tf.as_printed(made.problem, made, limits, island_area=20e-6))
 
 
-last = replace(steps, stages=(tf.Stage(20, constrained=True),))
+last = replace(finer, stages=(tf.Stage(20, constrained=True),))
 result, printed = tf.corrected(result, print_of(result), last, print_of, callback=reporter)
 intervals = tf.print_intervals(printed, {k: case(k * edges[-1]) for k in (1.5, 2.25)})
 

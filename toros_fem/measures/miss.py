@@ -173,10 +173,8 @@ def miss_of(
     `compared` tells whether distances along x, y and z count. Along others the target moves with
     the shape: a skin that is to twist may lengthen.
     """
-    extents = np.ptp(pattern.points, axis=0)
-    axis = int(np.argmax(extents))
-    length, areas = float(extents[axis]), pattern.vertex_areas
-    sections = _sections(pattern, axis) if length > SLENDER * np.sort(extents)[1] else []
+    axis, sections = _of_slender(pattern)
+    length, areas = float(np.ptp(pattern.points[:, axis])), pattern.vertex_areas
     if len(sections) < 2:
         away = (positions - target) * compared
         each = np.linalg.norm(away, axis=1)
@@ -185,17 +183,46 @@ def miss_of(
         return Miss(asked, each, rms, float(each.max()), length, None)
 
     def centres(points: Floats) -> Floats:
-        return np.array([areas[one] @ points[one] / areas[one].sum() for one in sections])
+        return _centres(pattern, sections, points)
 
-    height = pattern.points[:, axis]
     drift = (centres(positions) - centres(target)) * ~np.asarray(compared)
-    at = centres(pattern.points)[:, axis]
-    asked = target + np.stack([_along(height, at, values) for values in drift.T], axis=1)
+    asked = target + _smooth(pattern, axis, sections, drift)
     gaps = np.linalg.norm(centres(positions) - centres(asked), axis=1)
     each = np.linalg.norm(positions - asked, axis=1)
     tip = _tip(pattern, positions, asked, axis, centres(asked), sections[-1])
     rms, largest = float(np.sqrt((gaps**2).mean())), max(float(gaps.max()), tip.distance)
     return Miss(asked, each, rms, largest, length, tip)
+
+
+def way_of_sections(pattern: Pattern, positions: Floats, target: Floats) -> Floats:
+    """Return the way to a target of the centres of cross-sections, at all vertices, (n, 3), in m.
+
+    It is 0 of a body that is not slender. Positions are those of all vertices, (n, 3), in m.
+    """
+    axis, sections = _of_slender(pattern)
+    if len(sections) < 2:
+        return np.zeros_like(positions)
+    return _smooth(pattern, axis, sections, _centres(pattern, sections, target - positions))
+
+
+def _of_slender(pattern: Pattern) -> tuple[int, list[Ints]]:
+    """Return the axis of a body and its cross-sections; without a slender one there are none."""
+    extents = np.ptp(pattern.points, axis=0)
+    axis = int(np.argmax(extents))
+    slender = extents[axis] > SLENDER * np.sort(extents)[1]
+    return axis, _sections(pattern, axis) if slender else []
+
+
+def _centres(pattern: Pattern, sections: list[Ints], points: Floats) -> Floats:
+    areas = pattern.vertex_areas
+    return np.array([areas[one] @ points[one] / areas[one].sum() for one in sections])
+
+
+def _smooth(pattern: Pattern, axis: int, sections: list[Ints], ways: Floats) -> Floats:
+    """Return ways of the centres of cross-sections, (k, 3), at all vertices, (n, 3)."""
+    at = _centres(pattern, sections, pattern.points)[:, axis]
+    height = pattern.points[:, axis]
+    return np.stack([_along(height, at, values) for values in ways.T], axis=1)
 
 
 def _sections(pattern: Pattern, axis: int) -> list[Ints]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.base.mpi import collective, free_dropped, on_first_rank
 from toros_fem.base.validation import require_callable, require_count, require_kind
@@ -15,6 +16,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.measures.figures import DEFAULT, Tolerances
+from toros_fem.measures.miss import way_of_sections
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.space_mapping import HELPS
 from toros_fem.products.actuators.trim import SHARE, worst_of_print
@@ -40,7 +42,8 @@ def corrected(
     """Return the design whose print is nearest to its targets, after corrections (collective).
 
     The design goes on towards a target that is moved, vertex by vertex, by what it has beyond its
-    print: output space mapping (Bandler et al. 2004). Pressures that are designed are free as far
+    print (output space mapping, Bandler et al. 2004), and by what the centres of its cross-sections
+    miss of the last target. Pressures that are designed are free as far
     as a print is trimmed. Where the first print has free islands, the design first goes on without
     them. This ends once the print is good, or once a round has hardly helped.
 
@@ -64,27 +67,29 @@ def corrected(
     require_count(0, rounds=rounds)
     comm = result.problem.comm
     best, least = (result, printed), worst_of_print(printed, tolerances)
+    assert isinstance(result.problem, ShapeDesign)
+    asked = result.problem.case.goal
 
-    def helps(attempt: DesignResult) -> bool:
-        nonlocal best, least
+    def helps(attempt: DesignResult, target: Floats) -> bool:
+        nonlocal best, least, asked
         made, before = print_again(attempt), least
         worst = worst_of_print(made, tolerances)
         if worst < least:
-            best, least = (attempt, made), worst
+            best, least, asked = (attempt, made), worst, target
         free_dropped(comm)
         return worst <= HELPS * before
 
     islands = on_first_rank(comm, lambda: len(printed.before.free_islands))
     if islands and rounds and least > GOOD:
-        helps(polished(result, printed, options, callback=callback, journal=journal))
+        helps(polished(result, printed, options, callback=callback, journal=journal), asked)
     for _ in range(rounds):
         if least <= GOOD or best[1].evaluation is None:
             break
         try:
-            again = _again(*best, options, callback, journal)
+            again = _again(*best, asked, options, callback, journal)
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        if not helps(again):
+        if not helps(*again):
             break
     return best
 
@@ -92,26 +97,31 @@ def corrected(
 def _again(
     last: DesignResult,
     printed: PrintedDesign,
+    asked: Floats,
     options: DesignOptions,
     callback: Callback | None,
     journal: Journal | None,
-) -> DesignResult:
-    """Return the design that is asked for what the print of the last one missed."""
+) -> tuple[DesignResult, Floats]:
+    """Return the design that is asked for what the print of the last one missed, and its target.
+
+    That of the last one was `asked`.
+    """
     problem, own, made = last.problem, last.final.equilibrium, printed.evaluation
     assert isinstance(problem, ShapeDesign)
     assert made is not None
     mesh = make_transfer(made.problem.skin.pattern, problem.skin.pattern)
-    shape = made.problem.physics.shape_of(made.equilibrium)
+    shape, designed = made.problem.physics.shape_of(made.equilibrium), problem.physics.shape_of(own)
     assert shape is not None
-    beyond = problem.physics.shape_of(own) - mesh.positions(shape)
+    whole = problem.whole
+    left = way_of_sections(whole.pattern, whole.at_vertices(designed), whole.at_vertices(asked))
+    target = problem.case.goal + designed - mesh.positions(shape) + left[: len(designed)]
     bounds = [
         given and (max(given[0], (1 - SHARE) * at), min(given[1], (1 + SHARE) * at))
         for given, at in zip(problem.physics.pressure_ranges, own.pressures, strict=True)
     ]
-    asking = problem.towards(replace(problem.case, target=problem.case.goal + beyond))
     physics = replace(problem.physics, pressure=own.pressures, pressure_bounds=bounds)
-    asking = asking.changed(physics=physics)
+    asking = problem.towards(replace(problem.case, target=target)).changed(physics=physics)
     found = optimize(asking, options, callback=callback, after=last, journal=journal)
     shape_part = problem.objective.forward(found.final.equilibrium.positions)
     final = replace(found.final, shape=shape_part)
-    return replace(found, problem=problem, final=final)
+    return replace(found, problem=problem, final=final), target
