@@ -181,7 +181,7 @@ def figure_rows(
 ) -> Iterator[Row]:
     """Return rows of figures, with intervals and states in their notes."""
     for one in figures:
-        width = "" if one.interval is None else f"± {one.interval!r}"
+        width = "" if one.interval is None else f"± {float(one.interval)!r}"
         note = ", ".join(filter(None, (width, one.state)))
         yield Row(*place, one.key, one.value, one.unit, one.target, seconds, note=note)
 

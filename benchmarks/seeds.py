@@ -346,7 +346,7 @@ COMMAND = Command(
     cases=cases,
     serial=True,
     tables=(
-        Table("demos.md", "products from several seeds", products_table),
+        Table("../demos/README.md", "products from several seeds", products_table),
         Table("optimisation.md", "bends and pressures", bends_table),
         Table("optimisation.md", "reproducible runs", kernels_table),
     ),

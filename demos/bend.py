@@ -23,7 +23,6 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, cylinder, mirrored
 
@@ -109,15 +108,8 @@ result = tf.optimize_levels(map(problem, edges), rules, seed=given.seed, callbac
 # design goes on towards a target that is moved by the miss. Two coarser meshes tell intervals.
 # %%
 limits = tf.PrintLimits(0.6e-3, 0.6e-3)
-
-
-def print_of(made: tf.DesignResult) -> PrintedDesign:
-    """Return the print of a design, at the pressure that suits it best."""
-    return tf.trimmed(tf.as_printed(made.problem, made, limits, island_area=20e-6))
-
-
-last = replace(finer, stages=(tf.Stage(20, constrained=True),))
-result, printed = tf.corrected(result, print_of(result), last, print_of, callback=reporter)
+printed = tf.trimmed(tf.as_printed(result.problem, result, limits, island_area=20e-6))
+result, printed = tf.corrected(result, printed, callback=reporter)
 intervals = tf.print_intervals(printed, {k: case(k * edges[-1]) for k in (1.5, 2.25)})
 
 # %% [markdown]

@@ -77,6 +77,14 @@ sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 radius = abs(2 * volume(pattern.points, pattern.triangles)) / pattern.areas.sum()
 strain = np.radians(ANGLE) * 2 * half_width / length
 start, least = (tube_pressure(sheets, radius, k * strain) for k in (1.1, 0.8))
+
+
+def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:
+    """Return the angle in degrees by which the tip bends towards +x, on any mesh."""
+    z, way = of.points[:, 2], {"along": (0, 0, 1), "toward": (1, 0, 0)}
+    return float(np.degrees(tf.bend_between(of, x, z > high[2] - 1e-6, z < low[2] + FOOT, **way)))
+
+
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
@@ -84,6 +92,7 @@ case = tf.Case(
     pressure=start,
     pressure_bounds=(least, PUMP),
     composite=sheets,
+    metrics=[tf.Metric("angle", "deg", ANGLE, angle_of)],
     printed_panels=caps,
 )
 
@@ -99,6 +108,7 @@ options = tf.DesignOptions(stages, min_relative_decrease=0.05)
 result = tf.optimize(design, options, seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
 printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=50e-6))
+result, printed = tf.corrected(result, printed, callback=reporter)
 
 # %% [markdown]
 # ## Files

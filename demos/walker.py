@@ -13,7 +13,6 @@
 # The printed robot then walks. It lies on the ground with its weight, friction and pads that slide
 # forwards easily, and its chambers are filled and emptied in turn. This gait is a path of
 # equilibria, without inertia (docs/walking.md).
-#
 #     python demos/walker.py --coarse            # a minute
 #     mpirun -n 2 python demos/walker.py         # the mesh of the figures in docs/demos.md
 
@@ -86,6 +85,7 @@ design = tf.ShapeDesign(comm, case, tf.Regularisation(radius))
 result = tf.optimize_levels([design], [options], seed=given.seed, callback=reporter)
 limits = tf.PrintLimits(0.6e-3, 0.6e-3)
 printed = tf.trimmed(tf.as_printed(design, result, limits, island_area=20e-6))
+result, printed = tf.corrected(result, printed, callback=reporter)
 summary = tf.write_results(given.output, result, printed, seconds=reporter.seconds)
 
 # %% [markdown]

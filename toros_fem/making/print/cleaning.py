@@ -41,6 +41,7 @@ class CleanedRegions:
         dropped: Free islands that were removed.
         bridged: Free islands that were joined to the rest by a line.
         filled: Holes that were filled.
+        island_area: Area in m² below which free islands were removed.
     """
 
     contours: list[BaseGeometry]
@@ -48,6 +49,7 @@ class CleanedRegions:
     dropped: tuple[PrintedPiece, ...]
     bridged: tuple[PrintedPiece, ...]
     filled: tuple[PanelRegion, ...]
+    island_area: float
 
 
 def require_island_area(pattern: Pattern, island_area: float) -> None:
@@ -208,6 +210,7 @@ def _clean(
         dropped=tuple(island for island in islands if island not in bridged),
         bridged=tuple(island for island in islands if island in bridged),
         filled=filled,
+        island_area=island_area,
     )
     return cleaned, own
 

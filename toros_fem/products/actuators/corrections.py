@@ -11,18 +11,19 @@ from toros_fem.base.mpi import collective, free_dropped, on_first_rank
 from toros_fem.base.validation import require_callable, require_count, require_kind
 from toros_fem.design.loop.journal import Journal
 from toros_fem.design.loop.loop import Callback, DesignResult, optimize
-from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.shape_design import ShapeDesign
-from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.design.mma.optimizer import MMAOptions
+from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
 from toros_fem.making.as_printed.free_islands import polished
 from toros_fem.measures.figures import DEFAULT, Tolerances
 from toros_fem.measures.miss import way_of_sections
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.space_mapping import HELPS
-from toros_fem.products.actuators.trim import SHARE, worst_of_print
+from toros_fem.products.actuators.trim import SHARE, trimmed, worst_of_print
 
-# Largest number of corrections.
-ROUNDS = 4
+# Largest number of corrections; steps of each, and the largest change of a density in one.
+ROUNDS, STEPS, MOVE = 4, 20, 0.05
 # A print whose worst figure is off by this part of its tolerance is good enough.
 GOOD = 0.25
 
@@ -31,9 +32,9 @@ GOOD = 0.25
 def corrected(
     result: DesignResult,
     printed: PrintedDesign,
-    options: DesignOptions,
-    print_again: Callable[[DesignResult], PrintedDesign],
+    options: DesignOptions | None = None,
     *,
+    print_again: Callable[[DesignResult], PrintedDesign] | None = None,
     rounds: int = ROUNDS,
     tolerances: Tolerances = DEFAULT,
     callback: Callback | None = None,
@@ -50,8 +51,9 @@ def corrected(
     Args:
         result: A design of a `ShapeDesign`.
         printed: Its print; without an equilibrium there is no correction.
-        options: Steps of each correction.
-        print_again: Returns the print of a design, made as the first one was.
+        options: Steps of each correction; None takes 20 small ones, with the widths of the design.
+        print_again: Returns the print of a design; None makes it as the first one, at the pressure
+            that suits it best.
         rounds: Largest number of corrections; 0 leaves them out.
         tolerances: How far figures may be off.
         callback, journal: As of `optimize`.
@@ -62,8 +64,18 @@ def corrected(
     require_kind("result", result, DesignResult, "the DesignResult of optimize")
     require_kind("its problem", result.problem, ShapeDesign, "a ShapeDesign")
     require_kind("printed", printed, PrintedDesign, "the PrintedDesign of as_printed")
-    require_kind("options", options, DesignOptions, "DesignOptions")
-    require_callable("print_again", print_again, "a function of a DesignResult")
+    if options is None:
+        widths = result.problem.length_scale is not None
+        options = DesignOptions((Stage(STEPS, constrained=widths),), mma=MMAOptions(move=MOVE))
+    require_kind("options", options, DesignOptions, "DesignOptions, or None")
+    limits, area = printed.limits, printed.cleaned.island_area
+
+    def as_before(again: DesignResult) -> PrintedDesign:
+        made = as_printed(again.problem, again, limits, island_area=area, journal=journal)
+        return trimmed(made, tolerances=tolerances)
+
+    again_printed = as_before if print_again is None else print_again
+    require_callable("print_again", again_printed, "a function of a DesignResult, or None")
     require_count(0, rounds=rounds)
     comm = result.problem.comm
     best, least = (result, printed), worst_of_print(printed, tolerances)
@@ -72,7 +84,7 @@ def corrected(
 
     def helps(attempt: DesignResult, target: Floats) -> bool:
         nonlocal best, least, asked
-        made, before = print_again(attempt), least
+        made, before = again_printed(attempt), least
         worst = worst_of_print(made, tolerances)
         if worst < least:
             best, least, asked = (attempt, made), worst, target

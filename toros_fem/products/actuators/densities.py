@@ -132,7 +132,7 @@ class DensityDesigner(Job):
             result,
             printed,
             self.scene.design.finer_options,
-            print_again,
+            print_again=print_again,
             rounds=self.scene.design.corrections,
             tolerances=self.scene.results.tolerances,
             callback=self.reporter,
