@@ -31,6 +31,7 @@ import toros_fem as tf
 from toros_fem.mechanics.readings.bare_tube import tube_pressure
 from toros_fem.meshes import bend, read_surface, unwrap
 from toros_fem.meshes.surfaces.surface import volume
+from toros_fem.products.tables.loads import TipWeights
 
 FILE = Path(__file__).parent / "surfaces" / "finger.stl"
 
@@ -85,6 +86,7 @@ def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:
     return float(np.degrees(tf.bend_between(of, x, z > high[2] - 1e-6, z < low[2] + FOOT, **way)))
 
 
+tip = np.flatnonzero(pattern.points[:, 2] > high[2] - 1e-6)
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
@@ -92,6 +94,8 @@ case = tf.Case(
     pressure=start,
     pressure_bounds=(least, PUMP),
     composite=sheets,
+    # The tip counts as much as all the rest, in place and in orientation.
+    parts=[TipWeights().shape_part(pattern, tip, tip, half_width)],
     metrics=[tf.Metric("angle", "deg", ANGLE, angle_of)],
     printed_panels=caps,
 )
