@@ -2,7 +2,6 @@
 
 import toros_fem.meshes as meshes
 from toros_fem.base import errors
-from toros_fem.cli.studies.study import run_study
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.lines.field import LineOptions
 from toros_fem.design.lines.lay_lines import lay_lines
@@ -113,7 +112,6 @@ __all__ = [  # noqa: RUF022
     "open_run",
     "write_results",
     "read_summary",
-    "run_study",
     # Constants from tests
     "read_tensile_tests",
     "fit_material",
