@@ -18,7 +18,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -101,6 +101,12 @@ class HalfHelix(RodScene):
         return whole * np.stack([np.cos(whole * at), np.sin(whole * at)])
 
 
+@cache
+def own_finger() -> Any:
+    """Return the scene of a demo with its files."""
+    return read_scene(ROOT / "demos" / "scenes" / "own_design.toml", comm=MPI.COMM_SELF)
+
+
 # Scenes by their titles; their coarse variants are designed.
 PRODUCTS: dict[str, Callable[[], Any]] = {
     "bend by 180°": BendScene,
@@ -115,13 +121,12 @@ PRODUCTS: dict[str, Callable[[], Any]] = {
     "walker crawls": lambda: KINDS["walker"].of(motion="crawl"),
     "gripper of a sphere": lambda: KINDS["gripper"](),
     "gripper of a box": lambda: KINDS["gripper"].of(shape="box"),
-    "own finger": lambda: read_scene(SCENES / "own_design.toml", comm=MPI.COMM_SELF).config,
+    "own finger": lambda: own_finger().config,
     "tile, orthotropic": lambda: KINDS["tile"].of(target="orthotropic"),
     "tile, tetragonal": lambda: KINDS["tile"].of(target="tetragonal"),
     "tile, isotropic": lambda: KINDS["tile"].of(target="isotropic"),
     "tile, auxetic": lambda: KINDS["tile"].of(target="auxetic"),
 }
-SCENES = ROOT / "demos" / "scenes"
 # What runs do besides, which tells nothing of the design.
 BESIDES = ("curve_pressure", "gait_steps", "lift_distance")
 SEEDS = range(1, 7)
@@ -160,7 +165,8 @@ def designed(scene: Any) -> tuple[Any, float]:
     scene = scene.updated(**{key: None for key in BESIDES if key in known})
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        found = scene.run_design(MPI.COMM_SELF, Path(folder))
+        files = own_finger().files if scene.KIND == "own-mesh" else {}
+        found = scene.run_design(MPI.COMM_SELF, Path(folder), files)
     return found, time.process_time() - begin
 
 

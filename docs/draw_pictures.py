@@ -224,6 +224,10 @@ def draw_times(path: Path) -> None:
         axes.grid(axis="y")
 
 
+# Kinds of prints on long tubes have the colour of those on short ones.
+LONG = "long "
+
+
 def intervals_told() -> str:
     """Return what the picture of told intervals tells."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
@@ -236,7 +240,9 @@ def draw_intervals(path: Path) -> None:
     """Draw errors over time, and half-widths over true errors, in parts of the change from rest."""
     found = intervals.told_figures(read(ROWS / "intervals.csv"))
     sizes = sorted({one.size for one in found}, reverse=True)
-    colours = dict(zip(intervals.KINDS, (*SERIES, SOFT), strict=True))
+    short = [kind for kind in intervals.KINDS if not kind.startswith(LONG)]
+    colours = dict(zip(short, (*SERIES, SOFT), strict=True))
+    colours |= {k: colours[k.removeprefix(LONG)] for k in intervals.KINDS if k not in colours}
     with page(path, intervals_told(), SIZE) as figure:
         left, right = figure.subplots(
             1, 2, gridspec_kw={"left": 0.08, "right": 0.98, "bottom": 0.12, "top": 0.86,
@@ -244,15 +250,16 @@ def draw_intervals(path: Path) -> None:
         )  # fmt: skip
         for kind, colour in colours.items():
             own = [one for one in found if one.kind == kind]
+            mark = "^" if kind.startswith(LONG) else "o"
             rows = [[one for one in own if one.size == size] for size in sizes]
             rows = [row for row in rows if row]
             time = [np.nanmedian([one.seconds for one in row]) for row in rows]
             told = [np.median([one.error / one.change for one in row]) for row in rows]
-            left.plot(time, 100 * np.array(told), "o-", color=colour, ms=4, lw=1.2)
+            left.plot(time, 100 * np.array(told), f"{mark}-", color=colour, ms=4, lw=1.2)
             right.plot(
                 [100 * one.error / one.change for one in own],
                 [100 * one.width / one.change for one in own],
-                "o", color=colour, ms=3, alpha=0.7, label=kind,
+                mark, color=colour, ms=3, alpha=0.7, label=kind,
             )  # fmt: skip
         ends = np.array([0.05, 100.0])
         right.plot(ends, ends, color=INK, lw=0.8)
