@@ -27,7 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from benchmarks.bench import ROOT, Case, Command, Row, Rows, Table, markdown
-from benchmarks.figures import figure_of, figure_rows
+from benchmarks.figures import figure_of, figure_rows, state_in
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.cli.scene_files.reading import read_scene
@@ -180,7 +180,7 @@ def product_rows(title: str, seed: int, changes: Mapping[str, Any]) -> Iterator[
     except NoEquilibriumError as caught:
         yield Row(*place, "worst", None, note=f"{State.MISSED}: {caught}")
         return
-    told = [figure for figure in found.figures if figure.target is not None]
+    told = [figure for figure in found.figures if figure.state is not None]
     yield from figure_rows(place, told, round(seconds, 1))
     tried = tuple(found.search.tried) if hasattr(found, "search") else ()
     state = State.MISSED if tried or largest_part(told) > 1 else overall(told)
@@ -255,6 +255,7 @@ def products_table(rows: Rows) -> str:
     lines = []
     for title in PRODUCTS:
         own = [r for r in rows if r.case == "products" and r.variant.startswith(f"{title}, s")]
+        own = [row for row in own if row.figure == "worst" or state_in(row)]
         ends = [row for row in own if row.figure == "worst"]
         if not ends:
             continue

@@ -41,7 +41,7 @@ comm = MPI.COMM_WORLD
 LENGTH, WIDTH, ROOT, STEM, DEPTH = 0.09, 0.02, 0.015, 0.025, 0.016  # m; DEPTH when inflated
 RADIUS, MASS, FRICTION, FINGERS, GRAVITY = 0.025, 0.1, 0.6, 3, 9.81  # m, kg, m/s²
 ALONG, TOWARD, WRAP = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), np.pi / 2  # rad around the sphere
-edge, filter_radius = (1.8e-3, 3.2e-3) if given.coarse else (1.2e-3, 2.15e-3)
+edge, filter_radius = (1.8e-3, 3.225e-3) if given.coarse else (1.2e-3, 2.15e-3)
 
 # %% [markdown]
 # ## Panels, supports, contact, target

@@ -87,6 +87,9 @@ def angle_of(of: tf.meshes.Pattern, x: np.ndarray) -> float:
 
 
 tip = np.flatnonzero(pattern.points[:, 2] > high[2] - 1e-6)
+areas = pattern.vertex_areas[tip]
+arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=areas)
+radius_of_tip = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=areas)))
 case = tf.Case(
     pattern,
     target=lambda points: deform(points - middle) + middle,
@@ -95,7 +98,7 @@ case = tf.Case(
     pressure_bounds=(least, PUMP),
     composite=sheets,
     # The tip counts as much as all the rest, in place and in orientation.
-    parts=[TipWeights().shape_part(pattern, tip, tip, half_width)],
+    parts=[TipWeights().shape_part(pattern, tip, tip, radius_of_tip)],
     metrics=[tf.Metric("angle", "deg", ANGLE, angle_of)],
     printed_panels=caps,
 )

