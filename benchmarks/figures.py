@@ -94,7 +94,7 @@ DEMOS = (
     Demo("tile", "Fig. 7", STIFF, ("target=anisotropic",)),
     Demo("tile", "Fig. 7", ("contraction_at_0_deg_fraction",), ("target=auxetic",)),
     Demo("tile_sheet", "section 4.3: as its tile predicts", ALONG),
-    Demo("own_design", "", ("distance_mm", *SHAPE)),
+    Demo("own_design", "", ("angle_deg", *SHAPE)),
 )  # fmt: skip
 
 
