@@ -110,5 +110,5 @@ def test_what_no_mesh_tells_is_a_part_of_the_size() -> None:
     assert half_width(nothing, "length_ratio", extents) == pytest.approx(0.45e-2)
     assert half_width(nothing, "force_n", extents) == 0.0
     # Turns add up along a slender skin.
-    assert half_width(nothing, "angle_deg", extents) == pytest.approx(0.5 * 5 / 2.1)
+    assert half_width(nothing, "angle_deg", extents) == pytest.approx(0.5 * (5 / 2.1) ** 0.5)
     assert half_width(nothing, "angle_deg", (0.1, 0.1, 0.0)) == 0.5

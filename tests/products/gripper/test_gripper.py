@@ -98,7 +98,7 @@ def test_a_lift_without_equilibrium_is_told() -> None:
     load = Lifted(0.1, 0.3, 3, failed, none)
     assert load.words == "An object of 100 g is not lifted: no equilibrium"
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
-    assert dropped.words == "An object of 100 g falls; the print holds at most 50 g"
+    assert dropped.words == "An object of 100 g falls; the print holds at most 50 g, 0.5 times that"
     early = replace(load, printed=LiftFigures(held_mass_kg=0.05, failure="no equilibrium."))
     told = "An object of 100 g is not lifted: no equilibrium; the print holds at least 50 g"
     assert early.words == told
