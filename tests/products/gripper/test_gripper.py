@@ -100,8 +100,9 @@ def test_a_lift_without_equilibrium_is_told() -> None:
     dropped = replace(load, printed=LiftFigures(held_mass_kg=0.05))
     assert dropped.words == "An object of 100 g falls; the print holds at most 50 g, 0.5 times that"
     early = replace(load, printed=LiftFigures(held_mass_kg=0.05, failure="no equilibrium."))
-    told = "An object of 100 g is not lifted: no equilibrium; the print holds at least 50 g, 0.5 times that"
-    assert early.words == told
+    held = "the print holds at least 50 g, 0.5 times that"
+    assert early.words == f"An object of 100 g is not lifted: no equilibrium; {held}"
     known = replace(dropped, intervals={"held_mass_kg": 0.011})
-    assert known.words == "An object of 100 g falls; the print holds at most 50 ± 11 g"
+    held = "the print holds at most 50 ± 11 g, 0.5 times that"
+    assert known.words == f"An object of 100 g falls; {held}"
     assert "intervals" not in known.entries()
