@@ -28,7 +28,7 @@ PRESSURES = {"bend": 6936.0, "contract": 2768.0, "twist": 15000.0, "bend-twist":
 # Figures that tell a print, where it has them.
 FIGURES = ("angle_deg", "twist_deg", "shortening_percent", "shape_distance_percent")
 # Edges of the meshes over those of the coarse run's own.
-RATIOS = (1.0, 0.7, 0.5, 0.35)
+RATIOS = (1.0, 0.7, 0.5, 0.35, 0.25)
 QUICK = (2.25, 1.5)
 
 

@@ -275,10 +275,3 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
     for before, after in pairwise(rounds):
         change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
         assert np.abs(change).max() <= space_mapping.LARGEST_STEP + 1e-12
-
-
-def test_distance_from_targets() -> None:
-    aims = {"a": space_mapping.Aim(2.0, 4.0), "b": space_mapping.Aim(0.0, 1.0)}
-    assert space_mapping.largest_error({"a": 4.0, "b": -0.25, "c": 9.0}, aims) == 0.5
-    assert space_mapping.largest_error({}, aims) == np.inf
-    assert space_mapping.largest_error({"c": 9.0}, {}) == 0.0

@@ -129,6 +129,6 @@ def test_two_rounds_without_progress_end_a_search() -> None:
     assert not ends(1.0, 0.9)
     assert ends(1.0, 0.9, 0.8)
     assert not ends(1.0, 0.9, 0.65), "progress decides, not the number of rounds"
-    assert not ends(1.0, 0.65, 0.6, 0.44, 0.43)
+    assert not ends(1.0, 0.65, 0.6, 0.44, 0.41)
     assert ends(1.0, 0.65, 0.6, 0.44, 0.43, 0.42)
     assert ends(1.0, 0.004), "it is reached"

@@ -227,6 +227,19 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
         ]
 
 
+@pytest.mark.slow
+def test_of_several_seeds_the_best_is_kept(alone: MPI.Comm, tmp_path: Path) -> None:
+    """None reaches the target, so that all are tried; each is the design of its seed alone."""
+    config = bend_demo.BendScene.of(angle=170.0, iterations=4, corrections=0, **COARSE)
+    single = [config.updated(seed=seed).run_design(alone, tmp_path / f"{seed}") for seed in (1, 2)]
+    best = min(single, key=lambda one: largest_part(one.figures))
+    made = config.updated(seeds=2).run_design(alone, tmp_path / "both")
+    assert made.search.seed == best.search.seed
+    assert made.metrics == pytest.approx(best.metrics, rel=1e-9)
+    rows = (tmp_path / "both" / "history.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(best.design.history)
+
+
 COARSE: dict[str, Any] = {
     "length": 0.06, "edge_length": 5e-3, "filter_radius": 8e-3, "levels": 1, "seed": 1,
     "constrained_iterations": 0, "polish_iterations": 0, **DESIGN_ALONE,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 from toros_fem.base.array_types import Floats
@@ -44,9 +45,9 @@ def corrected(
 
     The design goes on towards a target that is moved, vertex by vertex, by what it has beyond its
     print (output space mapping, Bandler et al. 2004), and by what the centres of its cross-sections
-    miss of the last target. Pressures that are designed are free as far
-    as a print is trimmed. Where the first print has free islands, the design first goes on without
-    them. This ends once the print is good, or once a round has hardly helped.
+    miss of the last target. Pressures that are designed are free as far as a print is trimmed.
+    Where the first print has free islands, the design first goes on without them. This ends once
+    the print is good, or once a round has hardly helped.
 
     Args:
         result: A design of a `ShapeDesign`.
@@ -92,17 +93,14 @@ def corrected(
         return worst <= HELPS * before
 
     islands = on_first_rank(comm, lambda: len(printed.before.free_islands))
-    if islands and rounds and least > GOOD:
-        helps(polished(result, printed, options, callback=callback, journal=journal), asked)
-    for _ in range(rounds):
-        if least <= GOOD or best[1].evaluation is None:
-            break
-        try:
-            again = _again(*best, asked, options, callback, journal)
-        except NoEquilibriumError:  # raised by all ranks or by none
-            break
-        if not helps(*again):
-            break
+    with suppress(NoEquilibriumError):  # raised by all ranks or by none
+        if islands and rounds and least > GOOD:
+            helps(polished(result, printed, options, callback=callback, journal=journal), asked)
+        for _ in range(rounds):
+            if least <= GOOD or best[1].evaluation is None:
+                break
+            if not helps(*_again(*best, asked, options, callback, journal)):
+                break
     return best
 
 

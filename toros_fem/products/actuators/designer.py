@@ -71,16 +71,15 @@ class Designer(Distributed, DensityDesigner):
         """Design, and write all results."""
         warn_of_doubts(self.comm, self.scene)
         require_affordable_meshes(self.comm, self.scene)
-        best: ActuatorResult | None = None
-        for number in range(self.scene.design.seeds):
-            found = self._checked(self._from_seed(number))
-            if best is None or _order(found) < _order(best):
-                best = found
-            if self.source is not None or overall(best.figures) in (None, State.REACHED):
+        best = self._checked(self._from_seed(0))
+        # A given print is the start, whatever the seed.
+        for number in range(1, 1 if self.source is not None else self.scene.design.seeds):
+            if overall(best.figures) in (None, State.REACHED):
                 break
             if self.comm.rank == 0:
-                log.warning("seed %d: %s", found.search.seed, verdict_of(found.figures))
-        assert best is not None
+                log.warning("another seed is tried: %s", verdict_of(best.figures))
+            best = min(best, self._checked(self._from_seed(number)), key=_badness)
+            free_dropped(self.comm)
         return self._finished(best)
 
     def _from_seed(self, number: int) -> ActuatorResult:
@@ -354,8 +353,8 @@ class Designer(Distributed, DensityDesigner):
         return self.scene.print_level if lines else self.scene.finest_level
 
 
-def _order(found: ActuatorResult) -> tuple[bool, float]:
-    """Return what is least of the best design: it is certain, or its worst figure is smallest."""
+def _badness(found: ActuatorResult) -> tuple[bool, float]:
+    """Return whether a print does not certainly reach its targets, and its worst figure."""
     return overall(found.figures) is not State.REACHED, largest_part(found.figures)
 
 

@@ -42,17 +42,6 @@ def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
     }
 
 
-def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> float:
-    """Return the largest distance of a metric from its target, scaled; infinite if unknown.
-
-    Without any target it is 0.
-    """
-    if not aims.keys() <= metrics.keys():
-        return np.inf
-    errors = (abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
-    return max(errors, default=0.0)
-
-
 def asked_next(
     got: Sequence[Mapping[str, float]],
     asked: Sequence[Mapping[str, float]],
