@@ -53,12 +53,14 @@ WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 class ThreeFieldScene(TubeScene):
     """The six bending tubes.
 
-    The bare variants are compared, after the same steps on one mesh. The weight of the perimeter is
-    that of the variants that have it.
+    The bare variants are compared, after the same steps on one mesh and without corrections. The
+    weight of the perimeter is that of the variants that have it.
     """
 
     target: BendTarget = BendTarget()
-    design: Designing = Designing(levels=1, polish_iterations=0, perimeter_weight=1e-4)
+    design: Designing = Designing(
+        levels=1, polish_iterations=0, corrections=0, perimeter_weight=1e-4
+    )
     results: Results = Results(curve_pressure=None)
 
     def case(self, comm: MPI.Comm, level: Level) -> Case:
