@@ -7,12 +7,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.files import guarded, replace_file
 from toros_fem.design.loop.options import Iteration
+from toros_fem.results.frames.files import FOLDER, Frame, read_frames, write_frame
 from toros_fem.results.reporter import DesignReporter
 
 NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}
@@ -76,3 +78,36 @@ def test_clock_starts_with_the_reporter(comm: MPI.Comm, tmp_path: Path) -> None:
         reporter(ROW, EVALUATION)
     assert reporter.seconds["setup"] == setup
     assert reporter.seconds["total"] >= 0.25
+
+
+def test_the_shapes_of_the_kept_attempt_stay(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Attempt 2 takes the place of 1, and then of the first; iterations after 1 are not its own."""
+    folder = shared(comm, tmp_path)
+    reporter = DesignReporter(comm, folder)
+    frames = folder / FOLDER
+
+    def recorded(attempt: int) -> None:
+        series = f"attempt-{attempt}" if attempt else "iteration"
+
+        def write() -> None:
+            frames.mkdir(exist_ok=True)
+            for k in range(3):
+                positions = np.full((1, 3), 10.0 * attempt + k)
+                write_frame(frames, Frame(series, k, "skin", positions, None, {}))
+
+        guarded(comm, folder, write)
+
+    def kept() -> list[float]:
+        shapes = [float(shape.positions[0, 0]) for shape in read_frames(frames, "iteration")]
+        comm.barrier()
+        return shapes
+
+    recorded(0)
+    recorded(reporter.begin())
+    recorded(reporter.begin())
+    reporter.keep(2, 2, 1)
+    assert (kept(), reporter.attempt) == ([0.0, 1.0, 2.0], 1)
+    for _ in range(2):  # a resumed run does it again
+        reporter.keep(1, 1)
+        assert (kept(), reporter.attempt) == ([20.0, 21.0], 0)
+        assert len(list(frames.iterdir())) == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from toros_fem.base.validation import require_kind
 from toros_fem.design.loop.options import Iteration
 from toros_fem.design.loop.problem import Evaluation
 from toros_fem.results.console import ProgressBar, header, line, print_line
+from toros_fem.results.frames.files import FOLDER, forget_from, rename
 from toros_fem.results.frames.record import gathered_frame, write_step
 from toros_fem.results.runs.folder import require_open
 
@@ -25,6 +27,9 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
 
     It is the `callback` of `optimize`. Its construction starts the clock of the run. As a context
     manager it removes the progress bar at the end. The folder is made if missing.
+
+    Attributes:
+        attempt: Number of the attempt at the design whose shapes are recorded; the first one is 0.
 
     Raises:
         OutputError: The folder cannot be made or written to; here and in each call.
@@ -39,11 +44,37 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         self._setup: float | None = None
         self._rows: list[Iteration] = []
         self._bar = ProgressBar()
+        self.attempt = 0
         guarded(comm, self._folder, lambda: require_open(self._folder))
 
     def expect(self, iterations: int) -> None:
         """Set the planned number of steps, all of the run so far included, for the bar."""
         self._bar.expect(iterations)
+
+    def begin(self) -> int:
+        """Begin another attempt at the design, and return its number.
+
+        Its shapes are recorded beside those of earlier attempts, until `keep`.
+        """
+        self.attempt += 1
+        return self.attempt
+
+    def keep(self, attempt: int, last: int, place: int = 0) -> None:
+        """Keep the shapes of one attempt, up to its last iteration (collective).
+
+        It takes the place of an earlier attempt, and all after that are forgotten.
+        """
+
+        def move() -> None:
+            folder = self._folder / FOLDER
+            if attempt != place:
+                rename(folder, _series(attempt), _series(place))
+            for other in range(place + 1, self.attempt + 1):
+                forget_from(folder, _series(other), 0)
+            forget_from(folder, _series(place), last + 1)
+
+        guarded(self._comm, self._folder, move)
+        self.attempt = place
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -56,7 +87,9 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
         self.report(row)
         shown = gathered_frame(row, evaluation)
         if shown is not None:
-            guarded(self._comm, self._folder, lambda: write_step(self._folder, *shown))
+            skin, frame = shown
+            frame = replace(frame, series=_series(self.attempt))
+            guarded(self._comm, self._folder, lambda: write_step(self._folder, skin, frame))
 
     def restored(self, rows: Sequence[Iteration]) -> None:
         """Take the rows of an interrupted run, without printing them (collective)."""
@@ -95,3 +128,8 @@ class DesignReporter(AbstractContextManager["DesignReporter"]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _series(attempt: int) -> str:
+    """Return the name of the series of an attempt's shapes."""
+    return f"attempt-{attempt}" if attempt else "iteration"

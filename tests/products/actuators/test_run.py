@@ -27,6 +27,7 @@ from toros_fem.products.actuators.pressure_curve import NOT_FROM_REST, OTHER_SHA
 from toros_fem.products.actuators.scene import Level
 from toros_fem.products.tubes import bend as bend_demo
 from toros_fem.products.tubes.tube import TubeScene, bend_metric
+from toros_fem.results.frames.files import FOLDER, Frame, read_frames
 from toros_fem.results.reporter import DesignReporter
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
@@ -234,10 +235,20 @@ def test_of_several_seeds_the_best_is_kept(alone: MPI.Comm, tmp_path: Path) -> N
     single = [config.updated(seed=seed).run_design(alone, tmp_path / f"{seed}") for seed in (1, 2)]
     best = min(single, key=lambda one: largest_part(one.figures))
     made = config.updated(seeds=2).run_design(alone, tmp_path / "both")
+
+    def frames_of(name: str) -> list[Frame]:
+        return read_frames(tmp_path / name / FOLDER, "iteration")
+
+    assert {path.name.split("-")[0] for path in (tmp_path / "both" / FOLDER).glob("*.npz")} == {
+        path.name.split("-")[0] for path in (tmp_path / "1" / FOLDER).glob("*.npz")
+    }, "no frames of the other attempt"
     assert made.search.seed == best.search.seed
     assert made.metrics == pytest.approx(best.metrics, rel=1e-9)
     rows = (tmp_path / "both" / "history.csv").read_text().splitlines()
     assert len(rows) == 1 + len(best.design.history)
+    for a, b in zip(*(frames_of(name) for name in (f"{best.search.seed}", "both")), strict=True):
+        assert a.number == b.number
+        assert a.positions == pytest.approx(b.positions)
 
 
 COARSE: dict[str, Any] = {

@@ -71,15 +71,20 @@ class Designer(Distributed, DensityDesigner):
         """Design, and write all results."""
         warn_of_doubts(self.comm, self.scene)
         require_affordable_meshes(self.comm, self.scene)
-        best = self._checked(self._from_seed(0))
+        best, place = self._checked(self._from_seed(0)), 0
         # A given print is the start, whatever the seed.
         for number in range(1, 1 if self.source is not None else self.scene.design.seeds):
             if overall(best.figures) in (None, State.REACHED):
                 break
             if self.comm.rank == 0:
                 log.warning("another seed is tried: %s", verdict_of(best.figures))
-            best = min(best, self._checked(self._from_seed(number)), key=_badness)
+            attempt = self.reporter.begin()
+            other = self._checked(self._from_seed(number))
+            if _badness(other) < _badness(best):
+                best, place = other, attempt
+            del other
             free_dropped(self.comm)
+        self.reporter.keep(place, best.design.history[-1].iteration)
         return self._finished(best)
 
     def _from_seed(self, number: int) -> ActuatorResult:
@@ -156,12 +161,14 @@ class Designer(Distributed, DensityDesigner):
     ) -> tuple[tuple[DesignResult, PrintedDesign], Searched]:
         """Design anew where printable lines lost the shape, until one does not; return the best."""
         best, found = self.worst(made[1]), search
+        first = place = self.reporter.attempt
         start = self.scene.design.seed, self.scene.design.beta
         for name, rules, seed in other_ways(options, *start):
             if self.comm.rank == 0:
                 log.warning("printable lines lost the shape: the design is tried with %s", name)
             way = replace(self, journal=self.branch(name.replace(" ", "-")))
             found = replace(found, tried=(*found.tried, name))
+            attempt = self.reporter.begin()
             try:
                 other = way.over_levels(problems(), rules, seed=seed)
             except NoEquilibriumError:  # of its start; raised by all ranks or by none
@@ -169,10 +176,12 @@ class Designer(Distributed, DensityDesigner):
             kept = not self.lost(*other)
             if (worst := self.worst(other[1])) < best:
                 best, made, found = worst, other, replace(found, seed=seed)
+                place = attempt
             del other
             free_dropped(self.comm)
             if kept:
                 break
+        self.reporter.keep(place, made[0].history[-1].iteration, first)
         return made, found
 
     def _from_lines(self) -> ActuatorResult:

@@ -11,7 +11,7 @@ import numpy as np
 from toros_fem.base.archive import Archive, read_archive, write_archive
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import remove_file
+from toros_fem.base.files import remove_file, replace_file
 
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.
@@ -85,6 +85,20 @@ def forget_from(folder: Path, series: str, number: int) -> None:
     for other in numbers(folder, series):
         if other >= number:
             remove_file(folder / f"{series}-{other:06d}.npz")
+
+
+def rename(folder: Path, series: str, name: str) -> None:
+    """Give the frames of a series the name of another, whose own are deleted (one rank).
+
+    Nothing is done where there are none: a resumed run may have done it.
+    """
+    if not (there := numbers(folder, series)):
+        return
+    forget_from(folder, name, 0)
+    for number in there:
+        path = folder / f"{series}-{number:06d}.npz"
+        replace_file(folder / f"{name}-{number:06d}.npz", path.read_bytes())
+        remove_file(path)
 
 
 def thin(folder: Path, series: str) -> None:
