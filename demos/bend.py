@@ -43,13 +43,13 @@ PUMP = 10e3  # Pa, the most that it gives
 # symmetric about y = 0, so half the tube is enough. The end z = 0 is clamped. The target bends
 # towards +x, and the line 1 cm off the axis keeps its length: a skin under pressure does not
 # shorten. The end plate at the tip counts as much as all the rest, in place and in orientation.
-# The pressure is designed too. It starts where the plain tube is longer by 1.1 times the strain of
+# The pressure is designed too. It starts where the plain tube is longer by 1.3 times the strain of
 # the bend's outer side, and a part of T prefers less of it, so that no more is printed than needed.
 
 # %%
 sheets = tf.Composite()  # fabric and printed TPU of docs/materials.md
 strain = np.radians(ANGLE) * (DIAMETER / 2 + 0.01) / LENGTH  # of the outer side
-start, least = (tube_pressure(sheets, DIAMETER / 2, k * strain) for k in (1.1, 0.8))
+start, least = (tube_pressure(sheets, DIAMETER / 2, k * strain) for k in (1.3, 1.1))
 
 
 def case(edge: float) -> tf.Case:

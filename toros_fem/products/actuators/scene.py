@@ -49,7 +49,7 @@ SOURCE = {
 LAYERS = ("print_height", "print_offset", "contact_distance")
 # Strain of the bare skin over what its target needs: at the pressure that a design starts from, and
 # at the least that it may take (docs/optimisation.md).
-START_STRAIN, LEAST_STRAIN = 1.1, 0.8
+START_STRAIN, LEAST_STRAIN = 1.3, 1.1
 # The least pressure over the given one, where that strain is not known, and at most.
 LEAST_PRESSURE, ROOM = 0.1, 0.9
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
@@ -347,8 +347,8 @@ class ActuatorScene(MeshedScene):
     def pressures(self) -> tuple[float, tuple[float, float] | None]:
         """Pressure in Pa that a design starts from, and its bounds; None where it is held.
 
-        At the first the bare skin has somewhat more strain than the target needs, at the least
-        pressure somewhat less.
+        At both the bare skin has more strain than the target needs: a pattern of thin lines that
+        just holds the fabric at the least pressure would be lost once lines must be printable.
         """
         most, radius, strain = self.pressure.pressure, self.radius, self.needed_strain
         if self.pressure.hold_pressure or most == 0:
