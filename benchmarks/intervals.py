@@ -26,7 +26,7 @@ from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
 from toros_fem.measures.metrics import bend_angle, length_ratio, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import half_width
+from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where
 from toros_fem.meshes import Pattern, cylinder, sew, two_panels
 from toros_fem.meshes.bordered import bordered
@@ -51,8 +51,8 @@ SLENDER: Mapping[str, Any] = {
 # Half-widths were chosen with the prints of these seeds, and with no others.
 CHOSEN = range(15)
 SEEN, NEW = "prints of the choice", "other prints"
-# Name of a figure: the change to coarser meshes.
-CHANGE = "change to edges of {:g}"
+# Names of figures: the change to coarser meshes, and the edge length of a mesh that has borders.
+CHANGE, EDGE = "change to edges of {:g}", "edge"
 
 
 def helices(rng: np.random.Generator, length: float) -> Lines:
@@ -249,6 +249,9 @@ def rows_of(kind: str, seed: int, edges: tuple[float, ...], fine: float) -> Iter
             found[edge, k] = simulated(kind, seed, edge * COARSER**k, COARSER**k, near)
             near = found[edge, k][0]
     finest, _ = simulated(kind, seed, fine, fine / min(edges), near)
+    for edge in edges:
+        mean = 1e3 * edge_of(found[edge, 0][0][0].areas)
+        yield Row(kind, f"seed {seed}", f"{1e3 * edge:.2f} mm", EDGE, mean, "mm")
     figures = OF_FINGERS if KINDS[kind].pattern is finger else OF_TUBES
     for name, (measure, unit, factor, least) in figures.items():
 
@@ -333,7 +336,9 @@ def told_figures(rows: Rows) -> list[Told]:
             seconds = np.nan if row.seconds is None else row.seconds
             seeds = SEEN if int(seed.split()[-1]) in CHOSEN else NEW
             extents = DIAMETER, DIAMETER, KINDS[kind].length
-            numbers = row.value or 0.0, half_width(changes, key, extents), change, seconds
+            edge = 1e-3 * (by_place[kind, seed, size, EDGE].value or 0.0)
+            width = half_width(changes, key, extents, edge)
+            numbers = row.value or 0.0, width, change, seconds
             found.append(Told(kind, size, name, *numbers, seeds))
     return found
 

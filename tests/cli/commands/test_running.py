@@ -39,3 +39,7 @@ def test_an_uncertain_run_says_how_to_go_on(
     words = narrower(read_scene(path), Path("run"), {"verdict": {"state": state}})
     assert words.endswith("toros resume run --set check_refinement=2") == said == bool(words)
     assert ("other lines" in words) == (kind == "twist")
+    if said:  # a finer mesh was tried without being asked for
+        tried = {"verdict": {"state": state}, "errors": {"meshes": {"1.0": {}, "0.5": {}}}}
+        words = narrower(read_scene(path), Path("run"), tried)
+        assert words.endswith("--set check_refinement=4")

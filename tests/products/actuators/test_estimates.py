@@ -14,10 +14,10 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.measures.figures import Figure
-from toros_fem.mechanics.readings.error_estimate import half_width
+from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
-from toros_fem.products.actuators.estimates import MetricErrors, metric_errors, trial_intervals
+from toros_fem.products.actuators.estimates import MeshValues, MetricErrors, metric_errors, trial_intervals
 from toros_fem.products.actuators.other_mesh import Again
 from toros_fem.products.tubes.bend import BendScene
 
@@ -49,11 +49,11 @@ def found(
         at = pattern.points - pattern.points.mean(axis=0)
         return np.asarray(at + 0.1 - 1e-3 * (10 * level**2 if level > 0 else level))
 
-    def read(level: int, keys: list[str]) -> tuple[Pattern, np.ndarray, dict[str, Any]]:
-        return pattern, shape(level), dict.fromkeys(keys, mean)
+    def read(level: int, keys: list[str]) -> MeshValues:
+        return estimates.values_of(pattern, shape(level), dict.fromkeys(keys, mean))
 
     monkeypatch.setattr(estimates, "simulated_on", simulated)
-    monkeypatch.setattr(estimates, "_read", read)
+    monkeypatch.setattr(estimates, "values_at", read)
     scene = SimpleNamespace(
         coarser=coarser,
         checked=lambda level: None if refinement is None else (1 / refinement, level - 1),
@@ -66,7 +66,7 @@ def found(
 
 
 def values(errors: MetricErrors) -> dict[float, float]:
-    return {ratio: round(table["x_mm"], 9) for ratio, table in sorted(errors.meshes.items())}
+    return {ratio: round(one.values["x_mm"], 9) for ratio, one in sorted(errors.found.items())}
 
 
 def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,10 +76,10 @@ def test_all_coarser_meshes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert both.failure is None
     assert both.shape is None
     near, far = found(monkeypatch, without=(2,)), found(monkeypatch, without=(1,))
-    assert (list(near.meshes), list(far.meshes)) == ([1.0, 2.0], [1.0, 4.0])
-    size = np.ptp(square(n=2).points, axis=0)
-    assert near.intervals["x_mm"] == pytest.approx(half_width({2.0: 10.0}, "x_mm", size))
-    assert far.intervals["x_mm"] == pytest.approx(half_width({4.0: 40.0}, "x_mm", size))
+    assert (list(near.found), list(far.found)) == ([1.0, 2.0], [1.0, 4.0])
+    size, edge = np.ptp(square(n=2).points, axis=0), edge_of(square(n=2).areas)
+    assert near.intervals["x_mm"] == pytest.approx(half_width({2.0: 10.0}, "x_mm", size, edge))
+    assert far.intervals["x_mm"] == pytest.approx(half_width({4.0: 40.0}, "x_mm", size, edge))
     assert both.intervals["x_mm"] == max(near.intervals["x_mm"], far.intervals["x_mm"])
 
 
@@ -98,15 +98,15 @@ def test_values_and_intervals_of_a_finer_mesh_are_told(monkeypatch: pytest.Monke
     assert checked.told["x_mm"] == pytest.approx(101.0)
     pattern = square(n=2)
     assert mean(pattern, checked.shape) == pytest.approx(101.0)
-    size = np.ptp(pattern.points, axis=0)
-    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0}, "x_mm", size)
+    size, edge = np.ptp(pattern.points, axis=0), edge_of(pattern.areas)
+    width = half_width({2.0: 1.0, 4.0: 11.0, 8.0: 41.0}, "x_mm", size, edge)
     assert checked.intervals["x_mm"] == pytest.approx(width)
     assert width < alone.intervals["x_mm"]
     # Where it has no equilibrium the coarser meshes tell the interval.
     failed = found(monkeypatch, refinement=2.0, without=(-1,))
     assert (failed.intervals, failed.told) == (alone.intervals, alone.told)
     single = found(monkeypatch, refinement=2.0, meshes=0)
-    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}, "x_mm", size))
+    assert single.intervals["x_mm"] == pytest.approx(half_width({2.0: 1.0}, "x_mm", size, edge))
 
 
 def test_what_is_not_known_has_no_interval() -> None:

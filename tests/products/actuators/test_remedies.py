@@ -7,6 +7,8 @@ import pytest
 from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
+from toros_fem.measures.figures import State, overall
+from toros_fem.products.actuators import designer
 from toros_fem.products.actuators.result import ActuatorResult
 from toros_fem.products.tubes.bend import BendScene
 
@@ -33,9 +35,23 @@ def test_more_pressure(alone: MPI.Comm, tmp_path: Path) -> None:
     assert miss(more) < 0.8 * miss(weak)
 
 
-def test_a_finer_mesh_narrows_the_interval(alone: MPI.Comm, tmp_path: Path) -> None:
-    """`check_refinement=2`, which an uncertain run advises."""
-    coarse = SCENE.updated(estimate_error=True, pressure=5e3)
+def test_a_finer_mesh_narrows_the_interval(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An uncertain run takes it by itself, and tells so; `check_refinement` asks for it."""
+    coarse = SCENE.updated(estimate_error=True, pressure=7e3)
+    asked = coarse.updated(check_refinement=2.0).run_design(alone, tmp_path / "asked")
+    itself = coarse.run_design(alone, tmp_path / "itself")
+    monkeypatch.setattr(designer, "MOST", 100)
     plain = coarse.run_design(alone, tmp_path / "plain")
-    finer = coarse.updated(check_refinement=2.0).run_design(alone, tmp_path / "finer")
-    assert finer.intervals["angle_deg"] < 0.8 * plain.intervals["angle_deg"]
+    assert overall(plain.figures) is State.NOT_CERTAIN
+    assert asked.intervals["angle_deg"] < 0.8 * plain.intervals["angle_deg"]
+    assert itself.intervals == pytest.approx(asked.intervals)
+    assert itself.metrics == pytest.approx(asked.metrics)
+    words = "figures of a mesh with edges of 1/2 the length"
+    assert words in itself.sentence()
+    assert words not in plain.sentence()
+    # Another mesh is not asked for where the verdict is plain.
+    monkeypatch.undo()
+    sure = coarse.updated(tolerance=0.5, shape_tolerance=0.5, direction_tolerance=30.0)
+    assert words not in sure.run_design(alone, tmp_path / "sure").sentence()

@@ -95,7 +95,9 @@ def narrower(scene: SceneFile, folder: Path, summary: Mapping[str, Any]) -> str:
         return ""
     lines = "start" in scene.kind.described() and scene.config.value("start") == "relaxed"
     also = ", and perhaps other lines" if lines else ""
-    return f". For narrower intervals{also}: toros resume {folder} --set {key}=2"
+    told = summary.get("errors", {}).get("meshes", {})
+    finer = round(2 / min(1.0, *map(float, told)) if told else 2)
+    return f". For narrower intervals{also}: toros resume {folder} --set {key}={finer}"
 
 
 def beyond_tests(scene: SceneFile, used: float | None) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toros_fem.base.errors import NoEquilibriumError, PanelError
+from toros_fem.base.errors import NoEquilibriumError, PanelError, TorosError
 from toros_fem.base.files import guarded, if_possible
 from toros_fem.base.mpi import Distributed, collective, free_dropped, on_first_rank
 from toros_fem.design.loop.carried import CarriedDesign
@@ -33,7 +33,13 @@ from toros_fem.products.actuators.densities import (
     robust_figures,
 )
 from toros_fem.products.actuators.discovery import Discovery, densities_from, discover
-from toros_fem.products.actuators.estimates import MetricErrors, measures_of, metric_errors
+from toros_fem.products.actuators.estimates import (
+    MeshValues,
+    MetricErrors,
+    measures_of,
+    metric_errors,
+    values_at,
+)
 from toros_fem.products.actuators.other_mesh import Again, simulated_on
 from toros_fem.products.actuators.pressure_curve import write_curve
 from toros_fem.products.actuators.result import ActuatorResult, Searched
@@ -50,8 +56,11 @@ if TYPE_CHECKING:  # a scene is designed here, and says so
 log = logging.getLogger(__name__)
 
 # A print is trimmed again by what a finer mesh tells if a figure is off by more than this part of
-# its tolerance.
-AGAIN = 0.5
+# its tolerance, or of the second where the verdict is not certain.
+AGAIN, AGAIN_IF_OPEN = 0.5, 0.25
+# Where coarser meshes leave the verdict open, one with edges so many times shorter tells the
+# figures, if it has at most so many triangles.
+FINER, MOST = 2.0, 100_000
 
 
 @collective("comm", owned=("journal",))
@@ -257,8 +266,7 @@ class Designer(Distributed, DensityDesigner):
         if not self.scene.results.estimate_error:
             return found
         self._check()
-        errors = self._errors(found)
-        return found if errors is None else self._told(found, errors)
+        return self._told(found)
 
     def _finished(self, found: ActuatorResult) -> ActuatorResult:
         """Write a design with its curve, machine files, trial, pictures and last summary."""
@@ -299,32 +307,65 @@ class Designer(Distributed, DensityDesigner):
         write_design(self.output, found)
         return found
 
-    def _told(self, found: ActuatorResult, errors: MetricErrors) -> ActuatorResult:
-        """Return a result with errors, at another pressure if that is better.
+    def _told(self, found: ActuatorResult) -> ActuatorResult:
+        """Return a result with errors, and with the figures of a finer mesh if there is one.
 
-        That is tried if a finer mesh tells a figure off by more than half of its tolerance.
+        That mesh is asked for, or it is tried where its own meshes leave the verdict open.
         """
-        told, printed, made = found.with_errors(errors), found.printed, found.printed.evaluation
-        held = self.scene.pressure.hold_pressure
-        if held or made is None or errors.shape is None or largest_part(told.figures) <= AGAIN:
-            return told
-        own = made.problem.physics.shape_of(made.equilibrium)
-        assert own is not None
-        moved = trimmed(
-            printed,
-            tolerances=told.tolerances,
-            beyond=errors.shape - own,
-            designed=self._designed_pressures(found),
-        )
-        if moved is printed or moved.evaluation is made:
-            return told
-        found = replace(
-            found, printed=moved, metrics=moved.metrics, shape=shape_of(moved.evaluation)
-        )
-        again = self._errors(found)
-        other = found if again is None else found.with_errors(again)
-        better = again is not None and largest_part(other.figures) < largest_part(told.figures)
-        return other if better else told
+        made, level, known = found.printed.evaluation, self._print_level, None
+        if made is None:
+            return found
+        finer = self.scene.checked(level)
+        if finer is None:
+            errors = self._errors(found)
+            found, known = found.with_errors(errors), errors.found
+            count = FINER**2 * len(made.problem.skin.pattern.panel)
+            if overall(found.figures) is not State.NOT_CERTAIN or count > MOST:
+                return found
+            finer = self.scene.finer(level, FINER)
+        self._check()
+        ratio, level = finer
+        try:
+            there = simulated_on(self, level, Again.of(found.printed), ratio)
+        except TorosError as caught:  # raised by all ranks or by none
+            if self.comm.rank == 0:
+                log.warning("the check on a finer mesh is left out: %s", caught)
+            return found if known is not None else found.with_errors(self._errors(found))
+        keys = [*found.printed.metrics, *shape_of(made)]
+        known = {**(known or {}), ratio: values_at(there, keys)}
+        found = found.with_errors(self._errors(found, known))
+        enough = AGAIN_IF_OPEN if overall(found.figures) is State.NOT_CERTAIN else AGAIN
+        if self.scene.pressure.hold_pressure or largest_part(found.figures) <= enough:
+            return found
+        other = self._trimmed_by(found, there)
+        if other is None:
+            return found
+        printed, there = other
+        shape = shape_of(printed.evaluation)
+        moved = replace(found, printed=printed, metrics=printed.metrics, shape=shape)
+        moved = moved.with_errors(self._errors(moved, {ratio: values_at(there, keys)}))
+        return moved if _badness(moved) < _badness(found) else found
+
+    def _trimmed_by(
+        self, found: ActuatorResult, there: Evaluation[Equilibrium]
+    ) -> tuple[PrintedDesign, Evaluation[Equilibrium]] | None:
+        """Return a print at the pressure that suits it best on a finer mesh, and its shape there.
+
+        None if that is the pressure that it has.
+        """
+        printed = found.printed
+        tolerances, designed = found.tolerances, self._designed_pressures(found)
+        fine = replace(printed, evaluation=there)
+        moved = trimmed(fine, tolerances=tolerances, designed=designed).evaluation
+        own = printed.evaluation
+        if moved is None or own is None or moved is there:
+            return None
+        pressures = moved.equilibrium.pressures
+        try:
+            again = own.problem.simulate_binary(own.projected, own, pressure=pressures)
+        except NoEquilibriumError:  # raised by all ranks or by none
+            return None
+        return replace(printed, evaluation=again), moved
 
     def _designed_pressures(self, found: ActuatorResult) -> tuple[float, ...]:
         """Return the pressures of the design before its print was trimmed."""
@@ -335,19 +376,16 @@ class Designer(Distributed, DensityDesigner):
             return made.equilibrium.pressures
         return found.design.pressures
 
-    def _errors(self, found: ActuatorResult) -> MetricErrors | None:
-        """Return the errors of the metrics of a print; None without an equilibrium."""
-        printed, made = found.printed, found.printed.evaluation
-        if made is None:
-            return None
+    def _errors(
+        self, found: ActuatorResult, known: Mapping[float, MeshValues] | None = None
+    ) -> MetricErrors:
+        """Return the errors of the metrics of a print that has an equilibrium."""
+        made, again = found.printed.evaluation, Again.of(found.printed)
+        assert made is not None
         problem = made.problem
         assert isinstance(problem, ShapeDesign)
-        measures = measures_of(problem, [*found.shape])
-        lines, level = found.search.lines, self._print_level
-        finer = None
-        if lines is not None and found.search.laid and made is lines.made.printed.evaluation:
-            finer = lines.finer  # it is of this pressure
-        return metric_errors(self, level, measures, Again.of(printed), problem.whole.pattern, finer)
+        measures, whole = measures_of(problem, [*found.shape]), problem.whole.pattern
+        return metric_errors(self, self._print_level, measures, again, whole, known)
 
     def _on_other_mesh(self, printed: PrintedDesign) -> Evaluation[Equilibrium]:
         """Return the simulated print on the mesh where its trial is repeated."""

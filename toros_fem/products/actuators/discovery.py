@@ -26,7 +26,7 @@ from toros_fem.making.as_printed.as_printed import Shape
 from toros_fem.measures.figures import TOLERANCE
 from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.actuators.estimates import MeshValues, values_on
+from toros_fem.products.actuators.estimates import values_on
 from toros_fem.products.actuators.job import Job
 from toros_fem.products.actuators.line_print import LinePrint, print_of_lines
 from toros_fem.products.actuators.mended_lines import Mending, mending
@@ -97,14 +97,12 @@ class Discovery:
         best: The round whose print is closest to the targets, judged by the finer mesh if there is
             one.
         made: Its print.
-        finer: What a finer mesh tells of this print; None where it was not asked.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
     """
 
     rounds: Sequence[Round]
     best: Round
     made: LinePrint
-    finer: MeshValues | None
     seconds: Mapping[str, float]
 
     def result(self) -> DesignResult:
@@ -181,8 +179,7 @@ def discover(job: Job) -> Discovery:
     while search.misled() and len(rounds) <= most:
         left = most + 1 - len(rounds)
         rounds += correct(search.best[0], search.again, search.enough, left)[1:]
-    best, made, finer = search.told
-    return Discovery(tuple(rounds), best, made, finer, dict(search.seconds))
+    return Discovery(tuple(rounds), *search.told, dict(search.seconds))
 
 
 class _Search:
@@ -193,7 +190,7 @@ class _Search:
         misses: What its shapes are judged by.
         best: The best round and its print. Only this print and the judged one keep their problems.
         finer: The finer mesh, and its edge length over that of the prints; None without one.
-        judged: The best round that it judged, its print, and what this mesh tells of it.
+        judged: The best round that it judged, and its print.
         asked: The round that it was last asked about.
         beyond: That minus what the print's own mesh tells, of the last print with both, at the
             vertices of its mesh, (n, 3), in m.
@@ -207,7 +204,7 @@ class _Search:
         self.misses = misses_of(self.plain)
         self.best: tuple[Round, LinePrint]  # from the first print on
         self.finer = job.scene.checked(job.scene.print_level)
-        self.judged: tuple[Round, LinePrint, MeshValues] | None = None
+        self.judged: tuple[Round, LinePrint] | None = None
         self.asked: Round | None = None
         self.beyond: tuple[Pattern, Floats] | None = None
         self.number = 0
@@ -378,12 +375,11 @@ class _Search:
         return known and before < TOLERANCE <= after.error
 
     @property
-    def told(self) -> tuple[Round, LinePrint, MeshValues | None]:
-        """The best round, its print, and what the finer mesh tells of it, if that is known."""
-        best, made = self.best
-        if self.judged is not None and not best.missed < self.judged[0].missed:
+    def told(self) -> tuple[Round, LinePrint]:
+        """The best round and its print."""
+        if self.judged is not None and not self.best[0].missed < self.judged[0].missed:
             return self.judged
-        return best, made, None
+        return self.best
 
     def _compared(self) -> Round:
         """Judge the best print by the finer mesh, once; return its round, as it is without one."""
@@ -411,7 +407,7 @@ class _Search:
         self.asked = found = replace(best, **_judged(made, strains), compared=True)
         self.best = found, made
         if self.judged is None or found.missed < self.judged[0].missed:
-            self.judged = found, made, there
+            self.judged = found, made
         _report(job.comm, "on a finer mesh", made.problem.metrics, found)
         return found
 

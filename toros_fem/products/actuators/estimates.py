@@ -21,7 +21,7 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.equilibrium.equilibrium import Equilibrium
-from toros_fem.mechanics.readings.error_estimate import half_width
+from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.job import Job
@@ -71,7 +71,7 @@ class MetricErrors:
     """What several meshes tell of a print, and how far that may be off.
 
     Attributes:
-        meshes: Values on each mesh, by its edge length over that of the print's mesh.
+        found: What each mesh tells, by its edge length over that of the print's mesh.
         intervals: Half-width of the interval of each value that is told, by key.
         shape: Shape on the finer mesh at the vertices of the print's mesh, (n, 3), in m; None
             without a finer mesh.
@@ -79,7 +79,7 @@ class MetricErrors:
         seconds: Wall time.
     """
 
-    meshes: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
+    found: Mapping[float, MeshValues] = field(default_factory=dict)
     intervals: Mapping[str, float] = field(default_factory=dict)
     shape: Floats | None = None
     failure: str | None = None
@@ -88,18 +88,21 @@ class MetricErrors:
     @property
     def told(self) -> dict[str, float]:
         """Values that are told, by key: those of the finest mesh."""
-        fine = sorted((ratio for ratio in self.meshes if ratio <= 1), reverse=True)
-        return {key: value for ratio in fine for key, value in self.meshes[ratio].items()}
+        fine = sorted((ratio for ratio in self.found if ratio <= 1), reverse=True)
+        return {key: value for ratio in fine for key, value in self.found[ratio].values.items()}
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as summaries hold it; the intervals are with the figures."""
-        names = ("meshes", "failure", "seconds")
-        return {name: getattr(self, name) for name in names}
+        meshes = {ratio: one.values for ratio, one in self.found.items()}
+        return {"meshes": meshes, "failure": self.failure, "seconds": self.seconds}
 
     @property
     def words(self) -> str:
-        """Why errors are unknown, in words; empty if they are known."""
-        return "" if self.failure is None else "nothing to compare with, so that errors are unknown"
+        """Why errors are unknown, or that a finer mesh tells the figures, in words; or empty."""
+        if self.failure is not None:
+            return "nothing to compare with, so that errors are unknown"
+        finest = min(self.found, default=1.0)
+        return "" if finest >= 1 else f"figures of a mesh with edges of 1/{1 / finest:g} the length"
 
 
 def metric_errors(
@@ -108,7 +111,7 @@ def metric_errors(
     measures: Measures,
     again: Again,
     whole: Pattern,
-    finer: MeshValues | None = None,
+    known: Mapping[float, MeshValues] | None = None,
 ) -> MetricErrors:
     """Return the errors of measures of a print, from the same print on other meshes (collective).
 
@@ -121,22 +124,20 @@ def metric_errors(
             what the shape misses.
         again: The print, and its shape.
         whole: The whole skin, of which a part may be simulated.
-        finer: What the finer mesh tells, if this is known.
+        known: What other meshes tell, as far as this is known.
     """
     begin, scene = time.perf_counter(), job.scene
-    found = {1.0: values_of(*again.near, measures)}
+    found = {1.0: values_of(*again.near, measures), **(known or {})}
     failure = None
     try:
         others = coarser_levels(scene, level)
     except ParameterError as caught:  # raised by all ranks or by none, as below
         others, failure = {}, str(caught)
     if (checked := scene.checked(level)) is not None:
-        ratio, other = checked
-        if finer is None:
-            others[ratio] = other
-        else:
-            found[ratio] = finer
+        others |= [checked]
     for ratio, other in others.items():
+        if ratio in found:
+            continue
         try:
             found[ratio] = values_on(job, other, again, [*measures], ratio)
         except TorosError as caught:
@@ -148,9 +149,8 @@ def metric_errors(
     shape = None if finest == 1 else found[finest].at_vertices(again.near[0])
     intervals = _intervals(found, measures, whole)
     failure = failure if len(found) == 1 else None
-    meshes = {ratio: one.values for ratio, one in found.items()}
     seconds = time.perf_counter() - begin
-    return MetricErrors(meshes, intervals, shape, failure, seconds)
+    return MetricErrors(found, intervals, shape, failure, seconds)
 
 
 @collective("printed.evaluation.problem.comm")
@@ -186,7 +186,7 @@ def print_intervals(printed: PrintedDesign, coarser: Mapping[float, Case]) -> di
     for ratio, case in coarser.items():
         try:
             there = simulated_again(problem.comm, case, rules.scaled(ratio), again, ratio)
-            found[ratio] = values_of(*_read(there, [*measures]))
+            found[ratio] = values_at(there, [*measures])
         except (NoEquilibriumError, PatternError) as caught:  # raised by all ranks or by none
             if problem.comm.rank == 0:
                 log.warning("a coarser mesh is left out of the intervals: %s", caught)
@@ -208,7 +208,7 @@ def values_on(
 
     Keys are those of metrics, and of what the shape misses.
     """
-    return values_of(*_read(simulated_on(job, level, again, ratio), keys))
+    return values_at(simulated_on(job, level, again, ratio), keys)
 
 
 def _intervals(
@@ -225,7 +225,8 @@ def _intervals(
             if ratio > finest
         }
         if changes and finest <= 1:
-            intervals[key] = half_width(changes, key, np.ptp(whole.points, axis=0))
+            edge = edge_of(known[finest].pattern.areas)
+            intervals[key] = half_width(changes, key, np.ptp(whole.points, axis=0), edge)
     return intervals
 
 
@@ -270,9 +271,9 @@ def measures_of(problem: ShapeDesign, keys: Sequence[str]) -> Measures:
     return metrics | dict(zip(missed, quantities_of(problem, missed), strict=True))
 
 
-def _read(made: Evaluation[Equilibrium], keys: Sequence[str]) -> tuple[Pattern, Floats, Measures]:
-    """Return the shape of a print, and what its problem measures (collective)."""
+def values_at(made: Evaluation[Equilibrium], keys: Sequence[str]) -> MeshValues:
+    """Return what a simulated print tells by these keys, as of `values_on` (collective)."""
     problem = made.problem
     assert isinstance(problem, ShapeDesign)
     positions = problem.skin.gather_vertices(made.equilibrium.positions)
-    return problem.skin.pattern, positions, measures_of(problem, keys)
+    return values_of(problem.skin.pattern, positions, measures_of(problem, keys))

@@ -34,7 +34,6 @@ def trimmed(
     share: float = SHARE,
     tolerances: Tolerances = DEFAULT,
     *,
-    beyond: Floats | None = None,
     designed: Sequence[float] | None = None,
 ) -> PrintedDesign:
     """Return a print at the pressure where its worst figure is nearest to its target (collective).
@@ -51,8 +50,6 @@ def trimmed(
         share: Largest change of the pressure, as a fraction of it, at most 0.9; 0 changes
             nothing.
         tolerances: How far figures may be off.
-        beyond: What a finer mesh tells beyond the print's own, at all vertices, (n, 3), in m; None
-            leaves it out.
         designed: Pressures in Pa that the share is of; None takes those of the print.
 
     Raises:
@@ -70,18 +67,15 @@ def trimmed(
     moved = float(np.log(largest / max(designed))) if designed else 0.0
     lowest, highest = np.log1p(-share) - moved, np.log1p(share) - moved
 
-    def shape_of(one: Evaluation[Equilibrium]) -> Floats:
-        return _shape(one) if beyond is None else _shape(one) + beyond
-
     ranges = problem.physics.pressure_ranges
     for own, given, bounds in zip(at, problem.physics.pressures, ranges, strict=True):
         if own > 0:
             highest = min(highest, float(np.log((bounds[1] if bounds else given) / own)))
-    least, total = _worst(problem, shape_of(made), tolerances), 0.0
+    least, total = _worst(problem, _shape(made), tolerances), 0.0
     for _ in range(ROUNDS):
         if least <= ENOUGH or not highest > lowest:
             break
-        shape, motion = shape_of(made), _motion(problem, made.equilibrium)
+        shape, motion = _shape(made), _motion(problem, made.equilibrium)
         steps = np.linspace(lowest, highest, SAMPLES) - total
         promised = [_worst(problem, shape + step * motion, tolerances) for step in steps]
         best = int(np.argmin(promised))
@@ -94,7 +88,7 @@ def trimmed(
             )
         except NoEquilibriumError:  # raised by all ranks or by none
             break
-        worst = _worst(problem, shape_of(other), tolerances)
+        worst = _worst(problem, _shape(other), tolerances)
         if worst >= least:
             break
         made, least, total = other, worst, total + float(steps[best])
