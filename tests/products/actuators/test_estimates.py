@@ -17,7 +17,12 @@ from toros_fem.measures.figures import Figure
 from toros_fem.mechanics.readings.error_estimate import edge_of, half_width
 from toros_fem.meshes import Pattern
 from toros_fem.products.actuators import estimates
-from toros_fem.products.actuators.estimates import MeshValues, MetricErrors, metric_errors, trial_intervals
+from toros_fem.products.actuators.estimates import (
+    MeshValues,
+    MetricErrors,
+    metric_errors,
+    trial_intervals,
+)
 from toros_fem.products.actuators.other_mesh import Again
 from toros_fem.products.tubes.bend import BendScene
 

@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 import toros_fem as tf
 from toros_fem.base.errors import ParameterError
-from toros_fem.products.actuators.trim import worst_of_print
+from toros_fem.measures.figures import Tolerances
+from toros_fem.products.actuators.trim import _worst, worst_of_print
 from toros_fem.products.tubes.bend import BendScene
 
 SCENE = BendScene.of(
