@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -112,10 +112,17 @@ class DensityDesigner(Job):
         return made
 
     def corrected(
-        self, result: DesignResult, printed: PrintedDesign
+        self,
+        result: DesignResult,
+        printed: PrintedDesign,
+        print_of: Callable[[DesignResult], PrintedDesign] | None = None,
+        branch: str = "correction",
     ) -> tuple[DesignResult, PrintedDesign, int]:
-        """Return a design and its print after corrections, and the number of these."""
-        rounds = 0
+        """Return a design and its print after corrections, and the number of these.
+
+        None makes prints as of `print_of`. The journal has a branch of its own.
+        """
+        rounds, make = 0, print_of or self.print_of
 
         def expect(last: DesignResult) -> None:
             more = last.history[-1].iteration + self.scene.design.level_iterations
@@ -125,7 +132,7 @@ class DensityDesigner(Job):
             nonlocal rounds
             rounds += 1
             expect(again)
-            return self.print_of(again)
+            return make(again)
 
         expect(result)
         found = corrected(
@@ -136,7 +143,7 @@ class DensityDesigner(Job):
             rounds=self.scene.design.corrections,
             tolerances=self.scene.results.tolerances,
             callback=self.reporter,
-            journal=self.branch("correction"),
+            journal=self.branch(branch),
         )
         return *found, rounds
 

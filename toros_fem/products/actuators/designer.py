@@ -320,7 +320,8 @@ class Designer(Distributed, DensityDesigner):
             errors = self._errors(found)
             found, known = found.with_errors(errors), errors.found
             count = FINER**2 * len(made.problem.skin.pattern.panel)
-            if overall(found.figures) is not State.NOT_CERTAIN or count > MOST:
+            told = errors.failure is None and overall(found.figures) is not State.NOT_CERTAIN
+            if told or count > MOST:
                 return found
             finer = self.scene.finer(level, FINER)
         self._check()
@@ -331,41 +332,84 @@ class Designer(Distributed, DensityDesigner):
             if self.comm.rank == 0:
                 log.warning("the check on a finer mesh is left out: %s", caught)
             return found if known is not None else found.with_errors(self._errors(found))
-        keys = [*found.printed.metrics, *shape_of(made)]
-        known = {**(known or {}), ratio: values_at(there, keys)}
-        found = found.with_errors(self._errors(found, known))
-        enough = AGAIN_IF_OPEN if overall(found.figures) is State.NOT_CERTAIN else AGAIN
-        if self.scene.pressure.hold_pressure or largest_part(found.figures) <= enough:
-            return found
-        other = self._trimmed_by(found, there)
-        if other is None:
-            return found
-        printed, there = other
-        shape = shape_of(printed.evaluation)
-        moved = replace(found, printed=printed, metrics=printed.metrics, shape=shape)
-        moved = moved.with_errors(self._errors(moved, {ratio: values_at(there, keys)}))
-        return moved if _badness(moved) < _badness(found) else found
+        found = self._there(found, there, ratio, known)
+        for improved in (self._trimmed_there, self._corrected_there):
+            enough = AGAIN_IF_OPEN if overall(found.figures) is State.NOT_CERTAIN else AGAIN
+            if largest_part(found.figures) <= enough:
+                break
+            other = improved(found, there, finer)
+            if other is not None and _badness(other[0]) < _badness(found):
+                found, there = other
+            del other
+            free_dropped(self.comm)
+        return found
 
-    def _trimmed_by(
-        self, found: ActuatorResult, there: Evaluation[Equilibrium]
-    ) -> tuple[PrintedDesign, Evaluation[Equilibrium]] | None:
-        """Return a print at the pressure that suits it best on a finer mesh, and its shape there.
+    def _there(
+        self,
+        found: ActuatorResult,
+        there: Evaluation[Equilibrium],
+        ratio: float,
+        known: Mapping[float, MeshValues] | None = None,
+    ) -> ActuatorResult:
+        """Return a result with errors, and with what a print tells on a finer mesh."""
+        values = values_at(there, [*found.printed.metrics, *found.shape])
+        return found.with_errors(self._errors(found, {**(known or {}), ratio: values}))
 
-        None if that is the pressure that it has.
+    def _trimmed_there(
+        self, found: ActuatorResult, there: Evaluation[Equilibrium], finer: tuple[float, Level]
+    ) -> tuple[ActuatorResult, Evaluation[Equilibrium]] | None:
+        """Return a result at the pressure that suits its print best on a finer mesh.
+
+        With it comes the print on that mesh. None if that is the pressure that it has.
         """
-        printed = found.printed
+        if self.scene.pressure.hold_pressure:
+            return None
+        fine = replace(found.printed, evaluation=there)
         tolerances, designed = found.tolerances, self._designed_pressures(found)
-        fine = replace(printed, evaluation=there)
         moved = trimmed(fine, tolerances=tolerances, designed=designed).evaluation
-        own = printed.evaluation
-        if moved is None or own is None or moved is there:
+        if moved is None or moved is there:
             return None
-        pressures = moved.equilibrium.pressures
-        try:
-            again = own.problem.simulate_binary(own.projected, own, pressure=pressures)
-        except NoEquilibriumError:  # raised by all ranks or by none
+        printed = _at_pressures(found.printed, moved.equilibrium.pressures)
+        if printed.evaluation is None:
             return None
-        return replace(printed, evaluation=again), moved
+        other = self._found(found.design, printed, found.search)
+        return self._there(other, moved, finer[0]), moved
+
+    def _corrected_there(
+        self, found: ActuatorResult, there: Evaluation[Equilibrium], finer: tuple[float, Level]
+    ) -> tuple[ActuatorResult, Evaluation[Equilibrium]] | None:
+        """Return a design that went on towards what its print misses on a finer mesh.
+
+        With it comes its print on that mesh. None if that is no better, or if lines were laid.
+        """
+        if found.search.laid:
+            return None
+        kept: list[tuple[PrintedDesign, PrintedDesign]] = []
+        ratio, level = finer
+
+        def print_again(result: DesignResult) -> PrintedDesign:
+            own = self.print_of(result)
+            if own.evaluation is None:
+                return own
+            try:
+                other = simulated_on(self, level, Again.of(own), ratio)
+            except TorosError as caught:  # raised by all ranks or by none
+                return replace(own, evaluation=None, failure=str(caught))
+            fine = self.trimmed(replace(own, evaluation=other))
+            assert fine.evaluation is not None
+            if fine.evaluation is not other:
+                own = _at_pressures(own, fine.evaluation.equilibrium.pressures)
+            kept.append((fine, own))
+            return fine
+
+        start = replace(found.printed, evaluation=there)
+        result, fine, rounds = self.corrected(found.design, start, print_again, "finer-correction")
+        own = next((own for made, own in kept if made is fine), None)
+        if own is None or own.evaluation is None or fine.evaluation is None:
+            return None
+        search = replace(found.search, rounds=found.search.rounds + rounds)
+        other = self._found(result, own, search)
+        return self._there(other, fine.evaluation, ratio), fine.evaluation
 
     def _designed_pressures(self, found: ActuatorResult) -> tuple[float, ...]:
         """Return the pressures of the design before its print was trimmed."""
@@ -403,6 +447,17 @@ class Designer(Distributed, DensityDesigner):
 def _badness(found: ActuatorResult) -> tuple[bool, float]:
     """Return whether a print does not certainly reach its targets, and its worst figure."""
     return overall(found.figures) is not State.REACHED, largest_part(found.figures)
+
+
+def _at_pressures(printed: PrintedDesign, pressures: Sequence[float]) -> PrintedDesign:
+    """Return a print at other pressures, on its own mesh (collective)."""
+    own = printed.evaluation
+    assert own is not None
+    try:
+        made = own.problem.simulate_binary(own.projected, own, pressure=pressures)
+    except NoEquilibriumError as caught:  # raised by all ranks or by none
+        return replace(printed, evaluation=None, failure=str(caught))
+    return replace(printed, evaluation=made)
 
 
 def _draw_lines(folder: Path, found: ActuatorResult) -> None:
