@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.designs import DESIGN_ALONE
@@ -55,3 +56,28 @@ def test_a_finer_mesh_narrows_the_interval(
     monkeypatch.undo()
     sure = coarse.updated(tolerance=0.5, shape_tolerance=0.5, direction_tolerance=30.0)
     assert words not in sure.run_design(alone, tmp_path / "sure").sentence()
+
+
+def test_a_design_goes_on_towards_what_it_misses_on_a_finer_mesh(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The better of both is told, with its shape on that mesh."""
+    pairs: list[Any] = []
+    corrected = designer.Designer._corrected_there
+
+    def spy(self: Any, found: ActuatorResult, *given: Any) -> Any:
+        other = corrected(self, found, *given)
+        pairs.append((found, other))
+        return other
+
+    monkeypatch.setattr(designer.Designer, "_corrected_there", spy)
+    scene = SCENE.updated(estimate_error=True, pressure=7e3, corrections=1, seed=4)
+    made = scene.run_design(alone, tmp_path / "made")
+    ((before, (after, there)),) = pairs
+    assert miss(after) < miss(before)
+    assert miss(made) == pytest.approx(miss(after), rel=1e-9)
+    assert made.errors is not None
+    problem = there.problem
+    told = problem.metrics_of(there.equilibrium)
+    assert made.errors.found[0.5].values["angle_deg"] == pytest.approx(told["angle_deg"], rel=1e-9)
+    assert made.search.rounds > before.search.rounds
