@@ -111,12 +111,12 @@ def _binary_stl(content: bytes) -> Content:
     facet = np.dtype([("floats", "<f4", (4, 3)), ("attribute", "<u2")])
     corners = np.frombuffer(content, facet, there, HEADER)["floats"][:, 1:].astype(np.float64)
     largest = np.abs(corners).max(axis=(1, 2))
-    # Beyond the told number there may be facets, or anything: that is no facet if it is nowhere.
+    # Beyond a number that may be right there are facets, or anything: what is nowhere is none.
     with np.errstate(invalid="ignore"):
         apart = (corners != corners[:, :1]).any(axis=(1, 2))
         usual = np.sort(largest[apart & np.isfinite(largest)])
         sound = apart & (largest <= FAR * usual[len(usual) // 2 :].min(initial=np.inf))
-    taken = sound | (np.arange(there) < count)
+    taken = sound | (np.arange(there) < count * (count <= there))
     notes = []
     if taken.sum() != count:
         notes.append(f"Its header says {count} facets, and it holds {taken.sum()}, which are read.")
@@ -362,17 +362,21 @@ def _ply_row(
 
 def _msh(path: Path) -> Content:
     """Read a file by gmsh, but for groups of version 2, which stand at each triangle there."""
-    with path.open("rb") as file:
-        begin = file.read(200)
+    content = path.read_bytes()
     # gmsh would run any other file as its script.
-    if not begin.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
+    if not content.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
         return _other(path)
-    if re.match(rb"\$MeshFormat\s+2", begin):
-        try:
-            return _other(path, "gmsh")
-        except (Exception, SystemExit):  # gmsh reads parametric nodes, for instance
-            return _by_gmsh(path)
-    return _by_gmsh(path)
+    if re.search(rb"\$MeshFormat\s+2", content[:1000]) is None:
+        return _by_gmsh(path)
+    try:
+        found = _other(path, "gmsh")
+    except (Exception, SystemExit):  # gmsh reads parametric nodes, for instance
+        return _by_gmsh(path)
+    # For meshio groups of one name are a single one.
+    section = re.search(rb"\$PhysicalNames(.*?)\$EndPhysicalNames", content, re.S)
+    named = re.findall(rb'^\s*2\s+(\d+)\s+"([^"]*)"', section[1] if section else b"", re.M)
+    found.names = {int(tag): _text(name) for tag, name in named}
+    return found
 
 
 def _by_gmsh(path: Path) -> Content:
