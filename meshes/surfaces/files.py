@@ -237,7 +237,9 @@ def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, Content]:
         )
     faces, lines = content.faces, content.lines
     square = faces[:, 3] != NONE
-    for kind, corners in (("triangle", faces[~square, :3]), ("quad", faces[square]), ("line", lines)):
+    for kind, corners in (
+        ("triangle", faces[~square, :3]), ("quad", faces[square]), ("line", lines)
+    ):  # fmt: skip
         wrong = corners[(corners < 0) | (corners >= len(points))]
         if len(wrong):
             raise SurfaceError(
@@ -300,8 +302,8 @@ def _smallest_groups(
     """
     number = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].ravel()
     pairs = np.unique(np.column_stack([number, tags]), axis=0)
-    size = dict(zip(*np.unique(pairs[:, 1], return_counts=True), strict=True))
-    pairs = pairs[np.lexsort([pairs[:, 1], [size[tag] for tag in pairs[:, 1]], pairs[:, 0]])]
+    group, size = np.unique(pairs[:, 1], return_inverse=True, return_counts=True)[1:]
+    pairs = pairs[np.lexsort((pairs[:, 1], size[group.ravel()], pairs[:, 0]))]
     chosen = np.append(True, pairs[1:, 0] != pairs[:-1, 0])
     of_number = np.zeros(number.max() + 1, dtype=np.int64)
     of_number[pairs[chosen, 0]] = pairs[chosen, 1]
@@ -349,7 +351,8 @@ def _component(path: Path, points: Floats, triangles: Ints, component: int | Non
         shown = ", ".join(f"{area[k]:.3g}" for k in order[:5])
         raise SurfaceError(
             f"{path} holds {len(area)} components, of {shown}{', …' if len(area) > 5 else ''} m². "
-            f"{gap_hint(points, triangles)}Choose one by `component` (0 is the largest), or connect them before saving."
+            f"{gap_hint(points, triangles)}Choose one by `component` (0 is the largest), or "
+            "connect them before saving."
         )
     if component is not None and component >= len(area):
         raise SurfaceError(f"component = {component}, but {path} holds {len(area)}, from 0 on.")

@@ -458,8 +458,9 @@ def _xdmf(path: Path) -> Content:
             names[len(names)] = label
             faces.append(_faces(cells[values == value]))
             tags.append(np.full(np.sum(values == value), len(names) - 1))
-    return _without_untagged(Content(points, _stacked(faces, 4), _stacked(tags, 0),
-                                     _stacked(lines, 2), names))
+    return _without_untagged(
+        Content(points, _stacked(faces, 4), _stacked(tags, 0), _stacked(lines, 2), names)
+    )
 
 
 def _without_untagged(found: Content) -> Content:
@@ -550,7 +551,7 @@ def _tagged(mesh: Any, name: str) -> bool:
 
 
 def _text(content: bytes) -> str:
-    """Decode a text file of any program, with `\\n` as ends of lines."""
+    """Decode a text file of any program, whose lines end as those of Unix do."""
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         text = content.decode("utf-16", errors="replace")
     else:

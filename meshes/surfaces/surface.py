@@ -122,7 +122,8 @@ def holes(surface: Surface) -> str:
     edges = edges_of(surface.triangles)
     ends = edges.ends[edges.border]
     used, local = np.unique(ends, return_inverse=True)
-    label = linked(*local.reshape(-1, 2).T, len(used))
+    one, two = local.reshape(-1, 2).T
+    label = linked(one, two, len(used))
     rims = [surface.points[used[label == k]] for k in range(label.max(initial=-1) + 1)]
     wide = max(rims, key=lambda rim: float(np.ptp(rim, axis=0).max()))
     across, (x, y, z) = np.ptp(wide, axis=0).max(), wide.mean(axis=0)
