@@ -7,8 +7,12 @@ a wrong facet count or an `end loop`, drop lines and groups, or sort vertices an
 from __future__ import annotations
 
 import codecs
+import io
 import itertools
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +23,6 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.meshes.gmsh_model import gmsh_model
 
 # Names of the cell data that hold the part of each triangle; the first one found counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
@@ -29,6 +32,8 @@ NO_FACES = ("vertex", "line", "tetra", "hexahedron", "wedge", "pyramid")
 HEADER, FACET = 84, 50
 # What lies beyond the median facet of a binary STL by this factor is no facet.
 FAR = 1e3
+# Time in s in which gmsh reads a file.
+SECONDS, SECONDS_PER_MEGABYTE = 20.0, 10.0
 EARLY = "it ends before all that its header tells"
 # Types of numbers in a PLY file.
 PLY_TYPES = {
@@ -366,12 +371,10 @@ def _msh(path: Path) -> Content:
     # gmsh would run any other file as its script.
     if not content.startswith((b"$MeshFormat", b"$Comments", b"$NOD")):
         return _other(path)
-    if re.search(rb"\$MeshFormat\s+2", content[:1000]) is None:
+    old = re.search(rb"\$MeshFormat\s+2", content[:1000]) is not None
+    if not old or b"$ParametricNodes" in content:
         return _by_gmsh(path)
-    try:
-        found = _other(path, "gmsh")
-    except (Exception, SystemExit):  # gmsh reads parametric nodes, for instance
-        return _by_gmsh(path)
+    found = _other(path, "gmsh")
     # For meshio groups of one name are a single one.
     section = re.search(rb"\$PhysicalNames(.*?)\$EndPhysicalNames", content, re.S)
     named = re.findall(rb'^\s*2\s+(\d+)\s+"([^"]*)"', section[1] if section else b"", re.M)
@@ -380,45 +383,38 @@ def _msh(path: Path) -> Content:
 
 
 def _by_gmsh(path: Path) -> Content:
-    with gmsh_model(1.0) as gmsh:
-        model, mesh = gmsh.model, gmsh.model.mesh
-        gmsh.merge(str(path))
-        node, coordinates, _ = mesh.getNodes()
-        if not len(node):
-            raise ValueError("it has no nodes")
-        order = np.argsort(node)
-        node, points = node[order], np.asarray(coordinates, float).reshape(-1, 3)[order]
-        faces, tags, other, lines = [], [], [], []
-        grouped = bool(model.getPhysicalGroups(2))
-        for dimension, entity in model.getEntities():
-            groups = model.getPhysicalGroupsForEntity(dimension, entity) if grouped else [entity]
-            for kind, found in zip(*mesh.getElements(dimension, entity)[::2], strict=True):
-                name, _, degree, corners, *_ = mesh.getElementProperties(kind)
-                if dimension not in (1, 2):
-                    continue
-                numbers = np.searchsorted(node, found)
-                if not np.array_equal(node[np.minimum(numbers, len(node) - 1)], found):
-                    raise ValueError("an element has a node that is not there")
-                numbers = numbers.reshape(-1, corners)
-                if degree != 1 or corners > 4:
-                    other.append(f"{len(numbers)} of type {name}")
-                elif dimension == 1:
-                    lines.append(numbers)
-                else:
-                    for group in groups if len(groups) else [0]:
-                        faces.append(_faces(numbers))
-                        tags.append(np.full(len(numbers), abs(group)))
-        names = {tag: model.getPhysicalName(2, tag) for _, tag in model.getPhysicalGroups(2)}
-    return _told_rest(
-        Content(
-            points, _stacked(faces, 4), _stacked(tags, 0), _stacked(lines, 2),
-            {tag: name for tag, name in names.items() if name}, other,
-        ),
-        grouped,
-    )  # fmt: skip
+    """Read a file by gmsh in another process, since damaged files break its memory."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name("msh_process.py")), str(path)]
+    # A gmsh that was built with MPI must not take part in ours.
+    apart = {key: of for key, of in os.environ.items() if not key.startswith(("OMPI", "PMI"))}
+    seconds = SECONDS + SECONDS_PER_MEGABYTE * path.stat().st_size / 1e6
+    try:
+        done = subprocess.run(
+            command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL,
+            env=apart,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise TimeoutError from None
+    if done.returncode:
+        said = _text(done.stderr).strip().split("\n")
+        raise ValueError(said[-1] if done.returncode == 1 and said[-1] else "it is damaged")
+    with np.load(io.BytesIO(done.stdout)) as found:
+        sizes = [size for size in ("3", "4") if size in found]
+        named = zip(found["physical"].tolist(), found["names"].tolist(), strict=True)
+        return _told_rest(
+            Content(
+                found["points"],
+                _stacked([_faces(found[size]) for size in sizes], 4),
+                _stacked([found[f"group {size}"] for size in sizes], 0),
+                _stacked([found["line"]] if "line" in found else [], 2),
+                {tag: name for tag, name in named if name},
+                found["other"].tolist(),
+            ),
+            grouped=bool(len(found["physical"])),
+        )
 
 
-def _told_rest(found: Content, grouped: bool) -> Content:
+def _told_rest(found: Content, *, grouped: bool) -> Content:
     """Tell the faces outside of all groups, where there are groups."""
     rest = int(np.sum(found.tags == 0))
     if grouped and 0 < rest < len(found.tags):
@@ -539,7 +535,7 @@ def _other(path: Path, file_format: str | None = None) -> Content:
         np.asarray(mesh.points), _stacked(faces, 4), _stacked(tags, 0), _stacked(lines, 2),
         names, other,
     )  # fmt: skip
-    return _told_rest(found, _tagged(mesh, "gmsh:physical"))
+    return _told_rest(found, grouped=_tagged(mesh, "gmsh:physical"))
 
 
 def _tagged(mesh: Any, name: str) -> bool:

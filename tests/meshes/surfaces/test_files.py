@@ -139,6 +139,20 @@ def test_seams_elsewhere_are_dropped(alone: MPI.Comm, tmp_path: Path) -> None:
     assert len(found.seams) == 1
 
 
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        (0.06, "Metres? Give scale = 1."),
+        (2.36, "0.0254 for inches (0.06 m), 0.01 for centimetres (0.024 m)"),
+        (60, "1e-3 for millimetres (0.06 m), 0.0254 for inches (1.5 m), 0.01 for centi"),
+        (1500, "Millimetres? Give scale = 1e-3."),
+        (1e5, "Is `scale`"),
+    ],
+)
+def test_units_that_fit(size: float, told: str) -> None:
+    assert told in files.unit_hint(size)
+
+
 def test_quads_are_split(alone: MPI.Comm, tmp_path: Path) -> None:
     points = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 1, 0]]) * 1e-2
     path = write(alone, tmp_path / "quad.obj", points, [("quad", np.array([[0, 1, 2, 3]]))])
