@@ -76,6 +76,8 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Content:
         raise failure(f"there is no file {path}.")
     if path.stat().st_size > MOST_BYTES["mesh"]:
         raise failure(f"{path} is longer than {MOST_BYTES['mesh']} bytes. Save a coarser mesh.")
+    if path.stat().st_size == 0:
+        raise failure(f"{path} is empty. Save it again, as {formats}.")
     printed = io.StringIO()
     try:
         with (
@@ -96,10 +98,12 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Content:
             f"counts are wrong. Save it again, as {formats}."
         ) from None
     except (Exception, SystemExit) as error:
-        kind = "" if type(error) in (ValueError, Exception) else f"{type(error).__name__}: "
+        ours = type(error) is ValueError
+        kind = "" if ours else f"{type(error).__name__}: "
         why = " ".join((printed.getvalue().strip() or f"{kind}{error}").split()).rstrip(".")
         why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
-        raise failure(f"{path} cannot be read as a mesh: {why}. Save it as {formats}.") from error
+        why = f": {why}" if ours else f" ({why})"
+        raise failure(f"{path} cannot be read as a mesh{why}. Save it as {formats}.") from error
 
 
 @contextlib.contextmanager

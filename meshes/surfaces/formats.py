@@ -95,7 +95,9 @@ def _stl(path: Path) -> Content:
     # Some binary files begin with "solid" too; their length tells them.
     told = HEADER + FACET * int.from_bytes(content[80:HEADER], "little")
     text = "" if len(content) == told else _text(content)
-    corners = re.findall(r"^\s*(?:(facet)\b|vertex\s+(\S+)\s+(\S+)\s+(\S+))", text, re.I | re.M)
+    corners = re.findall(
+        r"^[ \t]*(?:(facet)\b|vertex[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+))", text, re.I | re.M
+    )
     if re.match(r"\s*(solid|facet)\b", text, re.I) and any(one[1] for one in corners):
         facets = sum(1 for one in corners if one[0])
         points = _numbers([word for one in corners if one[1] for word in one[1:]]).reshape(-1, 3)
@@ -110,8 +112,8 @@ def _stl(path: Path) -> Content:
 
 def _binary_stl(content: bytes) -> Content:
     there, rest = divmod(len(content) - HEADER, FACET)
-    if there < 1:
-        raise ValueError("it has no line 'vertex' with three numbers, and no binary facet")
+    if there < 1 or b"\0" not in content:  # as there is in a facet's attribute
+        raise ValueError("it has no line 'vertex' with three numbers, and no binary facets")
     count = int.from_bytes(content[80:HEADER], "little")
     facet = np.dtype([("floats", "<f4", (4, 3)), ("attribute", "<u2")])
     corners = np.frombuffer(content, facet, there, HEADER)["floats"][:, 1:].astype(np.float64)
@@ -179,6 +181,8 @@ def _obj(path: Path) -> Content:
                 f"line {place} of it, {shown[:60]!r}, does not give "
                 f"{'three coordinates' if word[0] == 'v' else 'vertices'} as numbers"
             ) from error
+    if not points:
+        raise ValueError("it has no line 'v' with three coordinates")
     known = {tag: name for name, tag in groups.items()}
     notes = [f"Its group {known[one]!r} comes {k} times, and is one." for one, k in begun.twice]
     if weighted:

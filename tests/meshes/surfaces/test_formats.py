@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.meshes import from_mesh, moulded, read_surface
 from toros_fem.meshes.surfaces.formats import content_of
 from toros_fem.meshes.surfaces.surface import Surface, volume
@@ -94,7 +95,6 @@ def test_what_no_stl_is(caplog: pytest.LogCaptureFixture) -> None:
     """The message tells what is wrong with this file."""
     text = "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 x\n"
     for content, why in {
-        "": "no line 'vertex' with three numbers",
         "solid\nendsolid": "no line 'vertex' with three numbers",
         text: "'x' stands in place of a number",
         text.replace(" x", " 0\nfacet\nvertex 0 0 0"): "2 facets have 4 corners",
@@ -304,7 +304,7 @@ def test_xdmf_of_dolfinx(tmp_path: Path, tagged: str) -> None:
     assert sizes == wanted
 
 
-# --------------------------------------------------------------------------------- corners, targets
+# ------------------------------------------------------------------------- corners, targets, bodies
 
 
 @pytest.mark.parametrize("apart", [1e-8, 1e-6, 1e-4])
@@ -321,6 +321,12 @@ def test_corners_that_nearly_meet(apart: float, caplog: pytest.LogCaptureFixture
     with caplog.at_level(logging.WARNING, logger="toros_fem"):
         require_ball(read("ball.obj", text), 1e-4)
     assert ("were merged, which closes it" in caplog.text) == (apart > 1e-7)
+
+
+def test_a_body_is_read_as_a_skin(tmp_path: Path) -> None:
+    (tmp_path / "ball.stl").write_bytes(binary_stl(0) + b"made by a program")
+    body = rigid_mesh(ALONE, "ball", tmp_path / "ball.stl")
+    assert body.volume == pytest.approx(volume(POINTS, TRIANGLES), rel=1e-6)
 
 
 def test_a_target_keeps_its_order(tmp_path: Path) -> None:
