@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import io
-import itertools
+import logging
 import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import meshio
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
@@ -22,6 +20,7 @@ from toros_fem.base.errors import SurfaceError, TargetError, TorosError, UnitErr
 from toros_fem.base.files import MOST_BYTES
 from toros_fem.base.mpi import on_root
 from toros_fem.base.validation import (
+    LONGEST_NAME,
     checked_path,
     real_numbers,
     require_count,
@@ -29,7 +28,15 @@ from toros_fem.base.validation import (
     require_positive,
 )
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.surfaces.repair import DROPPED, KINDS, MERGED, REVERSED, remove_thin, weld
+from toros_fem.meshes.surfaces.formats import NONE, Content, content_of
+from toros_fem.meshes.surfaces.repair import (
+    DROPPED,
+    KINDS,
+    MERGED,
+    REVERSED,
+    remove_thin,
+    weld,
+)
 from toros_fem.meshes.surfaces.surface import Surface, oriented, volume
 from toros_fem.meshes.triangles import (
     edge_keys,
@@ -40,42 +47,49 @@ from toros_fem.meshes.triangles import (
 )
 
 FORMATS, DEFORMED_FORMATS = "STL, OBJ, PLY, MSH or XDMF", "OBJ, PLY or VTU"
+log = logging.getLogger(__name__)
 # Some of meshio's readers look for the next line of a file that has ended, and never return. These
 # times in s are far beyond those of good files.
 SECONDS, SECONDS_PER_MEGABYTE = 5.0, 60.0
-# Characters of the longest message of meshio that is passed on.
+# Characters of the longest message of a library that is passed on.
 LONGEST = 160
 # Largest sides in m of a bounding box beyond which a unit is in doubt.
 SMALLEST, LARGEST = 1e-4, 10.0
-# Units that files come in, their length in m, and the sizes in them that surfaces have.
-UNITS = (("Metres", "1", 5e-3, 5.0), ("Millimetres", "1e-3", 5.0, 1e4))
-# Names of the cell data that hold the part of each triangle; the first one found counts.
-PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
+# Sizes in m that skins have.
+USUAL = (5e-3, 2.0)
+# Units that files come in, and their length in m as `scale`, the most frequent ones first.
+UNITS = (("Millimetres", "1e-3"), ("Metres", "1"), ("Inches", "0.0254"), ("Centimetres", "0.01"))
+# Corners that belong together may be apart by this fraction of the size, if the surface closes.
+NEAR = 1e-5
+# Fractions of the size within which corners that are not merged are looked for, to be told.
+GAPS = (NEAR, 1e-4, 1e-3, 1e-2)
 # Corners that are apart by this fraction of the skin's size are different vertices.
 APART = 1e-5
 
 
-def load(path: Path, failure: type[TorosError], formats: str) -> Any:
-    """Read a mesh file by meshio; where this fails, an error suggests formats, "OBJ or PLY".
+def load(path: Path, failure: type[TorosError], formats: str) -> Content:
+    """Read a mesh file; where this fails, an error suggests formats, "OBJ or PLY".
 
-    Where meshio cannot read a file, it prints, and may call `sys.exit`: both become an error.
+    Where a library cannot read a file, it prints, and may call `sys.exit`: both become an error.
     """
     if not path.is_file():
         raise failure(f"there is no file {path}.")
     if path.stat().st_size > MOST_BYTES["mesh"]:
         raise failure(f"{path} is longer than {MOST_BYTES['mesh']} bytes. Save a coarser mesh.")
+    if path.stat().st_size == 0:
+        raise failure(f"{path} is empty. Save it again, as {formats}.")
     printed = io.StringIO()
     try:
         with (
             interrupted_after(SECONDS + SECONDS_PER_MEGABYTE * path.stat().st_size / 1e6),
             contextlib.redirect_stdout(printed),
             contextlib.redirect_stderr(printed),
-            np.errstate(over="ignore"),
+            np.errstate(over="ignore", invalid="ignore"),
         ):
-            return meshio.read(path)
+            return content_of(path)
     except ImportError as error:
         raise failure(
-            f"{path} cannot be read as a mesh, since meshio lacks a package for its format "
+            f"{path} cannot be read as a mesh, since Python lacks a package for its format "
             f"({error}). Save it as {formats}, or install that package."
         ) from error
     except TimeoutError:
@@ -84,9 +98,12 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Any:
             f"counts are wrong. Save it again, as {formats}."
         ) from None
     except (Exception, SystemExit) as error:
-        why = " ".join((printed.getvalue().strip() or f"{type(error).__name__}: {error}").split())
+        ours = type(error) is ValueError
+        kind = "" if ours else f"{type(error).__name__}: "
+        why = " ".join((printed.getvalue().strip() or f"{kind}{error}").split()).rstrip(".")
         why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
-        raise failure(f"{path} cannot be read as a mesh ({why}). Save it as {formats}.") from error
+        why = f": {why}" if ours else f" ({why})"
+        raise failure(f"{path} cannot be read as a mesh{why}. Save it as {formats}.") from error
 
 
 @contextlib.contextmanager
@@ -111,34 +128,6 @@ def interrupted_after(seconds: float) -> Iterator[None]:
         watch.cancel()
 
 
-def obj_lines(path: Path) -> Ints:
-    """Read the ends of the line elements of an OBJ file, (k, 2), which meshio ignores."""
-    ends: list[tuple[int, int]] = []
-    vertices = 0
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, 1):
-            word = line.split()
-            vertices += word[:1] == ["v"]
-            if word[:1] != ["l"]:
-                continue
-            try:
-                chain = [int(item.split("/")[0]) for item in word[1:]]
-            except ValueError as error:
-                raise SurfaceError(
-                    f"line {number} of {path}, {line.strip()!r}, does not give vertices as "
-                    "numbers. Export it again, or delete the line."
-                ) from error
-            # Negative numbers count back from the last vertex so far.
-            ends += itertools.pairwise(k - 1 if k >= 0 else vertices + k for k in chain)
-    return np.array(ends, dtype=np.int64).reshape(-1, 2)
-
-
-def cells(mesh: Any, kind: str, corners: int) -> Ints:
-    """Return all cells of a kind, such as "line", (k, corners)."""
-    blocks = [block.data for block in mesh.cells if block.type == kind]
-    return np.concatenate([*blocks, np.zeros((0, corners), dtype=np.int64)]).astype(np.int64)
-
-
 # ------------------------------------------------------------------------------------ surfaces
 
 
@@ -148,12 +137,14 @@ def read_surface(
 ) -> Surface:
     """Read a surface from a mesh file, repaired and oriented, the same on all ranks (collective).
 
-    Coincident vertices are merged (an STL repeats each one), copies of triangles dropped,
-    quadrilaterals split at their shorter diagonal, needles collapsed and caps flipped. Triangles
+    Coincident vertices are merged (an STL repeats each one), and nearly coincident ones, within
+    1e-5 of the size, where that closes the surface. Copies of triangles are dropped, quadrilaterals
+    split at their shorter diagonal, needles collapsed and caps flipped. Triangles
     are reversed to agree with their neighbours and, if the surface is closed, to face outwards.
     `Surface.repairs` tells the repairs. Vertices are numbered in the order in which the triangles
     use them, so that the format does not matter. Line elements become seams, cell groups become
-    parts. Points of two coordinates lie in z = 0.
+    parts; a triangle of several groups is in the smallest. Points of two coordinates lie in z = 0.
+    The log tells what is odd about the file.
 
     Args:
         path: STL, OBJ, PLY, MSH, XDMF or another format of meshio.
@@ -172,7 +163,7 @@ def read_surface(
     require_positive(scale=scale)
     if component is not None:
         require_count(0, component=component)
-    points, triangles, tags, seams, names = _raw(path)
+    points, triangles, tags, seams, content = _raw(path)
     with np.errstate(over="ignore", invalid="ignore"):
         size = float(np.ptp(points, axis=0).max())
     if not SMALLEST <= size * scale <= LARGEST:
@@ -182,9 +173,12 @@ def read_surface(
         )
     points = points * scale
 
-    replaced_by, kept = weld(points, triangles)
-    merged, dropped = len(points) - len(np.unique(replaced_by)), len(triangles) - len(kept)
-    seams, triangles, tags = replaced_by[seams], replaced_by[triangles[kept]], tags[kept]
+    notes = list(content.notes)
+    replaced_by, kept = _welded(points, triangles, notes)
+    merged = len(points) - len(np.unique(replaced_by))
+    seams, triangles = replaced_by[seams], replaced_by[triangles]
+    tags, copies = _smallest_groups(triangles, tags, kept, content, notes)
+    dropped, triangles = len(triangles) - len(kept) - copies, triangles[kept]
     if len(triangles) == 0:
         raise SurfaceError(f"all triangles of {path} have no area. Is `scale` = {scale:g} right?")
     seams = seams[seams[:, 0] != seams[:, 1]]
@@ -200,17 +194,19 @@ def read_surface(
     triangles, tags = triangles[chosen], tags[chosen]
     require_two_at_edges(points, edges_of(triangles))
     read, triangles = triangles, _outwards(points, triangles)
-    known, parts = np.unique(tags, return_inverse=True)
+    parts, names = _named_parts(content, tags, notes)
     repairs = Counter({MERGED: merged, DROPPED: dropped})
     repairs[REVERSED] = int(np.any(read != triangles, axis=1).sum())
     points, triangles, parts, replaced_by, thin = remove_thin(points, triangles, parts, seams)
     points, triangles, seams = _renumbered(points, triangles, replaced_by[seams])
     done = repairs + thin
+    for note in notes:
+        log.warning("%s: %s", path, note)
     return Surface(
         points=points,
         triangles=triangles,
         parts=parts,
-        part_names=tuple(names.get(int(tag), f"part-{tag}") for tag in known),
+        part_names=names,
         seams=seams,
         repairs=", ".join(f"{done[kind]} {kind}" for kind in KINDS if done[kind]) or "none",
     )
@@ -218,79 +214,130 @@ def read_surface(
 
 def unit_hint(size: float) -> str:
     """Return the advice on the unit of a file whose surface has this size in it."""
-    for unit, scale, least, most in UNITS:
-        if least <= size < most:
-            return f"{unit}? Give scale = {scale}."
-    return "Is `scale`, the length of the file's unit in m, right?"
+    fit = [(unit, scale) for unit, scale in UNITS if USUAL[0] <= size * float(scale) <= USUAL[1]]
+    if not fit:
+        return "Is `scale`, the length of the file's unit in m, right?"
+    if len(fit) == 1:
+        return f"{fit[0][0]}? Give scale = {fit[0][1]}."
+    told = (f"{scale} for {unit.lower()} ({size * float(scale):.2g} m)" for unit, scale in fit)
+    return f"In which unit is it? Give scale = {', '.join(told)}."
 
 
-def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, dict[int, str]]:
-    """Return points (n, 3), triangles, their tags, lines, and names of tags, as a file has them.
+def _raw(path: Path) -> tuple[Floats, Ints, Ints, Ints, Content]:
+    """Return points (n, 3), triangles, their tags, lines, and all else that a file has.
 
     Lines may have their own vertices, at the places of the triangles' vertices.
     """
-    mesh = load(path, SurfaceError, FORMATS)
-    points = real_numbers(f"points of {path}", mesh.points, "(n, 3)", SurfaceError)
-    if not len(points) or not mesh.cells:
-        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
+    content = load(path, SurfaceError, FORMATS)
+    points = real_numbers(f"points of {path}", content.points, "(n, 3)", SurfaceError)
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
     if points.ndim != 2 or points.shape[1] != 3:
         raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
-    lines = cells(mesh, "line", 2)
-    if path.suffix.lower() == ".obj":
-        lines = np.concatenate([lines, obj_lines(path)])
+    if content.other:
+        raise SurfaceError(
+            f"{path} holds faces that are neither triangles nor quadrilaterals: "
+            f"{', '.join(content.other)}. Triangulate it, with straight edges, before saving."
+        )
+    faces, lines = content.faces, content.lines
+    square = faces[:, 3] != NONE
     for kind, corners in (
-        ("triangle", cells(mesh, "triangle", 3)), ("quad", cells(mesh, "quad", 4)), ("line", lines)
+        ("triangle", faces[~square, :3]), ("quad", faces[square]), ("line", lines)
     ):  # fmt: skip
         wrong = corners[(corners < 0) | (corners >= len(points))]
         if len(wrong):
             raise SurfaceError(
                 f"{path} has a {kind} at vertex {wrong[0]}, but its vertices are 0 … "
-                f"{len(points) - 1}. Export it again; an OBJ's faces need positive numbers."
+                f"{len(points) - 1}. It is cut off, or damaged: export it again."
             )
-    triangles, tags = _triangles(path, mesh, points)
-    names = {int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2}
+    if not len(faces):
+        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
+    # A quadrilateral becomes two triangles, in its place.
+    a, b, c, d = np.moveaxis(points[np.where(square[:, None], faces, 0)], 1, 0)
+    ac = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1)
+    one, two = faces[:, [0, 1, 2, 0, 2, 3]], faces[:, [0, 1, 3, 1, 2, 3]]
+    halves = np.where((ac | ~square)[:, None], one, two).reshape(-1, 3)
+    kept = np.column_stack([np.ones(len(faces), dtype=bool), square]).ravel()
+    triangles, tags = halves[kept], np.repeat(content.tags, 2)[kept]
     used, number = np.unique(np.append(triangles, lines), return_inverse=True)
     if not np.all(np.isfinite(points[used])):
         raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
     corners, ends = np.split(number.ravel(), [triangles.size])
-    return points[used], corners.reshape(-1, 3), tags, ends.reshape(-1, 2), names
+    return points[used], corners.reshape(-1, 3), tags, ends.reshape(-1, 2), content
 
 
-def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
-    """Return the triangles (t, 3) of a mesh, with quadrilaterals split, and the tag of each."""
-    data = next((mesh.cell_data[name] for name in PARTS if _tagged(mesh, name)), None)
-    found: list[np.ndarray] = [np.zeros((0, 3))]
-    tags: list[np.ndarray] = [np.zeros(0)]
-    other = []
-    for number, block in enumerate(mesh.cells):
-        tag = np.zeros(len(block.data)) if data is None else np.asarray(data[number]).ravel()
-        if block.type == "triangle":
-            found.append(block.data)
-            tags.append(tag)
-        elif block.type == "quad":
-            a, b, c, d = np.moveaxis(points[block.data], 1, 0)
-            ac = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1)
-            one, two = block.data[:, [0, 1, 2, 0, 2, 3]], block.data[:, [0, 1, 3, 1, 2, 3]]
-            found.append(np.where(ac[:, None], one, two).reshape(-1, 3))
-            tags.append(np.repeat(tag, 2))
-        elif block.type not in ("vertex", "line", "tetra", "hexahedron", "wedge", "pyramid"):
-            other.append(f"{len(block.data)} of type {block.type}")
-    if other:
-        raise SurfaceError(
-            f"{path} holds faces that are neither triangles nor quadrilaterals: "
-            f"{', '.join(other)}. Triangulate it, with straight edges, before saving."
+def _welded(points: Floats, triangles: Ints, notes: list[str]) -> tuple[Ints, Ints]:
+    """Merge vertices as `weld` does, further apart where that closes the surface, and note it."""
+    found = weld(points, triangles)
+    if _borders(triangles, *found):
+        closer = weld(points, triangles, NEAR)
+        if len(closer[1]) and not _borders(triangles, *closer):
+            moved = float(np.linalg.norm(points - points[closer[0]], axis=1).max())
+            notes.append(f"Corners up to {moved:.2g} m apart were merged, which closes it.")
+            return closer
+    return found
+
+
+def _borders(triangles: Ints, replaced_by: Ints, kept: Ints) -> int:
+    """Return the number of edges of welded triangles that do not have two of them."""
+    return int(np.sum(edges_of(replaced_by[triangles[kept]]).count != 2)) if len(kept) else 0
+
+
+def gap_hint(points: Floats, triangles: Ints) -> str:
+    """Return the advice on an open surface whose corners are only near each other; "" for none."""
+    first = _borders(triangles, *weld(points, triangles))
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    for gap in GAPS:
+        found = weld(points, triangles, gap)
+        if len(found[1]) > 0.9 * len(triangles) and _borders(triangles, *found) <= first / 2:
+            return (
+                f"Corners of neighbours are up to about {gap * size:.1g} m apart: merge them by "
+                "distance, in the program that made the file. "
+            )
+    return ""
+
+
+def _smallest_groups(
+    triangles: Ints, tags: Ints, kept: Ints, content: Content, notes: list[str]
+) -> tuple[Ints, int]:
+    """Return the tag of each kept triangle, that of the smallest group which it or a copy is in.
+
+    Returned is further how many of the others stand there for a further group.
+    """
+    number = np.unique(np.sort(triangles, axis=1), axis=0, return_inverse=True)[1].ravel()
+    pairs = np.unique(np.column_stack([number, tags]), axis=0)
+    group, size = np.unique(pairs[:, 1], return_inverse=True, return_counts=True)[1:]
+    pairs = pairs[np.lexsort((pairs[:, 1], size[group.ravel()], pairs[:, 0]))]
+    chosen = np.append(True, pairs[1:, 0] != pairs[:-1, 0])
+    of_number = np.zeros(number.max() + 1, dtype=np.int64)
+    of_number[pairs[chosen, 0]] = pairs[chosen, 1]
+    copies = ~chosen & np.isin(pairs[:, 0], number[kept])
+    if copies.any():
+        names = [_part_name(content, tag) for tag in pairs[copies, 1]]
+        given = ", ".join(f"{names.count(one)} of {one!r}" for one in dict.fromkeys(names))
+        notes.append(
+            f"Its groups overlap. Triangles in several are in the smallest one alone: {given} are "
+            "in others now."
         )
-    triangles = np.concatenate(found).astype(np.int64)
-    if not len(triangles):
-        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
-    return triangles, np.concatenate(tags).astype(np.int64)
+    return of_number[number[kept]], int(copies.sum())
 
 
-def _tagged(mesh: Any, name: str) -> bool:
-    """Return whether a mesh has cell data of this name that are not all 0."""
-    return any(np.any(np.asarray(values) != 0) for values in mesh.cell_data.get(name, ()))
+def _part_name(content: Content, tag: int) -> str:
+    """Return the name of a group as that of a part, which is printable and short."""
+    name = "".join(filter(str.isprintable, content.names.get(int(tag), ""))).strip()
+    return name[:LONGEST_NAME] or f"part-{tag}"
+
+
+def _named_parts(content: Content, tags: Ints, notes: list[str]) -> tuple[Ints, tuple[str, ...]]:
+    """Return the part of each triangle by the tag of its group, and the names of parts."""
+    known, parts = np.unique(tags, return_inverse=True)
+    names = [_part_name(content, tag) for tag in known]
+    alone = list(dict.fromkeys(names))
+    notes += [
+        f"{names.count(one)} groups are called {one!r}; they are one part."
+        for one in alone if names.count(one) > 1
+    ]  # fmt: skip
+    return np.array([alone.index(one) for one in names])[parts.ravel()], tuple(alone)
 
 
 def _are_edges(ends: Ints, triangles: Ints) -> np.ndarray:
@@ -308,7 +355,8 @@ def _component(path: Path, points: Floats, triangles: Ints, component: int | Non
         shown = ", ".join(f"{area[k]:.3g}" for k in order[:5])
         raise SurfaceError(
             f"{path} holds {len(area)} components, of {shown}{', …' if len(area) > 5 else ''} m². "
-            "Choose one by `component` (0 is the largest), or connect them before saving."
+            f"{gap_hint(points, triangles)}Choose one by `component` (0 is the largest), or "
+            "connect them before saving."
         )
     if component is not None and component >= len(area):
         raise SurfaceError(f"component = {component}, but {path} holds {len(area)}, from 0 on.")
@@ -388,9 +436,9 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
 
 def _mesh_in_space(path: Path, formats: str) -> tuple[Floats, Ints]:
     """Read points (n, 3), in the unit of a file, and triangles (t, 3) of a deformed mesh."""
-    mesh = load(path, TargetError, formats)
-    points = real_numbers(f"points of {path}", mesh.points, "(n, 3)", TargetError)
-    triangles = cells(mesh, "triangle", 3)
+    content = load(path, TargetError, formats)
+    points = real_numbers(f"points of {path}", content.points, "(n, 3)", TargetError)
+    triangles = content.triangles
     if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
         raise TargetError(f"{path} holds no triangles in space. Save the deformed surface.")
     if triangles.min() < 0 or triangles.max() >= len(points):

@@ -21,13 +21,13 @@ KINDS = MERGED, DROPPED, COLLAPSED, FLIPPED, REVERSED = (
 )  # fmt: skip
 
 
-def weld(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
-    """Merge vertices (n, 3) at the same place.
+def weld(points: Floats, triangles: Ints, near: float = COINCIDENT) -> tuple[Ints, Ints]:
+    """Merge vertices (n, 3) at the same place, within a fraction of the size.
 
     Returned are for each vertex the one that replaces it, (n,), and the indices of the triangles
     that are kept: those with three different corners, each set of corners once.
     """
-    reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    reach = near * float(np.linalg.norm(np.ptp(points, axis=0)))
     place = coincident(points, reach)
     replaced_by = np.unique(place, return_index=True)[1][place]
     corners = np.sort(replaced_by[triangles], axis=1)

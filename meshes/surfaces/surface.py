@@ -117,6 +117,23 @@ class Surface:
             )
 
 
+def holes(surface: Surface) -> str:
+    """Return the number of edges around the holes of an open surface, and the largest, in words."""
+    edges = edges_of(surface.triangles)
+    ends = edges.ends[edges.border]
+    used, local = np.unique(ends, return_inverse=True)
+    one, two = local.reshape(-1, 2).T
+    label = linked(one, two, len(used))
+    rims = [surface.points[used[label == k]] for k in range(label.max(initial=-1) + 1)]
+    wide = max(rims, key=lambda rim: float(np.ptp(rim, axis=0).max()))
+    across, (x, y, z) = np.ptp(wide, axis=0).max(), wide.mean(axis=0)
+    count = "a hole" if len(rims) == 1 else f"{len(rims)} holes, the largest"
+    return (
+        f"{len(ends)} edges have one triangle alone, around {count} of {across:.3g} m at "
+        f"({x:.4g}, {y:.4g}, {z:.4g}) m"
+    )
+
+
 def volume(points: Floats, triangles: Ints) -> float:
     """Return the volume in m³ inside a closed oriented surface; negative if it faces inwards."""
     a, b, c = np.moveaxis(points[triangles] - points.mean(axis=0), 1, 0)

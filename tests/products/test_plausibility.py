@@ -82,6 +82,7 @@ def test_scenes_of_the_demos_are_beyond_doubt(path: Path) -> None:
         ("walker", "fabric_mass", 2.5e-4, "heavy"),
         ("twist", "smoothing_radius", 2.0, "length"),
         ("bend", "knit_ratio", 50.0, "knit"),
+        ("bend", "length", 2.4, "size"),
     ],
 )
 def test_doubted(kind: str, key: str, value: float, group: str) -> None:

@@ -57,6 +57,11 @@ RANGES: Mapping[str, Range] = {
         (2e-4, 0.2), (1e-6, 1.0), "shells are thin up to about 0.1 (Timoshenko 1959)",
         "Is the thickness in the unit that was meant? Numbers without a unit are m.",
     ),
+    "size": Range(
+        "largest extent of the skin in m",
+        (5e-3, 2.0), (1e-4, 10.0), "from a tip of a finger to a person",
+        "Is it in the unit that was meant? `scale` is the length of a mesh file's unit.",
+    ),
     "slenderness": Range(
         "length of a tube, leg or finger over its diameter",
         (1.5, 60.0), (0.2, 1e3), "7.5 for the paper's tubes",

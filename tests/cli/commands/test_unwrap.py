@@ -35,7 +35,7 @@ def test_pattern_of_the_finger(
     ("words", "code", "message"),
     [
         (("--scale", "0"), 2, "scale = 0 m must be a finite number, above 0"),
-        (("--scale", "1"), 2, "Millimetres? Give scale = 1e-3."),
+        (("--scale", "1"), 2, "Give scale = 1e-3 for millimetres (0.09 m), 0.01 for centimetres"),
         (("--crease-angle", "-5"), 2, "crease_angle = -5 deg"),
         (("--component", "3"), 2, "component = 3"),
         (("--output", "/proc/nowhere"), 4, "/proc/nowhere could not be written"),
@@ -54,7 +54,8 @@ def test_wrong_values(
 
 def test_an_unlikely_size_is_told(alone: MPI.Comm, caplog: pytest.LogCaptureFixture) -> None:
     Unwrapping(scale=5e-5).surface(alone, FINGER)
-    assert "0.0045 m across with scale = 5e-05 m. Millimetres? Give scale = 1e-3." in caplog.text
+    told = "0.0045 m across with scale = 5e-05 m. In which unit is it? Give scale = 1e-3 for milli"
+    assert told in caplog.text
 
 
 def test_a_new_mesh(alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,13 +5,14 @@ import pytest
 from helpers.standing import model_on_base
 from mpi4py import MPI
 
+from toros_fem.base.errors import OrientationError
 from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.assembly.model import SkinModel
+from toros_fem.mechanics.assembly.model import SkinModel, make_model
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.mechanics.skin.load import Load
 from toros_fem.mechanics.skin.supports import Supports
-from toros_fem.meshes import cylinder, sew
+from toros_fem.meshes import cylinder, moulded, sew
 
 FORCE = np.array([[0.0, 3.0, 4.0], [0.0, 0.0, 0.0]])
 
@@ -85,3 +86,21 @@ def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:
     model = EquilibriumSolver(sew(alone, pattern), Composite(), supports).model
     along = np.where(border[:, None], [1e-3, 0, 0], 0.0)
     assert Load(displacement=along).on(model).displacement is not None
+
+
+@pytest.mark.parametrize("planes", [(), (1,)])
+def test_a_skin_that_faces_inwards_takes_no_pressure(
+    alone: MPI.Comm, planes: tuple[int, ...]
+) -> None:
+    """A whole tube and half of one; without a pressure it does not matter."""
+    tube = cylinder(alone, 0.03, 0.02, 8e-3, planes=planes)
+    for triangles in (tube.triangles, tube.triangles[:, ::-1]):
+        skin = moulded(tube.points, triangles)
+        supports = Supports(np.ones(skin.points.shape, dtype=bool))  # closed by the plane y = 0
+        model = make_model(sew(alone, skin), Composite(), supports)
+        assert Load(0.0).on(model).largest == 0
+        if triangles is tube.triangles:
+            assert Load(5.0).on(model).largest == 5
+            continue
+        with pytest.raises(OrientationError, match=r"volume is -.* m³.*Reverse its triangles"):
+            Load(5.0).on(model)

@@ -22,7 +22,8 @@ from toros_fem import errors
 from toros_fem.base.errors import TargetError
 from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
 from toros_fem.meshes.surfaces import files
-from toros_fem.meshes.surfaces.files import load, obj_lines
+from toros_fem.meshes.surfaces.files import load
+from toros_fem.meshes.surfaces.formats import content_of
 from toros_fem.meshes.surfaces.surface import volume
 from toros_fem.meshes.triangles import edges_of
 
@@ -138,6 +139,20 @@ def test_seams_elsewhere_are_dropped(alone: MPI.Comm, tmp_path: Path) -> None:
     assert len(found.seams) == 1
 
 
+@pytest.mark.parametrize(
+    ("size", "told"),
+    [
+        (0.06, "Metres? Give scale = 1."),
+        (2.36, "0.0254 for inches (0.06 m), 0.01 for centimetres (0.024 m)"),
+        (60, "1e-3 for millimetres (0.06 m), 0.0254 for inches (1.5 m), 0.01 for centi"),
+        (1500, "Millimetres? Give scale = 1e-3."),
+        (1e5, "Is `scale`"),
+    ],
+)
+def test_units_that_fit(size: float, told: str) -> None:
+    assert told in files.unit_hint(size)
+
+
 def test_quads_are_split(alone: MPI.Comm, tmp_path: Path) -> None:
     points = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [1, 1, 0]]) * 1e-2
     path = write(alone, tmp_path / "quad.obj", points, [("quad", np.array([[0, 1, 2, 3]]))])
@@ -192,17 +207,17 @@ def test_lines_of_obj_files(alone: MPI.Comm, tmp_path: Path) -> None:
         path = text(alone, tmp_path / "bad.obj", content + line + "\n")
         with pytest.raises(errors.SurfaceError, match=why):
             read_surface(alone, path)
-    path = text(alone, tmp_path / "bad.obj", content + "f -1 -2 -14\n")
-    with pytest.raises(errors.SurfaceError, match="a triangle at vertex -2, .* 0 … 59"):
+    path = text(alone, tmp_path / "bad.obj", content + "f -1 -2 -64\n")
+    with pytest.raises(errors.SurfaceError, match="a triangle at vertex -4, .* 0 … 59"):
         read_surface(alone, path)
 
 
 def test_line_elements_of_an_obj_file(tmp_path: Path) -> None:
     path = tmp_path / "lines.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nl 1/4 2/5\nv 1 1 0\nl -1 -3\n# l 1 3\n", encoding="utf-8")
-    assert obj_lines(path).tolist() == [[0, 1], [2, 0]]
+    assert content_of(path).lines.tolist() == [[0, 1], [2, 0]]
     path.write_text("v 0 0 0\n", encoding="utf-8")
-    assert obj_lines(path).shape == (0, 2)
+    assert content_of(path).lines.shape == (0, 2)
 
 
 def test_meshio_prints_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -53,6 +53,13 @@ def test_a_long_tube_bends_on_a_new_mesh(alone: MPI.Comm, tmp_path: Path) -> Non
     assert half == pytest.approx(whole, rel=0.05)
 
 
+def test_an_open_mesh_is_refused_before_it_is_meshed(alone: MPI.Comm, tmp_path: Path) -> None:
+    path = tmp_path / "open.stl"
+    meshio.write_points_cells(path, 1e3 * TUBE.points, [("triangle", TUBE.triangles[1:])])
+    with pytest.raises(errors.OpenSkinError, match="open.stl is open.*3 edges .* a hole of 0.08 m"):
+        read_skin(alone, NEW, path)
+
+
 def test_a_new_mesh_of_a_part_fits_its_image(alone: MPI.Comm, tmp_path: Path) -> None:
     """Though the new mesh is not symmetric about the plane that the part was cut at before."""
     skin = read_skin(alone, PART, stl(tmp_path / "tube.stl", TUBE.points))

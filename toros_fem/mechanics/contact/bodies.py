@@ -20,7 +20,7 @@ from toros_fem.base.validation import (
 )
 from toros_fem.mechanics.contact.library import collision_mesh, ipctk
 from toros_fem.mechanics.contact.motion import placed
-from toros_fem.meshes.surfaces.surface import Surface, volume
+from toros_fem.meshes.surfaces.surface import Surface, holes, volume
 from toros_fem.meshes.triangles import corner_angles, normals
 
 # Faces around a vertex whose normals spread by less than this, in rad, count as one plane.
@@ -140,5 +140,7 @@ def _closed(points: Floats, triangles: Ints) -> Surface:
         triangles = triangles[:, ::-1]
     surface = Surface(points, triangles)
     if not surface.closed:
-        raise SurfaceError("its surface has a border; close it, so that it has an inside.")
+        raise SurfaceError(
+            f"its surface has a border: {holes(surface)}. Close it, so that it has an inside."
+        )
     return surface

@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.errors import OrientationError, ParameterError
 from toros_fem.base.validation import checked_floats, real_numbers, require_finite
 from toros_fem.mechanics.skin.supports import Planes
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangles import surface_areas
 
 if TYPE_CHECKING:
     from toros_fem.mechanics.assembly.model import SkinModel
+
+# Volume over the area to the power of 1.5 below which, with a minus, a skin faces inwards; others
+# are flat, but for rounding. A ball has 0.09.
+INWARDS = 1e-4
 
 # A number, or one for each chamber, in Pa.
 Pressure = float | Sequence[float] | Floats
@@ -48,6 +54,7 @@ class Load:
 
         Raises:
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+            OrientationError: Pressure on a skin that faces inwards.
         """
         pattern, supports, chambers = model.skin.pattern, model.supports, model.chamber_count
         what = "in Pa, one for all chambers or one for each"
@@ -65,8 +72,11 @@ class Load:
                 f"of the {chambers} chambers."
             )
         planes, points = Planes(pattern, supports), pattern.points.shape
-        if values.any() and not planes.close:
-            pattern.require_closed()
+        if values.any():
+            if not planes.close:
+                pattern.require_closed()
+            if chambers == 1:
+                _require_outwards(pattern, planes)
         force = self.force
         if force is not None:
             what = f"finite and of shape {points}, in N"
@@ -177,6 +187,22 @@ class Load:
 def load_of(given: Load | Pressure) -> Load:
     """Return a load as it is, or that of a pressure in Pa."""
     return given if isinstance(given, Load) else Load(given)
+
+
+def _require_outwards(pattern: Pattern, planes: Planes) -> None:
+    """Check that a skin which planes close does not face inwards, as far as its volume tells.
+
+    Flat skins enclose nothing yet. Where a lid is to be counted its side is not known.
+    """
+    if planes.lids():
+        return
+    a, b, c = np.moveaxis(pattern.points[pattern.triangles] - planes.origin, 1, 0)
+    volume = float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+    if volume < -INWARDS * float(surface_areas(pattern.points, pattern.triangles).sum()) ** 1.5:
+        raise OrientationError(
+            f"the skin faces inwards: as assembled, its volume is {volume:.3g} m³, so that a "
+            "pressure would turn it inside out. Reverse its triangles: swap two corners of each."
+        )
 
 
 def _poses(bodies: int, poses: Floats | None) -> Floats | None:

@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError, SurfaceError, TargetError
+from toros_fem.base.errors import OpenSkinError, ParameterError, SurfaceError, TargetError
 from toros_fem.base.keys import Count, Distance, In, Length, OneOf, Place, Table, key
 from toros_fem.base.scene import NO_TABLE
 from toros_fem.design.loop.case import Case
@@ -23,9 +23,9 @@ from toros_fem.mechanics.skin.supports import Supports, symmetry_planes
 from toros_fem.meshes.mirror import mirrored, require_symmetric_map
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.meshes.surfaces.files import from_copy, from_mesh
+from toros_fem.meshes.surfaces.files import from_copy, from_mesh, gap_hint
 from toros_fem.meshes.surfaces.planes import NEAR, cut_at_planes, require_symmetric, straightened
-from toros_fem.meshes.surfaces.surface import Surface, volume
+from toros_fem.meshes.surfaces.surface import Surface, holes, volume
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.transfer import refine
 from toros_fem.meshes.triangles import half_edges, lengths
@@ -343,6 +343,7 @@ class OwnMeshScene(ActuatorScene):
         yield from super().groups_of(skin)
         read, asked = self.own_skin, self.target
         edge = read.edge_length / 2.0**self.skin.refinements
+        yield Group("size", "scale", float(np.ptp(read.whole.points, axis=0).max()))
         yield Group("mesh", "refinements", skin.girth / edge)
         if self.design.start != "relaxed" and self.design.filter_radius is not None:
             yield Group("filter", "filter_radius", self.design.filter_radius / edge)
@@ -543,6 +544,12 @@ def read_skin(
             scene.require_symmetric(mirrored(pattern, axes).pattern, goal, axis)
         return OwnSkin(pattern, goal, axes)
     surface, found = scene.skin.surface(comm, mesh), []
+    if not surface.closed:
+        raise OpenSkinError(
+            f"{mesh} is open, and a pressure needs a closed skin: {holes(surface)}. "
+            f"{gap_hint(surface.points, surface.triangles) or 'Fill the holes. '}"
+            "If flat panels are still to be sewn, sew them in Python (meshes.sew)."
+        )
     goal = from_copy(comm, mesh, target, surface, scene.skin.scale) if target else None
     for axis in range(3) if symmetry == "auto" else axes:
         try:

@@ -19,8 +19,6 @@ if TYPE_CHECKING:  # `toros unwrap --help` needs no meshes
     from toros_fem.meshes.surfaces.unwrap import Unwrapped
 
 log = logging.getLogger(__name__)
-# Sizes of skins in m; those of other surfaces are told.
-USUAL = (5e-3, 5.0)
 
 
 @dataclass(frozen=True)
@@ -54,7 +52,7 @@ class Unwrapping(Table):
 
     def surface(self, comm: MPI.Comm, path: Path) -> Surface:
         """Read the surface, and warn of a size that no skin has (collective)."""
-        from toros_fem.meshes.surfaces.files import read_surface, unit_hint
+        from toros_fem.meshes.surfaces.files import USUAL, read_surface, unit_hint
 
         surface = read_surface(comm, path, self.scale, self.component)
         size = float(np.ptp(surface.points, axis=0).max())

@@ -104,6 +104,7 @@ class TubeScene(ActuatorScene):
     def groups_of(self, skin: Inflated) -> Iterator[Group]:
         """Yield the dimensionless groups of the scene."""
         yield skin.slenderness("length", self.skin.length)
+        yield Group("size", "length", self.skin.length)
         yield from super().groups_of(skin)
 
     def part(self, pattern: Pattern) -> Part:
