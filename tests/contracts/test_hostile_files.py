@@ -20,7 +20,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError, TorosError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.making.print.print_file import read_print_polygons
-from toros_fem.making.sheets.write import _make_room
+from toros_fem.making.sheets.write import _earlier
 from toros_fem.materials.library.files import read_materials
 from toros_fem.meshes import from_mesh, read_pattern, read_surface
 from toros_fem.products.fitting.reading import read_tensile_tests
@@ -114,7 +114,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "tolerance.json": lambda path: viewed(path.parent),
     "frames/pressure-000000.npz": lambda path: viewed(path.parents[1]),
     "state/run.json": lambda path: read_record(ALONE, path.parents[1]),
-    "manufacture.json": lambda path: _make_room(path.parent, ["print_1.stl"]),
+    "manufacture.json": lambda path: _earlier(path.parent),
     **{f"skin.{end}": lambda path: read_surface(ALONE, path) for end in ("stl", "ply", "vtu")},
     "deformed.vtu": lambda path: from_mesh(ALONE, path, two_sheets(0.0)),
 }

@@ -1,6 +1,8 @@
 """All machine files: the same places everywhere, figures that agree, and no files left over."""
 
+import errno
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -15,7 +17,7 @@ from helpers.runs import SUMMARY, regions_of, tube
 from mpi4py import MPI
 
 from toros_fem.base.errors import ManufactureFileError, SheetError
-from toros_fem.base.files import if_possible, replace_file
+from toros_fem.base.files import if_possible
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.write import made_as, write_manufacture
 from toros_fem.meshes import Pattern
@@ -167,20 +169,45 @@ def test_a_call_that_was_cut_short_is_made_good(
     pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its files are known to be the package's own."""
+    swapped: list[str] = []
+    swap = Path.replace
 
-    def killed(path: Path, content: bytes) -> None:
-        replace_file(path, content)
-        if path.name == "cut_1.svg":
+    def killed(path: Path, to: Path) -> Path:
+        if len(swapped) == 4:
             raise KeyboardInterrupt
+        swapped.append(to.name)
+        return swap(path, to)
+
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", killed)
+        with pytest.raises(KeyboardInterrupt):
+            write_manufacture(tmp_path, pattern, regions_of(pattern))
+    assert swapped[0] == "manufacture.next.json"
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern))
+    names = {file["name"] for file in made["files"]} | {"manufacture.json", "make_it.html"}
+    assert {p.name for p in tmp_path.iterdir()} == names
+
+
+def test_a_full_disk_leaves_the_files_of_an_earlier_call(
+    pattern: Pattern, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    flushed: list[int] = []
+    flush = os.fsync
+
+    def full(file: int) -> None:
+        flushed.append(file)
+        if len(flushed) > 5:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        flush(file)
 
     with monkeypatch.context() as patch:
-        patch.setattr("toros_fem.making.sheets.write.replace_file", killed)
-        with pytest.raises(KeyboardInterrupt):
-            write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
-    assert (tmp_path / "cut_1.svg").exists()
-    assert not (tmp_path / "make_it.html").exists()
-    made = write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
-    assert all((tmp_path / file["name"]).exists() for file in made["files"])
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            write_manufacture(tmp_path, pattern, regions_of(pattern))
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
 
 
 def test_equal_skins_have_equal_files(pattern: Pattern, tmp_path: Path) -> None:

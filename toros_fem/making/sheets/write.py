@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from toros_fem.base.errors import ManufactureFileError
-from toros_fem.base.files import read_json, replace_file, write_json
+from toros_fem.base.files import read_json, replacing, write_json
 from toros_fem.making.options import ManufactureOptions
 from toros_fem.making.sheets.cut_files import cut_dxf, cut_svg
 from toros_fem.making.sheets.layout import Manufacture, manufacture
@@ -21,6 +22,8 @@ from toros_fem.meshes.pattern import Pattern, Regions
 
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
+# The manifest of the call that is writing.
+NEXT = "manufacture.next.json"
 # Files of what is printed and of what is cut, by their endings.
 PRINTS = {"3mf": threemf_of, "stl": stl_of}
 CUTS = {"svg": cut_svg, "dxf": cut_dxf}
@@ -40,8 +43,9 @@ def write_manufacture(
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
     first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html.
-    Files of an earlier call, which its manufacture.json lists, go if they are as they were
-    written; all others stay. Returned is the manifest.
+    All are written beside before the first one takes its place, so that a full disk leaves those of
+    an earlier call whole; these, which its manufacture.json lists, go at the end if they are as
+    they were written. All others stay. Returned is the manifest.
 
     Args:
         options: Settings; None takes those of `made_as`.
@@ -62,11 +66,26 @@ def write_manufacture(
     about = manifest(made, files, summary, others)
     shown = page(made, about, title or folder.resolve().parent.name, summary)
     contents = {**{file.name: file.content for file in files}, PAGE: shown.encode()}
-    _make_room(folder, [NAME, *contents, *others])
-    # First, so that after a kill the files are known as those of this package.
+    folder.mkdir(parents=True, exist_ok=True)
+    earlier = _earlier(folder)
+    _require_room(folder, [NAME, NEXT, *contents, *others], earlier)
+    # With it the files are known as those of this package, also after a kill between two of them.
+    write_json(folder / NEXT, about)
+    with ExitStack() as swapped:
+        try:
+            for name, content in contents.items():
+                beside = swapped.enter_context(replacing(folder / name))
+                with beside.open("wb") as file:
+                    file.write(content)
+                    os.fsync(file.fileno())  # what does not fit on the disk is told here
+        except BaseException:
+            (folder / NEXT).unlink()
+            raise
     write_json(folder / NAME, about)
-    for name, content in contents.items():
-        replace_file(folder / name, content)
+    for name in sorted(earlier.keys() - {NAME, NEXT, *contents, *others}):
+        if _is_ours(folder / name, earlier):
+            (folder / name).unlink(missing_ok=True)
+    (folder / NEXT).unlink()
     return about
 
 
@@ -102,30 +121,38 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
 
 
-def _make_room(folder: Path, names: Sequence[str]) -> None:
-    """Remove the files of an earlier call, if nobody else's bar the way of new ones."""
-    folder.mkdir(parents=True, exist_ok=True)
-    digests: dict[str, str | None] = {}
-    with suppress(Exception):  # anybody's file may have this name
-        last = read_json(folder / NAME)
-        if last["format"] == FORMAT:
-            known = {Path(file["name"]).name: file.get("sha256") for file in last["files"]}
-            # Of the others no digest is known.
-            digests = {**dict.fromkeys([NAME, PAGE, *last.get("others", ())]), **known}
+def _earlier(folder: Path, *names: str) -> dict[str, set[str] | None]:
+    """Return the files of earlier calls, by name with their digests; None where none is known."""
+    found: dict[str, set[str] | None] = {}
+    for name in names or (NAME, NEXT):
+        with suppress(Exception):  # anybody's file may have this name
+            last = read_json(folder / name)
+            if last["format"] == FORMAT:
+                found |= dict.fromkeys([NAME, NEXT, PAGE, *last.get("others", ())])
+                for file in last["files"]:
+                    digests = found.setdefault(Path(file["name"]).name, set())
+                    if digests is not None:
+                        digests.add(file.get("sha256"))
+    return found
 
-    def ours(name: str) -> bool:
-        digest = digests.get(name)
-        unknown = name in digests and digest is None
-        return unknown or sha256((folder / name).read_bytes()).hexdigest() == digest
 
+def _is_ours(path: Path, earlier: Mapping[str, set[str] | None]) -> bool:
+    """Return whether a file is as an earlier call wrote it, or of one without a digest."""
+    if path.name not in earlier or not path.exists():
+        return path.name in earlier
+    digests = earlier[path.name]
+    return digests is None or sha256(path.read_bytes()).hexdigest() in digests
+
+
+def _require_room(
+    folder: Path, names: Sequence[str], earlier: Mapping[str, set[str] | None]
+) -> None:
+    """Raise where somebody else's files have the names of new ones."""
     there = {path.name for path in folder.iterdir()}
-    barred = [name for name in names if name in there and not ours(name)]
+    barred = [name for name in names if name in there and not _is_ours(folder / name, earlier)]
     if barred:
         raise ManufactureFileError(
             f"{folder} has {', '.join(barred)}, which {NAME} there does not list as made by "
             "toros, or which changed since. Move such files, or choose another folder; nothing "
             "was done to them."
         )
-    for name in sorted(there & (digests.keys() - {NAME})):
-        if ours(name):
-            (folder / name).unlink()
