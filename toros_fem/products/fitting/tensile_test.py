@@ -29,6 +29,7 @@ class TensileTest:
         lateral: Lateral stretch, (n,); None where it was not measured.
         specimen: Name of the specimen.
         direction: Direction of the pull: "course", "wale", or any other name.
+        remarks, doubts: What was taken for granted of it, as sentences; doubts move the values.
 
     Raises:
         ParameterError: The arrays differ in length, are not finite, or have fewer than 5 points; a
@@ -42,6 +43,8 @@ class TensileTest:
     lateral: Floats | None = None
     specimen: str = "1"
     direction: str = ""
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         require_positive(thickness=self.thickness)
