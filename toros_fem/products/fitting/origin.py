@@ -1,0 +1,319 @@
+"""Where a tensile test begins and ends: at rest without force, and at its largest force.
+
+A strip may hang slack before it pulls, fabric keeps a set after a cycle, a cell may be untared, a
+strip preloaded, and the last points may lie behind the break. A wrong origin changes E h by several
+times its own part of the largest strain, while R² stays good.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import MeasurementError
+from toros_fem.products.fitting.parameters import LARGEST_POISSON, NEAREST, lame
+from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
+from toros_fem.products.fitting.uniaxial import Coefficients, lateral_strain, pulling_stress
+from toros_fem.products.options import FitOptions
+
+# The test ends at its largest force if the force falls by this part of it for good.
+FALL = 0.2
+# The beginning of a curve is where the force has risen by this part of its largest rise. It is
+# looked at in this many points at most, and at least.
+RISE, MOST, LEAST = 0.2, 150, 8
+# Idle points at least, their slope over that where the force has risen at most, and what they must
+# explain more than a curve without them, over the variance of the residuals.
+IDLE, FLAT, CLEAR = 3, 0.2, 15.0
+# Relative spread of forces below which they count as exact.
+EXACT = 1e-4
+# Errors of the origin over the largest strain: from the first on the values are in doubt, from the
+# second on the test is refused where preload and offset look alike. E h changes five times as much.
+DOUBT, REFUSE = 5e-3, 0.015
+# Part of the strains whose curve tells a preload: beyond, it follows its bound.
+NEAR = 0.6
+# The beginning is a cubic polynomial within this part of its strains.
+CUBIC = 5e-3
+# An estimate differs from 0 if it is this many standard errors away.
+SURE = 3.0
+# A curve of the model misses the test if its residuals are this part of the largest stress.
+MISSED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A test that begins at rest.
+
+    Attributes:
+        test: The branch that is fitted, with what was taken in its remarks and doubts.
+        spread: Standard error of the strain at which it begins.
+    """
+
+    test: TensileTest
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """The beginning of a curve as an idle level and a cubic polynomial after it.
+
+    Attributes:
+        at: Strain at which the force leaves its idle level.
+        error: Standard error of `at`.
+        level, level_error: Idle stress, or that at the strain 0 where there is no idle part.
+        slope: Of the stress, after `at` or at the strain 0.
+        idle: Number of idle points; 0 without an idle part.
+    """
+
+    at: float
+    error: float
+    level: float
+    level_error: float
+    slope: float
+    idle: int
+
+
+def from_rest(test: TensileTest, options: FitOptions) -> Begun:
+    """Return the branch of a test that is fitted, from its rest to its largest force.
+
+    Raises:
+        MeasurementError: It has no such branch, or it begins with a force that may be a preload or
+            an offset, and `options.offset` does not tell which.
+    """
+    later = test.begins(options.branch) > 0
+    branch, said = test.branch(options.branch), []
+    if options.branch in ("first-loading", "last-loading"):
+        branch, ended = _up_to_the_break(branch)
+        said += [ended] if ended else []
+    if options.branch == "all" or len(branch.stretch) < LEAST:
+        return Begun(_with(branch, said, []), 0.0)
+    start = _start(branch)
+    if start.idle:
+        return _after_idle(branch, start, later, options, said)
+    return _without_idle(branch, start, options, said)
+
+
+def _with(test: TensileTest, said: list[str], doubts: list[str]) -> TensileTest:
+    name = f"specimen {test.specimen!r}: "
+    return replace(
+        test,
+        remarks=(*test.remarks, *[name + one for one in said]),
+        doubts=(*test.doubts, *[name + one for one in doubts]),
+    )
+
+
+def _up_to_the_break(test: TensileTest) -> tuple[TensileTest, str]:
+    """Return a loading up to its largest force, and words where it falls after that for good."""
+    top = int(np.argmax(test.stress))
+    after, largest = test.stress[top:], float(test.stress[top])
+    rest = float(np.median(test.stress[: max(top, 1)].min(initial=largest)))
+    low = after < largest - FALL * (largest - min(rest, 0.0))
+    if top + 1 < FEWEST or not low[-1]:
+        return test, ""
+    words = (
+        f"the force falls behind a stretch of {test.stretch[top]:.4g}, as at a break. The test "
+        "ends there, at its largest force."
+    )
+    return test.taken(np.arange(top + 1)), words
+
+
+def _after_idle(
+    test: TensileTest, start: _Start, later: bool, options: FitOptions, said: list[str]
+) -> Begun:
+    """Return a test from where its force leaves the idle level."""
+    at, level = start.at, start.level
+    kind = options.start if options.start != "auto" else "set" if later else "slack"
+    stress, doubts = test.stress, []
+    top = float(np.abs(stress).max())
+    if abs(level) > max(SURE * start.level_error, 1e-3 * top):
+        said.append(
+            f"the idle force, {level:.3g} N/m over the width, was taken off: the cell was not "
+            "tared."
+        )
+        stress = stress - level
+        if options.offset == "preload":
+            doubts.append("--offset preload was not used: the force is idle before it rises.")
+    moved = replace(test, stress=stress)
+    if kind == "none":
+        doubts.append(f"its force only rises from a strain of {100 * at:.3g} % on (--start none).")
+        return Begun(_with(moved, said, doubts), 0.0)
+    how = "of a later cycle, so this is the set of the fabric, and the gauge length grows by it"
+    if kind == "slack":
+        how = "of a first loading, so this is slack, and the gauge length stays"
+    if options.start != "auto":
+        how = "which is " + how.split("this is ")[1]
+    other = "set" if kind == "slack" else "slack"
+    said.append(
+        f"the force rises from a strain of {100 * at:.3g} % on, {how}; "
+        f"--start {other} takes it for {other}."
+    )
+    return Begun(_with(_moved(moved, at, kind == "set"), said, doubts), start.error)
+
+
+def _moved(test: TensileTest, at: float, longer: bool) -> TensileTest:
+    """Return a test whose strains begin at `at`; the gauge length may be longer by it."""
+    if not longer:
+        return replace(test, stretch=np.maximum(test.stretch - at, 1e-3))
+    lateral = test.lateral
+    if lateral is not None:
+        # What the strip had narrowed by at its new rest.
+        x = test.stretch - 1
+        near = np.argsort(np.abs(x - at), kind="stable")[: max(FEWEST, len(x) // 10)]
+        line = np.polyfit(x[near], lateral[near], 1)
+        lateral = lateral / float(np.polyval(line, max(at, float(x.min()))))
+    return replace(test, stretch=test.stretch / (1 + at), lateral=lateral)
+
+
+def _without_idle(
+    test: TensileTest, start: _Start, options: FitOptions, said: list[str]
+) -> Begun:
+    """Return a test that pulls from its first point on."""
+    doubts: list[str] = []
+    x, stress = test.stretch - 1, test.stress
+    reach, top = float(x.max()), float(stress.max())
+    if not (reach > 0 and top > 0 and start.slope > 0):
+        return Begun(_with(test, said, doubts), 0.0)
+    told = start.level / start.slope / reach
+    sure = abs(start.level) > SURE * start.level_error
+    if sure and told > REFUSE and options.offset == "ask":
+        raise MeasurementError(
+            f"specimen {test.specimen!r}: at a strain of 0 the force is "
+            f"{start.level:.3g} N/m over the width, {start.level / top:.2g} of the largest. Either "
+            "the strip was preloaded when the strain was set to 0, or the cell was not tared. Tell "
+            "which: --offset preload keeps the force and finds the length without it; --offset "
+            "untared takes the force off."
+        )
+    untared = sure and told < -REFUSE and float(x.min()) < 0.5 * -start.level / start.slope
+    if options.offset == "untared" or (untared and options.offset != "preload"):
+        level = _fitted(x, stress, "level").value
+        said.append(f"a force of {level:.3g} N/m over the width was taken off: an untared cell.")
+        if options.offset == "ask":
+            doubts.append("its force is negative at first, as of a cell that was not tared.")
+        return Begun(_with(replace(test, stress=stress - level), said, doubts), 0.0)
+    if options.offset == "preload":
+        near = x <= NEAR * reach
+        found = _fitted(x[near], stress[near], "strain")
+        error = float(np.hypot(found.error, found.value + start.level / start.slope))
+        if found.value < 0:
+            said.append(
+                f"it was preloaded to a strain of {-100 * found.value / (1 + found.value):.3g} %, "
+                "as its curve tells, and the gauge length is shorter by it."
+            )
+            moved = _moved(test, found.value, longer=True)
+            return Begun(_with(moved, said, doubts), error)
+    found = _fitted(x, stress, "strain")
+    # A curve that is steeper at first than the model is no offset where its force begins at 0.
+    none = found.value < 0 and not (sure and told > DOUBT)
+    if none or found.missed or abs(found.value) < max(SURE * found.error, DOUBT * reach):
+        return Begun(_with(test, said, doubts), 0.0)
+    percent = f"{100 * found.value:.2g} %"
+    if 0 < found.value < float(x.min()) * 1.5 and options.start != "none":
+        longer = options.start == "set"
+        said.append(f"it begins at a strain of {100 * x.min():.3g} %, and its force at {percent}.")
+        doubts.append(f"its rest was not recorded; its curve tells a strain of {percent}.")
+        return Begun(_with(_moved(test, found.value, longer), said, doubts), found.error)
+    what = "a toe" if found.value > 0 else "a small preload, or an untared cell"
+    doubts.append(
+        f"it has {what}: the rest of its curve begins at a strain of {percent}, not at 0, which "
+        "changes E h by more."
+    )
+    return Begun(_with(test, said, doubts), abs(found.value))
+
+
+def _start(test: TensileTest) -> _Start:
+    """Return how a curve begins."""
+    order = np.argsort(test.stretch, kind="stable")
+    x, stress = test.stretch[order] - 1, test.stress[order]
+    low = float(np.median(stress[:FEWEST]))
+    high = np.flatnonzero(stress > low + RISE * (stress.max() - low))
+    end = max(int(high[0]) if len(high) else len(x), min(LEAST, len(x)))
+    parts = np.array_split(np.arange(end), min(end, MOST))
+    x, stress = (np.array([values[part].mean() for part in parts]) for values in (x, stress))
+    unit, span = max(float(np.ptp(stress)), 1e-300), max(float(np.ptp(x)), 1e-300)
+    y, n = stress / unit, len(x)
+
+    def cubic(u: Floats, level: bool = True) -> Floats:
+        ones = [np.ones_like(u)] if level else []
+        return np.column_stack([*ones, u, u**2, u**3])
+
+    def misfit(at: float) -> float:
+        design = cubic(np.maximum(x - at, 0.0) / span)
+        return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))
+
+    plain = cubic(x / span)
+    found = np.linalg.lstsq(plain, y, rcond=None)[0]
+    without = float(np.sum((y - plain @ found) ** 2))
+    grid = np.linspace(x[0], x[0] + 0.9 * span, 90)
+    values = [misfit(float(at)) for at in grid]
+    k = int(np.argmin(values))
+    bounds = (float(grid[max(k - 1, 0)]), float(grid[min(k + 1, len(grid) - 1)]))
+    refined = minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-7})
+    at, least = (
+        (float(refined.x), float(refined.fun))
+        if refined.fun < values[k]
+        else (float(grid[k]), values[k])
+    )
+    variance = least / max(n - 5, 1) + EXACT**2
+    idle = int(np.sum(x < at))
+    design = cubic(np.maximum(x - at, 0.0) / span)
+    level, slope = np.linalg.lstsq(design, y, rcond=None)[0][:2]
+    if idle >= IDLE and (without - least) / variance > CLEAR and slope > 0 and at > 0:
+        flat, own = x[:idle], y[:idle]
+        steep = np.polyfit(flat, own, 1)[0] * span
+        error = np.sqrt(variance / max(np.sum((flat - flat.mean()) ** 2), 1e-300)) * span
+        mean = float((y[idle:] - own.mean()).sum() / max((x[idle:] - at).sum(), 1e-300) * span)
+        if abs(steep) < FLAT * mean + 2 * error:
+            h = 0.02 * span
+            bend = (misfit(at + h) + misfit(at - h) - 2 * least) / h**2
+            spread = float(np.hypot(np.sqrt(2 * variance / bend) if bend > 0 else h, CUBIC * span))
+            level_error = float(np.sqrt(variance / idle))
+            return _Start(at, spread, float(level) * unit, level_error * unit,
+                          float(slope) * unit / span, idle)  # fmt: skip
+    variance = without / max(n - 4, 1) + EXACT**2
+    spread = float(np.sqrt(variance * np.linalg.pinv(plain.T @ plain)[0, 0]))
+    return _Start(0.0, 0.0, float(found[0]) * unit, spread * unit, float(found[1]) * unit / span, 0)
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """What a curve of eq. (1) tells of its own origin: value, standard error, and a misfit."""
+
+    value: float
+    error: float
+    missed: bool
+
+
+def _fitted(x: Floats, stress: Floats, what: str) -> _Shift:
+    """Return the strain at which a curve of eq. (1) begins, or the stress that it begins with."""
+    order = np.argsort(x, kind="stable")
+    parts = np.array_split(order, min(len(order), MOST))
+    x, stress = (np.array([values[part].mean() for part in parts]) for values in (x, stress))
+    reach, top = float(x.max()), float(np.abs(stress).max())
+
+    def model(theta: Floats) -> Floats:
+        at = reach * theta[4] if what == "strain" else 0.0
+        strain, own = np.maximum(x - at, 0.0), reach - at
+        mu, lam = lame(np.exp(theta[0]), theta[1])
+        c = Coefficients(mu, lam, theta[2] / own**2, theta[3] / own**2)
+        free = pulling_stress(strain, lateral_strain(strain, c), c)
+        return np.asarray(free / top + (0.0 if what == "strain" else theta[4]))
+
+    guess = np.log(top / reach)
+    low = np.array([guess - 9, 0.0, 1e-2, 1e-2, -0.5])
+    high = np.array([guess + 9, LARGEST_POISSON, NEAREST**-2, 4.0, 0.5])
+    tried = [
+        least_squares(
+            lambda theta: (model(theta) - stress / top) / 0.01, start, bounds=(low, high),
+            loss="soft_l1", x_scale=[1, 0.3, 0.3, 0.3, 0.1], max_nfev=200,
+        )
+        for start in ([guess, 0.3, 0.2, 0.2, 0.0], [guess - 0.5, 0.3, 0.8, 0.2, 0.0])
+    ]  # fmt: skip
+    found = min(tried, key=lambda one: float(one.cost))
+    residuals = model(found.x) - stress / top
+    variance = float(np.mean(residuals**2)) * len(x) / max(len(x) - 5, 1) + EXACT**2
+    precision = found.jac.T @ found.jac * 1e-4 / variance + np.diag((high - low) ** -2.0)
+    error = float(np.sqrt(np.linalg.inv(precision)[4, 4]))
+    unit = reach if what == "strain" else top
+    return _Shift(unit * float(found.x[4]), unit * error, bool(variance > MISSED**2))
